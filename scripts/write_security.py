@@ -13,7 +13,7 @@ from pathlib import Path
 
 from caesura_protocol.keys import ROOT
 from caesura_service.security import ROLES, Identity
-from caesura_service.security.rules import granted
+from caesura_service.security.rules import granted_rights
 from caesura_service.security.zenoh_files import password_router_file, router_file, server_tls_in
 
 TOP = Path(__file__).resolve().parents[1]
@@ -71,7 +71,7 @@ def _rows() -> Iterator[str]:
     for role, access in ROLES.items():
         rights = [
             f"{NAMES[verb]} {', '.join(f'`{_short(key)}`' for key in keys)}"
-            for verb, keys in granted(access("name"))
+            for verb, keys in granted_rights(access("name"))
         ]
         yield f"| `{role}.name` | {'<br>'.join(rights)} |"
 

@@ -31,7 +31,7 @@ from caesura_service.journal import (
     PeerJournals,
     SqliteJournal,
 )
-from caesura_service.monitoring.health import alive, web_of
+from caesura_service.monitoring.health import http_server_of, liveness
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource
 from caesura_service.publishing.events import Owner, PipelineFactory
@@ -68,7 +68,7 @@ class Service:
             default_preset=self.config.preset,
             journal=kept,
             limits=self.config.limits,
-            siblings=PeerJournals(self.config.journal_path if journal is None else None),
+            peers=PeerJournals(self.config.journal_path if journal is None else None),
         )
         self._edge = ZenohServer(
             self.registry,
@@ -82,8 +82,12 @@ class Service:
             stop=stop,
         )
         self.ready = False  # joined and declared: it can be found
-        self._observed = MetricsSource(self.registry, self.status, lambda: self.ready, self._edge.budgets.of)
-        self.web = None if self.config.metrics is None else web_of(self.config.metrics, self._observed)
+        self._observed = MetricsSource(
+            self.registry, self.status, lambda: self.ready, self._edge.budgets.budgets_of
+        )
+        self.web = (
+            None if self.config.metrics is None else http_server_of(self.config.metrics, self._observed)
+        )
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -113,7 +117,7 @@ class Service:
     @property
     def is_alive(self) -> bool:
         """Does its work go on, or is it not ready yet?"""
-        return alive(self._observed).well
+        return liveness(self._observed).healthy
 
     def _batches(self, kept: Journal) -> BatchSource:
         """Where samples are read: all journals of the directory, or the one in memory."""

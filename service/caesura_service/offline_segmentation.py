@@ -21,7 +21,7 @@ from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.journal import Record
 from caesura_service.segmentation.pipeline import layout_of, make_pipeline
 from caesura_service.segmentation.view import PipelineView
-from caesura_service.sessions.batch_validation import samples_of
+from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits
 from caesura_service.signals import WrenchCapabilities
 
@@ -53,7 +53,7 @@ def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
     batcher = Batcher(recording.columns, BATCH_SAMPLES)
     for seq, rows in enumerate([*batcher.push(recording.matrix()), *batcher.flush()]):
         batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
-        yield samples_of(batch, recording.columns, Limits())
+        yield validated_samples(batch, recording.columns, Limits())
 
 
 def views(
@@ -91,7 +91,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
                 opening = record.message
             case SampleBatch() as batch if opening is not None:
                 with suppress(ProtocolError):  # it was refused when it came
-                    taken[batch.seq] = samples_of(batch, opening.columns, Limits())
+                    taken[batch.seq] = validated_samples(batch, opening.columns, Limits())
     if opening is None or not taken:
         raise RecordingError("the session has no samples")
     matrix = np.concatenate([taken[seq] for seq in sorted(taken)])

@@ -44,10 +44,10 @@ def play(registry: Registry, order: list[tuple[str, SampleBatch]]) -> dict[str, 
     last = {station: max(b.seq for s, b in order if s == station) for station in {s for s, _ in order}}
     for station, batch in order:
         if station not in said:
-            said[station] = registry.command(station, Open(session="s1", columns=batch.columns), 0.0)
-        said[station] += registry.samples(station, batch, 0.0)
+            said[station] = registry.handle_command(station, Open(session="s1", columns=batch.columns), 0.0)
+        said[station] += registry.handle_samples(station, batch, 0.0)
     for station, seq in last.items():
-        said[station] += registry.command(station, Close(session="s1", last_seq=seq), 0.0)
+        said[station] += registry.handle_command(station, Close(session="s1", last_seq=seq), 0.0)
     return said
 
 
@@ -85,5 +85,5 @@ def test_a_demonstration_rebuilt_from_its_journal_equals_the_original():
     play(original, [("cell-1", batch) for batch in batches_of(0)])
     rebuilt = registry_of(journal)
     rebuilt.restore()
-    first, second = (tuple(map(unowned, each.board.standings())) for each in (rebuilt, original))
+    first, second = (tuple(map(unowned, each.index.all_states())) for each in (rebuilt, original))
     assert first == second

@@ -109,7 +109,7 @@ def main() -> None:
         )
         names = [f"cell-{number}" for number in range(1, asked.stations + 1)]
         for name in names:
-            registry.command(name, command, 0.0)
+            registry.handle_command(name, command, 0.0)
         for part, places in PARTS.items():
             for owner, name in places:
                 timed = clock.timed(part, getattr(owner, name))
@@ -134,7 +134,7 @@ def take(
 ) -> None:
     """What the worker does with a batch."""
     content = RawPayload(station_key(station, "samples"), batch.payload, batch.encoding, len(batch.payload))
-    said = registry.samples(station, worker._batch(content), now)
+    said = registry.handle_samples(station, worker._batch(content), now)
     for output in said:
         if isinstance(output, Publish):
             key_of(output.message)

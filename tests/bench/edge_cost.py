@@ -57,7 +57,7 @@ class Answering(Registry):
         )
         self.work_s, self.worked_s, self.batches = work_s, 0.0, 0
 
-    def samples(
+    def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
         """What a session says on average."""

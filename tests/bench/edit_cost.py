@@ -54,11 +54,11 @@ def measure(minutes: float) -> list[str]:
         middle = 0.5 * MINUTE_S * minutes + 0.33
         insert = spent_ms(lambda: edit(registry, 0, Insert(t=middle)))
         undo = spent_ms(lambda: edit(registry, 1, Undo()))
-        registry.command(STATION, Close(session=SESSION, last_seq=last), 0.0)
-        segments = len(registry.board.standings()[0].view.segments)
+        registry.handle_command(STATION, Close(session=SESSION, last_seq=last), 0.0)
+        segments = len(registry.index.all_states()[0].view.segments)
         again = registry_on(journal)
         again.restore()
-        folded = again.board.sessions[STATION][0].is_folded
+        folded = again.index.sessions[STATION][0].has_pipeline
         folding = spent_ms(lambda: fold(again))
         then = spent_ms(lambda: edit(again, 2, Insert(t=middle)))
     again_s = "at the start" if folded else f"{folding / 1000:.1f}"
@@ -78,12 +78,14 @@ def registry_on(journal: SqliteJournal) -> Registry:
 
 def teach(registry: Registry, seconds: float) -> int:
     """The number of the last batch."""
-    registry.command(STATION, Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor"), 0.0)
+    registry.handle_command(
+        STATION, Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor"), 0.0
+    )
     work = batches(WORK["varied"](np.random.default_rng(0)))
     last = -1
     for seq, samples in takewhile(lambda made: made[1][0, 0] < seconds, work):
         batch = pack_samples(samples, COLUMNS, session=SESSION, epoch=0, seq=seq)
-        registry.samples(STATION, batch, float(samples[-1, 0]))
+        registry.handle_samples(STATION, batch, float(samples[-1, 0]))
         last = seq
     return last
 
@@ -91,7 +93,7 @@ def teach(registry: Registry, seconds: float) -> int:
 def edit(registry: Registry, revision: int, action: Action) -> list[Output]:
     """Correct the session, or fail."""
     made = Edit(session=SESSION, revision=revision, author="bench", action=action)
-    said = registry.command(STATION, made, 0.0)
+    said = registry.handle_command(STATION, made, 0.0)
     (reply,) = [one.reply for one in said if isinstance(one, Reply)]
     if not isinstance(reply, Ack):
         raise reply
@@ -101,9 +103,9 @@ def edit(registry: Registry, revision: int, action: Action) -> list[Output]:
 def fold(registry: Registry) -> None:
     """Have a session rebuilt that somebody wants to correct."""
     wanted = Edit(session=SESSION, revision=2, author="bench", action=Undo())
-    registry.command(STATION, wanted, 0.0)  # refused until it has been folded
-    while registry.is_busy:
-        registry.step()
+    registry.handle_command(STATION, wanted, 0.0)  # refused until it has been folded
+    while registry.is_rebuilding:
+        registry.rebuild_step()
 
 
 def spent_ms(work: Callable[[], object]) -> float:

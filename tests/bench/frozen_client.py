@@ -82,8 +82,8 @@ def latencies(service: Service, peer: Peer, asked: Event, seconds: float) -> lis
         if began >= until:
             break
         peer.send(batch)
-        (session,) = service.registry.board.sessions["cell-1"]
-        while session.standing.tally.batches <= number and time.monotonic() < began + GIVEN_UP_S:
+        (session,) = service.registry.index.sessions["cell-1"]
+        while session.state.counters.batches <= number and time.monotonic() < began + GIVEN_UP_S:
             time.sleep(0.002)
         took.append(time.monotonic() - began)
         if took[-1] >= GIVEN_UP_S:

@@ -79,7 +79,7 @@ class Demonstration:
         self._columns: tuple[str, ...] = columns
         self._registry, self._station = registry, station
         self._coming = batches(work(np.random.default_rng(0)))
-        registry.command(
+        registry.handle_command(
             station, Open(session=SESSION, columns=self._columns, wrench_source="flange_sensor"), 0.0
         )
 
@@ -88,17 +88,17 @@ class Demonstration:
         seq, rows = next(self._coming)
         batch = pack_samples(rows, self._columns, session=SESSION, epoch=0, seq=seq)
         before = time.thread_time()
-        for said in self._registry.samples(self._station, batch, float(rows[-1, 0])):
+        for said in self._registry.handle_samples(self._station, batch, float(rows[-1, 0])):
             if isinstance(said, Publish):
                 deque(fragment(said.message), maxlen=0)
         return 1e3 * (time.thread_time() - before)
 
     def minute(self, spent: Sequence[float]) -> Minute:
         """What it comes to."""
-        (session,) = self._registry.board.sessions[self._station]
-        standing = session.standing
-        assert standing.is_open, standing.tally.last_refusal
-        assert not standing.tally.refused, standing.tally.last_refusal
+        (session,) = self._registry.index.sessions[self._station]
+        standing = session.state
+        assert standing.is_open, standing.counters.last_refusal
+        assert not standing.counters.refused, standing.counters.last_refusal
         p99 = float(np.quantile(spent, 0.99))
         return Minute(resident_mb(), float(np.mean(spent)), p99, len(standing.view.segments))
 

@@ -74,13 +74,15 @@ def measure(directory: Path, minutes: float, edits: int, runs: int) -> tuple[str
 
 def taught(registry: Registry, seconds: float, edits: int) -> None:
     """A session with so many inserted changepoints, made at equal intervals while it goes on."""
-    registry.command(STATION, Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor"), 0.0)
+    registry.handle_command(
+        STATION, Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor"), 0.0
+    )
     due = moments(seconds, edits)
     wanted, revision = next(due, None), 0
     work = batches(WORK["varied"](np.random.default_rng(0)))
     for seq, samples in takewhile(lambda made: made[1][0, 0] < seconds, work):
         batch = pack_samples(samples, COLUMNS, session=SESSION, epoch=0, seq=seq)
-        registry.samples(STATION, batch, float(samples[-1, 0]))
+        registry.handle_samples(STATION, batch, float(samples[-1, 0]))
         if wanted is not None and samples[-1, 0] > wanted:
             edit(registry, revision, Insert(t=wanted - 3.0))
             wanted, revision = next(due, None), revision + 1
@@ -93,8 +95,8 @@ def moments(seconds: float, edits: int) -> Iterator[float]:
 
 def shown(registry: Registry) -> tuple[object, ...]:
     """All that a client can ask of the session, except the epoch of whoever answers."""
-    (standing,) = registry.board.standings()
-    return (*fields(standing), standing.revision, standing.undoable, standing.state)
+    (standing,) = registry.index.all_states()
+    return (*fields(standing), standing.revision, standing.undoable, standing.lifecycle)
 
 
 def fields(standing: SessionState) -> tuple[object, ...]:
@@ -111,12 +113,12 @@ def opening_ms(path: Path, sessions: int) -> float:
             for message in (Open(session=name, columns=columns), Close(session=name, last_seq=-1)):
                 journal.append(Record(STATION, name, float(number), message))
         registry = registry_on(journal)
-        registry.command("cell-0", Open(session="s", columns=columns, wrench_source="none"), 0.0)
+        registry.handle_command("cell-0", Open(session="s", columns=columns, wrench_source="none"), 0.0)
         spent = []
         for number in range(OPENS):
             made = Open(session=f"new-{number}", columns=columns, wrench_source="none")
             began = time.perf_counter()
-            registry.command(STATION, made, float(sessions + number))
+            registry.handle_command(STATION, made, float(sessions + number))
             spent.append(time.perf_counter() - began)
     return 1e3 * statistics.median(spent)
 

@@ -28,7 +28,7 @@ from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Posterior, Snapshot
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
-from caesura_service.ownership.station_assignment import share_of
+from caesura_service.ownership.station_assignment import stations_of
 from faults.suite.stations import Found, Station, asked, reached, station_name, teaching
 from harness.processes import DEADLINE_S, Router, Service, eventually, running
 
@@ -103,7 +103,7 @@ def main() -> int:
     """Run it and print what came of it."""
     options = parsed()
     names = [station_name(number) for number in range(options.stations)]
-    wests = sorted(share_of(WEST, (EAST, WEST), names))
+    wests = sorted(stations_of(WEST, (EAST, WEST), names))
     with tempfile.TemporaryDirectory() as directory:
         found, moments, heard = run(Path(directory), options)
     print(f"{len(names)} stations for {options.seconds:g} s; the instance that is killed has {len(wests)}")

@@ -44,11 +44,11 @@ def teach(registry: Registry) -> float:
     sent = batches(BATCHES)
     names = [f"cell-{number}" for number in range(STATIONS)]
     for name in names:
-        registry.command(name, opening(), 0.0)
+        registry.handle_command(name, opening(), 0.0)
     began = time.process_time()
     for one in sent:
         for name in names:
-            registry.samples(name, one, 0.0)
+            registry.handle_samples(name, one, 0.0)
     return 1e6 * (time.process_time() - began) / (BATCHES * STATIONS)
 
 
@@ -69,7 +69,9 @@ def scrape(registry: InstrumentedRegistry) -> float:
         dropped=0,
         journal=journal,
     )
-    page = metrics_of(MetricsSource(registry, lambda: status, lambda: True, Budgets(RateSettings()).of))
+    page = metrics_of(
+        MetricsSource(registry, lambda: status, lambda: True, Budgets(RateSettings()).budgets_of)
+    )
     began = time.process_time()
     generate_latest(page)
     return 1e3 * (time.process_time() - began)

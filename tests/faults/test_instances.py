@@ -18,7 +18,7 @@ from caesura_clients.query import services
 from caesura_protocol.keys import session_key
 from caesura_protocol.messages import Ack, Insert, Relabel, SessionStatus, Snapshot, Undo
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording
-from caesura_service.ownership.station_assignment import share_of
+from caesura_service.ownership.station_assignment import stations_of
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import PipelineView
 from harness.peer import Peer
@@ -40,7 +40,7 @@ from harness.processes import (
 
 INSTANCES = ("east", "west")
 STATIONS = tuple(f"cell-{number}" for number in range(1, 5))
-WESTS = sorted(share_of("west", INSTANCES, STATIONS))
+WESTS = sorted(stations_of("west", INSTANCES, STATIONS))
 
 
 @pytest.fixture(scope="module")

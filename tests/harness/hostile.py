@@ -216,11 +216,11 @@ class Target:
         )
         self.inputs = 0
         opening = Open(session="mine", columns=COLUMNS, wrench_source="flange_sensor")
-        self._check(self.registry.command(VICTIM, opening, 0.0))
+        self._check(self.registry.handle_command(VICTIM, opening, 0.0))
         for station in STATIONS:
             for session in SESSIONS:
                 self._check(
-                    self.registry.command(
+                    self.registry.handle_command(
                         station, Open(session=session, columns=COLUMNS, wrench_source="flange_sensor"), 0.0
                     )
                 )
@@ -235,7 +235,7 @@ class Target:
         try:
             what = rng.choices(("samples", "control", "ended", "tick"), (12, 3, 1, 1))[0]
             if what == "ended":
-                self._check(self.registry.samples(station, hostile.ended(), now))
+                self._check(self.registry.handle_samples(station, hostile.ended(), now))
             elif what == "tick":
                 self._check(self.registry.tick(now))
             else:
@@ -247,7 +247,7 @@ class Target:
 
     def _aim(self, hostile: Hostile, station: str) -> None:
         """Most of what is sent goes to a session that takes it: only then does it get far."""
-        sessions = self.registry.board.sessions.get(station, ())
+        sessions = self.registry.index.sessions.get(station, ())
         living = [session for session in sessions if session.is_open]
         if living:
             session = hostile.rng.choice(living)
@@ -260,12 +260,12 @@ class Target:
             message = decode(*content, *expected)
         except ProtocolError as error:
             encode_error(error)
-            self._check(self.registry.refuse(station, error))
+            self._check(self.registry.reject(station, error))
             return
         if isinstance(message, Control):
-            self._check(self.registry.command(station, message.command, now))
+            self._check(self.registry.handle_command(station, message.command, now))
         else:
-            self._check(self.registry.samples(station, message, now))
+            self._check(self.registry.handle_samples(station, message, now))
 
     def _check(self, outputs: list[Output]) -> None:
         """What the edge does with it."""
@@ -284,7 +284,7 @@ class Target:
                     raise Crash(f"a session was ended by {type(error).__name__}: {error}") from error
 
     def _victim(self) -> Any:
-        (standing,) = [one for one in self.registry.board.standings() if one.station == VICTIM]
+        (standing,) = [one for one in self.registry.index.all_states() if one.station == VICTIM]
         return standing
 
 

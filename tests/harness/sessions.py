@@ -91,8 +91,8 @@ def new_registry(journal: Journal | None = None, limits: Limits | None = None) -
 
 def unowned(standing: SessionState) -> SessionState:
     """Whoever speaks, and under whatever epoch."""
-    heading = standing.heading.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
-    return standing._replace(owner=OWNER, heading=heading)
+    heading = standing.program_header.model_copy(update={"instance": OWNER.instance, "epoch": OWNER.epoch})
+    return standing._replace(owner=OWNER, program_header=heading)
 
 
 def published(outputs: Iterable[Output], kind: type[M]) -> list[M]:

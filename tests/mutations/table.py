@@ -25,15 +25,15 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a batch is not journalled",
         f"{SESSIONS}/batch_receiver.py",
-        "        self._records.append(batch, now)\n        samples, said = self._content(batch)\n",
-        "        samples, said = self._content(batch)\n",
+        "        self._journal.append(batch, now)\n        samples, outputs = self._validated(batch)\n",
+        "        samples, outputs = self._validated(batch)\n",
         ("tests/service/sessions/test_disturbances.py::test_a_rebuilt_session_goes_on_like_the_original",),
         row="histories",
     ),
     Mutation(
         "a batch that came early is not journalled",
         f"{SESSIONS}/batch_receiver.py",
-        "        self._records.append(batch, now)\n        return [*self._hold(batch)",
+        "        self._journal.append(batch, now)\n        return [*self._hold(batch)",
         "        return [*self._hold(batch)",
         (
             "tests/service/sessions/test_disturbances.py::test_a_session_rebuilt_from_its_journal_equals_the_original",
@@ -42,8 +42,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "acknowledged before written",
         f"{SESSIONS}/session.py",
-        '        """What is acknowledged is safe. Raises JournalError."""\n        self._records.commit()\n',
-        '        """What is acknowledged is safe. Raises JournalError."""\n',
+        'acknowledge. Raises JournalError."""\n        self._journal.commit()\n',
+        'acknowledge. Raises JournalError."""\n',
         ("tests/service/journal/test_sqlite.py::test_an_acknowledgement_is_given_for_what_is_safe",),
     ),
     Mutation(
@@ -70,8 +70,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a gap is not declared",
         f"{SESSIONS}/batch_receiver.py",
-        "return [*self._demonstration.gap(given_up), *self._drain()]",
-        "return self._drain()",
+        "return [*self._host.declare_gap(given_up), *self._process_ready()]",
+        "return self._process_ready()",
         (
             "tests/service/sessions/test_session.py::"
             "test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on",
@@ -90,16 +90,16 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a replay is asked for twice",
         f"{SESSIONS}/reorder_buffer.py",
-        "        self._not_before = now + self._limits.replay_patience_s\n",
+        "        self._not_before = now + self._limits.replay_timeout_s\n",
         "",
         ("tests/service/sessions/test_session.py::test_a_hole_is_asked_for_once_and_filled_in_order",),
     ),
     Mutation(
         "a replayed batch is applied twice",
         f"{SESSIONS}/batch_receiver.py",
-        "            samples = self._ordering.take()\n            self._note_hole()\n",
-        "            samples = self._ordering.take()\n            self._note_hole()\n"
-        "            said += self._process(samples)\n",
+        "            samples = self._buffer.pop_next()\n            self._update_missing_batch()\n",
+        "            samples = self._buffer.pop_next()\n            self._update_missing_batch()\n"
+        "            outputs += self._process(samples)\n",
         (
             "tests/service/sessions/test_disturbances.py::"
             "test_duplication_reordering_and_loss_with_replay_change_no_result",
@@ -125,7 +125,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "the budget of a station is ignored",
         f"{SERVER}/rates.py",
-        "return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0",
+        "return bucket is not None and min(self._filled(bucket, self._clock())) <= 0.0",
         "return False",
         (
             "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
@@ -134,7 +134,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "what a station used is not charged",
         f"{SERVER}/worker.py",
-        "            self._budgets.spend(lane, took_s)\n",
+        "            self._budgets.charge_work(lane, took_s)\n",
         "",
         (
             "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
@@ -161,7 +161,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a session is closed before its last batch",
         f"{SESSIONS}/session.py",
-        "        if close.last_seq > reached:\n            return self._not_yet(close, now)\n",
+        "        if close.last_seq > reached:\n            return self._request_rest(close, now)\n",
         "",
         (
             "tests/service/sessions/test_session.py::"
@@ -171,8 +171,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an edit is not journalled",
         f"{SESSIONS}/session.py",
-        "        self._records.append(self._applied(edit, corrections), now)\n",
-        "        self._applied(edit, corrections)\n",
+        "        self._journal.append(self._edit_record(edit, corrections), now)\n",
+        "        self._edit_record(edit, corrections)\n",
         (
             "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),
@@ -181,7 +181,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an edit is lost at a restart",
         f"{SESSIONS}/session.py",
-        "    self._demonstration.repeat(edit, record.at)\n                    case Open()",
+        "    self._host.replay_edit(edit, record.at)\n                    case Open()",
         "    pass\n                    case Open()",
         (
             "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
@@ -191,8 +191,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an undo takes no revision",
         f"{SEGMENTATION}/corrections.py",
-        "        return Corrections(active, undone, self.revision + 1)\n",
-        "        return Corrections(active, undone, self.revision + (not isinstance(action, Undo)))\n",
+        "        return EditHistory(active, undone, self.revision + 1)\n",
+        "        return EditHistory(active, undone, self.revision + (not isinstance(action, Undo)))\n",
         ("tests/service/segmentation/test_editing.py::test_undo_and_redo_are_edits_too",),
         row="histories",
     ),

@@ -132,7 +132,7 @@ def _delete(matches: PeerCopy, *, closed: bool) -> None:
     """Raises CaesuraError where it is open, and a service may be at it."""
     try:
         with _open_journal(matches.path, alone=not closed) as journal:
-            journal.forget(*matches.copy.key)
+            journal.delete(*matches.copy.key)
     except JournalBusyError:
         name = "/".join(matches.copy.key)
         raise CaesuraError(f"{name} is open: close it, or end the service first") from None

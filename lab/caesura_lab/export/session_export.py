@@ -24,7 +24,7 @@ from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import PipelineView
-from caesura_service.sessions.closed_pipeline import view_of
+from caesura_service.sessions.closed_pipeline import view_from_snapshot
 from caesura_service.sessions.limits import Limits
 
 
@@ -62,13 +62,13 @@ def _with_preset(record: Record) -> Record:
 
 def _result_of_outcome(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
     """Return view, notes and completeness from the stored outcome of a closed session."""
-    return view_of(outcome.snapshot), outcome.snapshot.program.notes, True
+    return view_from_snapshot(outcome.snapshot), outcome.snapshot.program.notes, True
 
 
 def _result_of_records(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
     """Return view, notes and completeness by replaying the records through the service."""
     state = _replayed_state(records)
-    return state.view, state.heading.notes, not state.is_open
+    return state.view, state.program_header.notes, not state.is_open
 
 
 def _replayed_state(records: Sequence[Record]) -> SessionState:
@@ -84,7 +84,7 @@ def _replayed_state(records: Sequence[Record]) -> SessionState:
     )
     for failed in registry.restore():
         raise RecordingError(f"{failed.station}/{failed.session} cannot be replayed: {failed.error}")
-    (state,) = registry.board.standings()
+    (state,) = registry.index.all_states()
     return state
 
 

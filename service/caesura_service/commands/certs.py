@@ -77,7 +77,9 @@ def _tell(kept: CredentialStore) -> None:
     if not kept.written:
         typer.echo(f"{kept.path}: nothing to do")
     holders = kept.holders()
-    typer.echo(f"\nThe first certificate ends on {kept.ends()}. {kept.path}/ca.key stays here and secret.")
+    typer.echo(
+        f"\nThe first certificate ends on {kept.first_expiry()}. {kept.path}/ca.key stays here and secret."
+    )
     typer.echo(f"Router and service, here:  caesura serve --zenoh-config {kept.path}/router.json5")
     if not holders:
         typer.echo("No client may connect yet: add --station NAME and --dashboard NAME.")

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.runs import RunSplitter, SampleRun, in_metres
-from caesura_service.journal import StoredBatch
-from caesura_service.sessions.batch_validation import samples_of
+from caesura_service.journal import BatchRow
+from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits
 
 Array = NDArray[np.float64]
@@ -32,11 +32,11 @@ class Assembly:
         """[s] the newest sample."""
         return self._runs.latest
 
-    def push(self, batches: Sequence[StoredBatch]) -> list[SampleRun]:
+    def push(self, batches: Sequence[BatchRow]) -> list[SampleRun]:
         """The samples of further batches, lengths in metres."""
         return self._runs.push(*self._matrix(batches)) if batches else []
 
-    def _matrix(self, batches: Sequence[StoredBatch]) -> tuple[Array, NDArray[np.int64]]:
+    def _matrix(self, batches: Sequence[BatchRow]) -> tuple[Array, NDArray[np.int64]]:
         """(n, columns) in metres, and the number of the batch of each row."""
         sizes = {len(one.samples) // max(one.n, 1) for one in batches}
         plain = all(one.columns == self._opening.columns for one in batches) and len(sizes) == 1
@@ -62,7 +62,7 @@ class Assembly:
             and spans.max() <= LIMITS.batch_span_s
         )
 
-    def _checked(self, batches: Sequence[StoredBatch]) -> tuple[Array, NDArray[np.int64]]:
+    def _checked(self, batches: Sequence[BatchRow]) -> tuple[Array, NDArray[np.int64]]:
         """As the session has checked them, one by one."""
         parts, seqs = [np.zeros((0, len(self._opening.columns)))], [np.zeros(0, np.int64)]
         for one in batches:
@@ -72,7 +72,7 @@ class Assembly:
                 **{k: v for k, v in one._asdict().items() if k != "place"},
             )
             try:
-                parts.append(samples_of(batch, self._opening.columns, LIMITS) * self._scale)
+                parts.append(validated_samples(batch, self._opening.columns, LIMITS) * self._scale)
             except ProtocolError:  # it was refused when it came
                 continue
             seqs.append(np.full(len(parts[-1]), one.seq))

@@ -20,7 +20,7 @@ from caesura_protocol.extremes import Extremes, bins_of, extremes_of, joined, no
 from caesura_protocol.messages import Gap, Open
 from caesura_protocol.runs import Speed, drawn_columns
 from caesura_service.decimation.assembly import Assembly
-from caesura_service.journal import Key, Lost, SessionExtent, StoredBatch
+from caesura_service.journal import BatchRow, Key, Lost, SessionExtent
 from caesura_service.sessions.limits import Limits
 
 SAMPLES_PER_BIN = 50
@@ -56,7 +56,7 @@ class SessionOverview:
         self.pages: list[PageTimes] = []
         self._assembly, self._speed = Assembly(extent.opening), Speed(extent.opening.columns)
         self._parts: list[Extremes] = []
-        self._held: dict[int, StoredBatch] = {}
+        self._held: dict[int, BatchRow] = {}
         self._next_seq: int | None = None
 
     @property
@@ -76,7 +76,7 @@ class SessionOverview:
         self._parts = [joined(self._parts)]
         return self._parts[0]
 
-    def push(self, page: list[StoredBatch | Lost], up_to: int) -> None:
+    def push(self, page: list[BatchRow | Lost], up_to: int) -> None:
         """The next page, which ends with the place `up_to`."""
         batches = []
         for one in page:
@@ -96,7 +96,7 @@ class SessionOverview:
         while self._held:
             self._take(self._skip(min(self._held)))
 
-    def _ready(self) -> list[StoredBatch]:
+    def _ready(self) -> list[BatchRow]:
         if self._next_seq is None:
             self._next_seq = min(self._held)
         found = []
@@ -105,12 +105,12 @@ class SessionOverview:
             self._next_seq += 1
         return found
 
-    def _skip(self, seq: int) -> list[StoredBatch]:
+    def _skip(self, seq: int) -> list[BatchRow]:
         found = [self._held.pop(known) for known in sorted(self._held) if known < seq]
         self._next_seq = max(seq, self._next_seq or 0)
         return [*found, *self._ready()]
 
-    def _take(self, batches: list[StoredBatch]) -> None:
+    def _take(self, batches: list[BatchRow]) -> None:
         for run in self._assembly.push(batches):
             if self.first is None:
                 self.first = float(run.t[0])
@@ -124,9 +124,9 @@ class SessionOverview:
         if len(self._parts) > PARTS:
             self._parts = [joined(self._parts)]
 
-    def _index(self, page: list[StoredBatch | Lost]) -> None:
+    def _index(self, page: list[BatchRow | Lost]) -> None:
         """Where the times of a page are; those of a batch lie within its span."""
-        batches = [one for one in page if isinstance(one, StoredBatch)]
+        batches = [one for one in page if isinstance(one, BatchRow)]
         if not batches:
             return
         times = [_time(one, row) for one in batches for row in (0, one.n - 1)]
@@ -171,7 +171,7 @@ class SessionOverview:
         return [page for page in self.pages if page.t0 <= tn and page.tn >= t0]
 
 
-def _time(batch: StoredBatch, row: int) -> float:
+def _time(batch: BatchRow, row: int) -> float:
     """The time of one row of a batch [s]; `t0` where it has no such row."""
     width = len(batch.columns)
     kind, size = ("<f", 4) if len(batch.samples) == 4 * batch.n * width else ("<d", 8)

@@ -29,7 +29,7 @@ from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
 from caesura_protocol.runs import SPEED_WINDOW_S, Speed
 from caesura_service.decimation.assembly import Assembly
 from caesura_service.decimation.overview import SessionOverview
-from caesura_service.journal import BatchSource, JournalError, Key, SessionExtent, StoredBatch
+from caesura_service.journal import BatchRow, BatchSource, JournalError, Key, SessionExtent
 
 logger = logging.getLogger(__name__)
 
@@ -121,7 +121,7 @@ class SampleReader:
         if extent.last <= overview.read_up_to:
             return True
         for page in self._source.pages(key, extent, overview.read_up_to, extent.last):
-            places = [one.place for one in page if isinstance(one, StoredBatch)]
+            places = [one.place for one in page if isinstance(one, BatchRow)]
             overview.push(page, max(places, default=overview.read_up_to))
             if time.monotonic() > until:
                 return False
@@ -151,11 +151,11 @@ class SampleReader:
         """From the samples themselves."""
         first, last = bins_of(np.array([wanted.t0, wanted.tn]), bin_s).tolist()
         pages = overview.places(first * bin_s - LEAD_S, (last + 1) * bin_s)
-        batches: dict[int, StoredBatch] = {}
+        batches: dict[int, BatchRow] = {}
         if pages:
             beyond, up_to = min(page.first for page in pages) - 1, max(page.last for page in pages)
             for page in self._source.pages(overview.key, overview.extent, beyond, up_to):
-                batches |= {one.seq: one for one in page if isinstance(one, StoredBatch)}
+                batches |= {one.seq: one for one in page if isinstance(one, BatchRow)}
         assembly, speed = Assembly(overview.opening), Speed(overview.opening.columns)
         parts = []
         for run in assembly.push([batches[seq] for seq in sorted(batches)]):

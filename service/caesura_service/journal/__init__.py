@@ -15,17 +15,18 @@ from caesura_service.journal.journal import (
 from caesura_service.journal.memory import MemoryJournal
 from caesura_service.journal.peer_journals import PeerCopy, PeerJournals
 from caesura_service.journal.reading import (
+    BatchRow,
     BatchSource,
     FileBatches,
     JournalBatches,
     Lost,
     SessionExtent,
-    StoredBatch,
 )
 from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
+    "BatchRow",
     "BatchSource",
     "Copy",
     "Edit",
@@ -47,5 +48,4 @@ __all__ = [
     "Resolution",
     "SessionExtent",
     "SqliteJournal",
-    "StoredBatch",
 ]

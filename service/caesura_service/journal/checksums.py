@@ -20,5 +20,5 @@ def checksum(*values: Value) -> int:
 
 
 def is_intact(crc: int | None, *values: Value) -> bool:
-    """Does a row have its checksum, or none at all?"""
+    """Whether a row has its checksum, or none at all."""
     return crc is None or crc == checksum(*values)

@@ -1,7 +1,7 @@
 """A recorded edit: the command and its resolved form.
 
-A replay needs the second half. What an edit points at (the changepoint nearest to 3.2 s) depends on what was
-shown when it was made. What it came to (no segment starts at observations 20 to 31) does not. So a replay
+A replay needs the second half. The target of an edit (the changepoint nearest to 3.2 s) depends on what was
+shown when it was made. Its resolved form (no segment starts at observations 20 to 31) does not. So a replay
 collects edits without filtering in between. Only edits that were carried out are recorded.
 """
 
@@ -14,7 +14,7 @@ Run = tuple[int, int]  # observations: the first one, and the one behind the las
 
 
 class Resolution(Message):
-    """What a correction came to; observations by their number, as in `session.corrections`."""
+    """The resolved form of a correction; observations by their number, as in `segmentation.corrections`."""
 
     inserted: float | None = None  # [s]
     starts: tuple[int, ...] = ()
@@ -32,5 +32,5 @@ class Edit(messages.Edit):
 
     @property
     def is_resolved(self) -> bool:
-        """Does the record say what the edit came to? Those of older journals do not."""
+        """Whether the record has its resolved form; records of older journals do not."""
         return self.version is not None

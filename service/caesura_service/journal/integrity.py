@@ -24,8 +24,8 @@ CHUNK_BYTES = 1 << 20
 CHECKED_BYTES = 1 << 30  # a larger file is not looked through at every start: that takes seconds a gigabyte
 
 
-def damage_of(database: sqlite3.Connection, path: Path) -> str | None:
-    """What SQLite finds wrong with the pages of a file; None where it is whole, or too large to look at.
+def integrity_error(database: sqlite3.Connection, path: Path) -> str | None:
+    """Return the damage that SQLite finds in the pages of a file; None where it is whole, or too large.
 
     Raises sqlite3.OperationalError or OSError where the file cannot be read now, which is no damage.
     """
@@ -47,14 +47,14 @@ def _found_in(database: sqlite3.Connection) -> str | None:
 
 
 def _read_through(path: Path) -> None:
-    """Raises OSError where a byte of it cannot be read; a file that is not there is no error."""
+    """Read a file to its end. Raises OSError where that fails; a missing file is no error."""
     with suppress(FileNotFoundError), path.open("rb") as file:
         while file.read(CHUNK_BYTES):
             pass
 
 
-def mended(database: sqlite3.Connection, path: Path, damage: str) -> bool:
-    """Where nothing but indices is damaged, make them again."""
+def repair_indices(database: sqlite3.Connection, path: Path, damage: str) -> bool:
+    """Rebuild damaged indices; return False where more is damaged."""
     if not all(OF_INDEX.search(one) for one in damage.split("; ")):
         return False
     try:
@@ -66,15 +66,15 @@ def mended(database: sqlite3.Connection, path: Path, damage: str) -> bool:
     return bool(found == "ok")
 
 
-def readable(aside: Path) -> sqlite3.Connection:
-    """A file that was set aside, for reading what can be read; it stays as it is."""
+def open_damaged(aside: Path) -> sqlite3.Connection:
+    """Open a file that was moved aside, read-only."""
     has_log = aside.with_name(aside.name + "-wal").exists()
     how = "mode=ro" if has_log else "immutable=1"
     return sqlite3.connect(f"file:{quote(str(aside))}?{how}", uri=True, isolation_level=None)
 
 
-def set_aside(path: Path) -> Path:
-    """Give the file, and its log, another name; no process may have it open."""
+def move_aside(path: Path) -> Path:
+    """Rename the file and its log, which no process may have open; return the new path."""
     aside = path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%d-%H%M%S')}")
     for suffix in ("-wal", "-shm", ""):
         part = path.with_name(path.name + suffix)

@@ -24,7 +24,7 @@ Key = tuple[str, str]  # station and session
 
 
 class JournalError(Exception):
-    """The journal cannot be read or written; the message names it, the reason, and what to do."""
+    """The journal cannot be read or written; the message has its name, the reason and the remedy."""
 
 
 class JournalBusyError(JournalError):
@@ -32,7 +32,7 @@ class JournalBusyError(JournalError):
 
 
 class JournalDamagedError(JournalError):
-    """What the journal has is not what was written; the message names the session and the record."""
+    """The journal's content is not what was written; the message names the session and the record."""
 
 
 class Record(NamedTuple):
@@ -46,7 +46,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a session ended: all that can be asked of a closed one, so that it need not be replayed."""
+    """The results of a closed session, which answer its queries without a replay."""
 
     opening: Open  # the last one
     last_seq: int  # of its batches; -1 without one
@@ -54,7 +54,7 @@ class Outcome:
 
 
 class Copy(NamedTuple):
-    """What one journal has of a session."""
+    """The extent of one journal's records of a session."""
 
     station: str
     session: str
@@ -72,7 +72,7 @@ class Copy(NamedTuple):
 
     @property
     def progress(self) -> tuple[bool, int, int, int]:
-        """Of two copies the greater is further along."""
+        """A key that is greater for the copy that is further along."""
         return self.closed, self.last_seq, self.edits, self.size
 
 
@@ -80,55 +80,55 @@ class Journal(Protocol):
     """Append-only records of many sessions. One thread appends."""
 
     def append(self, record: Record, *, now: bool = False) -> None:
-        """Keep a record; it is safe soon, or when this returns if it shall be `now`.
+        """Append a record; it is on disk soon, or on return with `now`.
 
-        Raises JournalError, and has not kept it then.
+        Raises JournalError, and has not appended it then.
         """
 
     def commit(self) -> None:
-        """Everything that was appended is safe when this returns. Raises JournalError."""
+        """Write every appended record to disk. Raises JournalError."""
 
     def flush(self) -> None:
-        """As `commit`, and how sessions ended is kept too. Raises JournalError."""
+        """Write every appended record and outcome to disk. Raises JournalError."""
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
-        """The records of a session in the order in which they were appended; none for an unknown one."""
+        """Return the records of a session in the order of their appending; none for an unknown one."""
 
     def edits(self, station: str, session: str) -> tuple[Edit, ...]:
-        """The edits of a session in the order in which they were made."""
+        """Return the edits of a session, oldest first."""
 
     def sessions(self) -> tuple[Key, ...]:
-        """(station, session) of every session with a record, in the order of their first one."""
+        """Return (station, session) of every session, in the order of their first record."""
 
     def closed(self) -> Set[Key]:
-        """Those of the sessions that have a close among their records."""
+        """Return the sessions with a close among their records."""
 
     def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, of those of a station, or of one; oldest first."""
+        """Return the extent of every session, of a station's, or of one; oldest first."""
 
     def epoch_of(self, station: str) -> int:
-        """The last epoch under which this instance had the station; -1 if it never had."""
+        """Return the last epoch under which this instance owned the station; -1 without one."""
 
-    def keep_epoch(self, station: str, epoch: int) -> None:
-        """Remember under which epoch this instance has the station. Raises JournalError."""
+    def store_epoch(self, station: str, epoch: int) -> None:
+        """Store the epoch under which this instance owns the station. Raises JournalError."""
 
-    def conclude(self, station: str, outcome: Outcome) -> None:
-        """Keep how a closed session ended. What can be replayed may do without."""
+    def store_outcome(self, station: str, outcome: Outcome) -> None:
+        """Store the outcome of a closed session; one without an outcome is replayed."""
 
     def outcome(self, station: str, session: str) -> Outcome | None:
-        """How a session ended, where that was kept and can be read."""
+        """Return the outcome of a session; None where there is none or it is unreadable."""
 
     def release(self, station: str, session: str) -> None:
         """Release a closed session: from now on the journal decides whether it is kept."""
 
-    def set_aside(self, station: str, session: str, why: str) -> str:
-        """Keep a damaged session under another name, and free its own; the new name. Raises JournalError."""
+    def quarantine(self, station: str, session: str, why: str) -> str:
+        """Rename a damaged session to free its name; return the new one. Raises JournalError."""
 
-    def forget(self, station: str, session: str) -> None:
-        """Drop a session; an unknown one is no error."""
+    def delete(self, station: str, session: str) -> None:
+        """Delete a session; an unknown one is no error."""
 
-    def tidy(self, now: float) -> Mapping[Key, str]:
-        """Drop what age and size no longer allow [s, as in the records]; returns what has gone, and why."""
+    def enforce_retention(self, now: float) -> Mapping[Key, str]:
+        """Delete sessions past the limits of age and size; return them with the reason. now: [s]."""
 
     def report(self) -> JournalReport:
-        """How it is doing; may be asked from any thread."""
+        """Return the state of the journal; any thread may call it."""

@@ -27,7 +27,7 @@ class MemoryJournal:
         self._epochs: dict[str, int] = {}  # by station
 
     def append(self, record: Record, *, now: bool = False) -> None:
-        """Keep a record, and make room for it; the session that it belongs to is never dropped.
+        """Append a record, and make room for it; its own session is never deleted.
 
         Raises JournalError where there is no room for a batch.
         """
@@ -41,7 +41,7 @@ class MemoryJournal:
             most = max(sizes, key=sizes.__getitem__)
             oldest = next((known for known in self._sizes if known[0] == most and known != key), None)
             if oldest is not None:
-                self.forget(*oldest)
+                self.delete(*oldest)
             elif needed:
                 raise JournalError(
                     f"the journal in memory is full of {'/'.join(key)}, it holds {self.capacity_bytes} "
@@ -57,30 +57,30 @@ class MemoryJournal:
         return sizes
 
     def commit(self) -> None:
-        """Nothing is safer than it is."""
+        """Do nothing: memory has no disk."""
 
     def flush(self) -> None:
-        """Likewise."""
+        """Do nothing: memory has no disk."""
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
-        """The records of a session as they are now; later ones do not appear in the iteration."""
+        """Return the records of a session as they are now; later ones do not appear in the iteration."""
         return iter(tuple(self._records.get((station, session), ())))
 
     def edits(self, station: str, session: str) -> tuple[Edit, ...]:
-        """Those of a session, oldest first."""
+        """Return the edits of a session, oldest first."""
         messages = (record.message for record in self._records.get((station, session), ()))
         return tuple(message for message in messages if isinstance(message, Edit))
 
     def sessions(self) -> tuple[Key, ...]:
-        """(station, session) of every session with a record, oldest first."""
+        """Return (station, session) of every session, oldest first."""
         return tuple(self._records)
 
     def closed(self) -> Set[Key]:
-        """Those with a close."""
+        """Return the sessions with a close."""
         return {key for key, records in self._records.items() if _is_closed(records)}
 
     def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, oldest first."""
+        """Return the extent of every session, oldest first."""
         if station is not None and session is not None:
             kept = [(station, session)] if (station, session) in self._records else []
         else:
@@ -88,41 +88,41 @@ class MemoryJournal:
         return tuple(self._copy(key, self._records[key]) for key in kept)
 
     def epoch_of(self, station: str) -> int:
-        """The last epoch of a station; -1 without one."""
+        """Return the last epoch of a station; -1 without one."""
         return self._epochs.get(station, -1)
 
-    def keep_epoch(self, station: str, epoch: int) -> None:
-        """Remember it."""
+    def store_epoch(self, station: str, epoch: int) -> None:
+        """Store the epoch of a station."""
         self._epochs[station] = epoch
 
-    def conclude(self, station: str, outcome: Outcome) -> None:
-        """Keep how a session ended."""
+    def store_outcome(self, station: str, outcome: Outcome) -> None:
+        """Store the outcome of a session."""
         self._outcomes[station, outcome.opening.session] = outcome
 
     def outcome(self, station: str, session: str) -> Outcome | None:
-        """How a session ended."""
+        """Return the outcome of a session; None without one."""
         return self._outcomes.get((station, session))
 
-    def set_aside(self, station: str, session: str, why: str) -> str:
-        """Memory keeps no damaged session: it is dropped."""
-        self.forget(station, session)
+    def quarantine(self, station: str, session: str, why: str) -> str:
+        """Delete a damaged session: memory keeps none."""
+        self.delete(station, session)
         return session
 
     def release(self, station: str, session: str) -> None:
-        """Drop it: memory is for sessions in use."""
-        self.forget(station, session)
+        """Delete a released session: memory is for sessions in use."""
+        self.delete(station, session)
 
-    def tidy(self, now: float) -> Mapping[Key, str]:
-        """Nothing: room is made at every append."""
+    def enforce_retention(self, now: float) -> Mapping[Key, str]:
+        """Delete nothing: room is made at every append."""
         return {}
 
     def report(self) -> JournalReport:
-        """Safe at once, as long as the process lives."""
+        """Return the size of all records."""
         sizes = sum(list(self._sizes.values()))
         return JournalReport(kind="memory", commit_s=0.0, size=sizes, size_limit=self.capacity_bytes)
 
-    def forget(self, station: str, session: str) -> None:
-        """Drop the records of a session."""
+    def delete(self, station: str, session: str) -> None:
+        """Delete the records of a session."""
         self._records.pop((station, session), None)
         self._sizes.pop((station, session), None)
         self._outcomes.pop((station, session), None)
@@ -136,7 +136,7 @@ class MemoryJournal:
 
 
 def _is_closed(records: list[Record]) -> bool:
-    """From the end, where the close is."""
+    """Whether there is a close, searched from the end."""
     return any(isinstance(record.message, Close) for record in reversed(records))
 
 

@@ -26,14 +26,14 @@ from caesura_service.journal.rows import (
     outcome_of,
     record_of,
     stations_in,
-    verified,
+    verify,
 )
 from caesura_service.journal.schema import (
     SELECT_BEYOND,
     SELECT_EDITS,
     SELECT_OUTCOME,
     check,
-    translated,
+    map_sqlite_errors,
 )
 
 logger = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ T = TypeVar("T")
 
 
 class PeerCopy(NamedTuple):
-    """A sibling's copy of a session."""
+    """A peer's copy of a session."""
 
     path: Path
     copy: Copy
@@ -54,79 +54,79 @@ class PeerJournals:
 
     def __init__(self, own: Path | None) -> None:
         self._own = own
-        self._said: set[str] = set()
+        self._warned: set[str] = set()
 
     def copies(self, station: str | None = None, session: str | None = None) -> list[PeerCopy]:
-        """What they have of every session, of those of one station, or of one."""
+        """Return the peers' copies of every session, of a station's, or of one."""
         return [
             PeerCopy(path, copy)
             for path in self._paths()
-            for copy in self._ask(path, lambda kept: copies_in(kept, station, session)) or ()
+            for copy in self._query(path, lambda kept: copies_in(kept, station, session)) or ()
         ]
 
     def stations(self) -> frozenset[str]:
-        """Those that one of them has a session of."""
-        asked = (self._ask(path, stations_in) for path in self._paths())
+        """Return the stations with a session in a peer journal."""
+        asked = (self._query(path, stations_in) for path in self._paths())
         return frozenset(station for known in asked for station in known or ())
 
     def epoch_of(self, station: str) -> int:
-        """The highest epoch under which one of them had the station; -1 if none had."""
-        asked = (self._ask(path, lambda kept: epoch_in(kept, station)) for path in self._paths())
+        """Return the highest epoch of a station in the peer journals; -1 without one."""
+        asked = (self._query(path, lambda kept: epoch_in(kept, station)) for path in self._paths())
         return max((epoch for epoch in asked if epoch is not None), default=-1)
 
     def outcome(self, found: PeerCopy) -> Outcome | None:
-        """How a session ended, where that was kept and can be read."""
-        row = self._ask(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
+        """Return the outcome of a session; None where there is none or it is unreadable."""
+        row = self._query(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
         return outcome_of(found.copy.key, *row) if row else None
 
     def edits(self, found: PeerCopy) -> tuple[Edit, ...]:
-        """Those of the copy, oldest first; none where they cannot be read."""
+        """Return the edits of a copy, oldest first; none where they cannot be read."""
         try:
-            rows = self._ask(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())
+            rows = self._query(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())
             return edits_of(found.copy.key, rows or ())
         except (JournalError, ProtocolError) as error:
-            self._say(error)
+            self._warn_once(error)
             return ()
 
     def records(self, found: PeerCopy, first_seq: int = 0) -> Iterator[Record]:
-        """What the copy has but batches before `first_seq`, with what is appended meanwhile.
+        """Return a copy's records without batches before `first_seq`, with those appended meanwhile.
 
         Ends early where the journal cannot be read.
         """
         wanted = {"station": found.copy.station, "session": found.copy.session, "first_seq": first_seq}
         place = -1
         try:
-            with opened_for_reading(found.path) as kept:
+            with open_for_reading(found.path) as kept:
                 while page := kept.execute(SELECT_BEYOND, {**wanted, "place": place}).fetchall():
                     for row in page:
-                        yield record_of(found.copy.key, verified(found.copy.key, Stored(*row)))
+                        yield record_of(found.copy.key, verify(found.copy.key, Stored(*row)))
                     place = page[-1][0]
         except (JournalError, ProtocolError) as error:
-            self._say(error)
+            self._warn_once(error)
 
     def _paths(self) -> list[Path]:
         own = self._own
         return [] if own is None else sorted(path for path in own.parent.glob("*.sqlite") if path != own)
 
-    def _ask(self, path: Path, question: Callable[[sqlite3.Connection], T]) -> T | None:
+    def _query(self, path: Path, question: Callable[[sqlite3.Connection], T]) -> T | None:
         try:
-            with opened_for_reading(path) as kept:
+            with open_for_reading(path) as kept:
                 return question(kept)
         except JournalError as error:
-            self._say(error)
+            self._warn_once(error)
             return None
 
-    def _say(self, error: Exception) -> None:
-        """Once: it is looked at again and again."""
-        if str(error) not in self._said:
+    def _warn_once(self, error: Exception) -> None:
+        """Log each error once: the journals are polled."""
+        if str(error) not in self._warned:
             logger.warning("passed over: %s", error)
-            self._said.add(str(error))
+            self._warned.add(str(error))
 
 
 @contextmanager
-def opened_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
-    """A journal for reading, which is not made where there is none. Raises JournalError."""
-    with translated(path):
+def open_for_reading(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open an existing journal for reading. Raises JournalError."""
+    with map_sqlite_errors(path):
         where = (
             f"file:{quote(str(path))}?mode=rw"  # a reader shares the log with the writer, if only to read it
         )

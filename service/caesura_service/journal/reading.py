@@ -16,8 +16,8 @@ from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.journal.checksums import is_intact
 from caesura_service.journal.journal import Journal, JournalDamagedError, JournalError, Key
-from caesura_service.journal.peer_journals import opened_for_reading
-from caesura_service.journal.rows import SessionRow, Stored, copies_in, verified
+from caesura_service.journal.peer_journals import open_for_reading
+from caesura_service.journal.rows import SessionRow, Stored, copies_in, verify
 from caesura_service.journal.schema import HAS_OVERVIEWS, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
 from caesura_service.journal.sqlite import SqliteJournal
 
@@ -25,7 +25,7 @@ PAGE = 250  # records read at once
 _BATCH, _ERROR = encoding_of(SampleBatch), encoding_of(Error)
 
 
-class StoredBatch(NamedTuple):
+class BatchRow(NamedTuple):
     """A batch, not validated again."""
 
     place: int  # its record's, ascending in the order of recording
@@ -58,7 +58,7 @@ class BatchSource(Protocol):
 
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
-    ) -> Iterator[list[StoredBatch | Lost]]:
+    ) -> Iterator[list[BatchRow | Lost]]:
         """Its batches behind the place `beyond`, up to `last`. Raises JournalError or ProtocolError."""
 
     def overview(self, extent: SessionExtent) -> bytes | None:
@@ -79,7 +79,7 @@ class FileBatches:
         found, failure = [], None
         for path in sorted(self._directory.glob("*.sqlite")):
             try:
-                with opened_for_reading(path) as kept:
+                with open_for_reading(path) as kept:
                     found += [(copy.progress, path) for copy in copies_in(kept, *key)]
             except JournalError as error:
                 failure = error
@@ -90,26 +90,26 @@ class FileBatches:
         return None
 
     def _extent(self, path: Path, key: Key) -> SessionExtent | None:
-        with opened_for_reading(path) as kept:
+        with open_for_reading(path) as kept:
             row = kept.execute(SELECT_EXTENT, key).fetchone()
             if row is None:
                 return None
             session, last = SessionRow(*row[:-1]), row[-1]
             for first in kept.execute(SELECT_PAGE, (session.id, -1, last, 1)):
-                stored = verified(key, Stored(*first))
+                stored = verify(key, Stored(*first))
                 opening = decode(stored.payload, stored.encoding, Open)
                 return SessionExtent((path, session.id, session.opened), opening, last)
         return None
 
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
-    ) -> Iterator[list[StoredBatch | Lost]]:
+    ) -> Iterator[list[BatchRow | Lost]]:
         """As BatchSource."""
         path, session_id, _ = extent.identity
         assert isinstance(path, Path)
-        with opened_for_reading(path) as kept:
+        with open_for_reading(path) as kept:
             while rows := kept.execute(SELECT_PAGE, (session_id, beyond, last, PAGE)).fetchall():
-                stored = [verified(key, Stored(*row)) for row in rows]
+                stored = [verify(key, Stored(*row)) for row in rows]
                 yield [one for row in stored for one in _read(row.place, row.encoding, row.payload)]
                 beyond = stored[-1].place
 
@@ -118,7 +118,7 @@ class FileBatches:
         path, session_id, _ = extent.identity
         assert isinstance(path, Path)
         assert isinstance(session_id, int)
-        with opened_for_reading(path) as kept:
+        with open_for_reading(path) as kept:
             if not kept.execute(HAS_OVERVIEWS).fetchone():
                 return None
             rows = kept.execute(SELECT_OVERVIEW, (session_id,)).fetchall()
@@ -151,17 +151,17 @@ class JournalBatches:
 
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
-    ) -> Iterator[list[StoredBatch | Lost]]:
+    ) -> Iterator[list[BatchRow | Lost]]:
         """As BatchSource."""
         del extent
         records = list(self._journal.replay(*key))[: last + 1]
         for first in range(beyond + 1, len(records), PAGE):
-            page: list[StoredBatch | Lost] = []
+            page: list[BatchRow | Lost] = []
             for place, record in enumerate(records[first : first + PAGE], first):
                 match record.message:
                     case SampleBatch() as batch:
                         page.append(
-                            StoredBatch(place, batch.seq, batch.n, batch.columns, batch.t0, batch.samples)
+                            BatchRow(place, batch.seq, batch.n, batch.columns, batch.t0, batch.samples)
                         )
                     case Error(limit=int() as target) if record.message.code == "evicted":
                         page.append(Lost(target))
@@ -174,12 +174,12 @@ class JournalBatches:
         """Nothing is kept."""
 
 
-def _read(place: int, encoding: str, payload: bytes) -> Iterator[StoredBatch | Lost]:
+def _read(place: int, encoding: str, payload: bytes) -> Iterator[BatchRow | Lost]:
     """A record that is a batch or gives batches up. What was recorded has the codec's form."""
     if encoding == _BATCH:
         fields = msgpack.unpackb(payload, use_list=False)
         try:
-            yield StoredBatch(place, *(fields[name] for name in StoredBatch._fields[1:]))
+            yield BatchRow(place, *(fields[name] for name in BatchRow._fields[1:]))
         except KeyError as error:
             raise JournalDamagedError(f"record {place} lacks the field {error} of a batch") from error
     elif encoding == _ERROR:

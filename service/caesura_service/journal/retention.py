@@ -38,7 +38,7 @@ class JournalSettings:
 
 
 class StationUsage(NamedTuple):
-    """What the sessions of one station take of a journal."""
+    """The size and number of one station's sessions in a journal."""
 
     station: str
     size: int  # [bytes]
@@ -57,17 +57,17 @@ class Excess(NamedTuple):
     why: str
 
 
-def excess(shares: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:
-    """What goes next: of a station with too many sessions, or past the size of the station that takes most.
+def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:
+    """Return what to delete next: of a station with too many sessions, or of the largest station.
 
-    Of that one no more than brings it to what the next one takes.
+    Of the largest no more than brings it to the size of the next one.
     """
-    many = max(shares, key=lambda one: one.sessions, default=None)
+    many = max(usages, key=lambda one: one.sessions, default=None)
     if many is not None and many.closed and many.sessions > settings.sessions:
         why = f"the oldest closed one of {many.sessions} of the station, kept are {settings.sessions}"
         return Excess(many.station, 0, many.sessions - settings.sessions, why)
-    size = sum(one.size for one in shares)
-    largest = sorted((one for one in shares if one.closed), key=lambda one: -one.size)[:2]
+    size = sum(one.size for one in usages)
+    largest = sorted((one for one in usages if one.closed), key=lambda one: -one.size)[:2]
     if size <= settings.size_bytes or not largest:
         return None
     most, rest = largest[0], largest[1].size if largest[1:] else 0

@@ -48,12 +48,12 @@ class RecordRow(NamedTuple):
 
     @property
     def size(self) -> int:
-        """What it takes [bytes]."""
+        """The size with overhead [bytes]."""
         return len(self.payload) + ROW_BYTES
 
 
 def row_of(record: Record) -> RecordRow:
-    """A record as it is written. Raises ProtocolError where it is too large."""
+    """Encode a record as a row. Raises ProtocolError where it is too large."""
     message = record.message
     epoch, seq = (message.epoch, message.seq) if isinstance(message, SampleBatch) else (None, None)
     payload, encoding = encode(message)
@@ -73,14 +73,14 @@ class Stored(NamedTuple):
     payload: bytes
     crc: int | None = None
 
-    def again(self, key: Key) -> RecordRow:
-        """The same, to be written to another file."""
+    def copy_row(self, key: Key) -> RecordRow:
+        """Return the row for another file, with a new checksum."""
         crc = checksum(self.epoch, self.seq, self.at, self.encoding, self.payload)
         return RecordRow(*key, self.epoch, self.seq, self.at, self.encoding, self.payload, crc)
 
 
-def verified(key: Key, row: Stored) -> Stored:
-    """The row, which is as it was written. Raises JournalDamagedError."""
+def verify(key: Key, row: Stored) -> Stored:
+    """Return the row after a check of its checksum. Raises JournalDamagedError."""
     if not is_intact(row.crc, *row[2:-1]):
         raise JournalDamagedError(
             f"record {row.place} of {'/'.join(key)} is damaged: its checksum is not {row.crc}"
@@ -89,13 +89,13 @@ def verified(key: Key, row: Stored) -> Stored:
 
 
 def record_of(key: Key, row: Stored) -> Record:
-    """A row as it was appended. Raises ProtocolError where it cannot be read."""
+    """Decode a row. Raises ProtocolError where it cannot be read."""
     return Record(*key, row.at, decode(row.payload, row.encoding, *_RECORDABLE))
 
 
 def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[Edit, ...]:
-    """Rows that are edits. Raises JournalDamagedError, or ProtocolError where one cannot be read."""
-    messages = (record_of(key, verified(key, Stored(*row))).message for row in rows)
+    """Decode the edits among rows. Raises JournalDamagedError, or ProtocolError where one is unreadable."""
+    messages = (record_of(key, verify(key, Stored(*row))).message for row in rows)
     return tuple(message for message in messages if isinstance(message, Edit))
 
 
@@ -120,18 +120,18 @@ class SessionRow(NamedTuple):
 
     @property
     def is_intact(self) -> bool:
-        """Is it as it was written?"""
+        """Whether the row has its checksum."""
         return is_intact(self.crc, *self[:8])
 
 
 def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> Iterator[list[Stored]]:
-    """A session's rows up to the place `last`, some at a time.
+    """Return a session's rows up to the place `last`, a page at a time.
 
     Raises JournalDamagedError at a row that is not as it was written, and at the end where some are missing.
     """
     place, count = -1, 0
     while rows := database.execute(SELECT_PAGE, (session.id, place, last, PAGE)).fetchall():
-        page = [verified(session.key, Stored(*row)) for row in rows]
+        page = [verify(session.key, Stored(*row)) for row in rows]
         if any(row.session_id != session.id for row in page):
             raise JournalDamagedError(f"a record of {'/'.join(session.key)} is under another session")
         yield page
@@ -145,7 +145,7 @@ def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> It
 def outcome_of(
     key: Key, _session_id: int, opening: bytes, last_seq: int, snapshot: bytes, crc: int | None = None
 ) -> Outcome | None:
-    """A row as it was concluded; None where it is damaged, or an older version wrote it in another form."""
+    """Decode an outcome; None where it is damaged or of an older form."""
     if not is_intact(crc, *key, opening, last_seq, snapshot):
         logger.warning("the outcome of %s is damaged: the session is rebuilt from its records", "/".join(key))
         return None
@@ -160,7 +160,7 @@ def outcome_of(
 
 
 def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:
-    """What a journal has of every session, of a station's, or of one (station, session); oldest first."""
+    """Return the extent of every session, of a station's, or of one; oldest first."""
     given = [name for name in key if name is not None]
     rows = database.execute(select_copies(len(given)), given)
     found = ((last_seq, edits, SessionRow(*row)) for last_seq, edits, *row in rows)
@@ -172,7 +172,7 @@ def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...
 
 
 def epoch_in(database: sqlite3.Connection, station: str) -> int:
-    """The last epoch under which a journal's instance had a station; -1 without one."""
+    """Return the last epoch of a station in a journal; -1 without one."""
     row = database.execute(SELECT_EPOCH, (station,)).fetchone()
     if row is None:
         return -1
@@ -184,5 +184,5 @@ def epoch_in(database: sqlite3.Connection, station: str) -> int:
 
 
 def stations_in(database: sqlite3.Connection) -> list[str]:
-    """Those that a journal has a session of."""
+    """Return the stations with a session in a journal."""
     return [station for (station,) in database.execute(SELECT_STATIONS)]

@@ -95,7 +95,7 @@ SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY
 SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
 # What each station takes: summed up by SQLite, without the interpreter, because there may be many sessions.
-SELECT_SHARES = """
+SELECT_USAGE = """
 SELECT station, sum(size), sum(iif(closed, 0, size)), count(*), sum(closed != 0), min(touched)
 FROM sessions WHERE station != '' GROUP BY station"""
 SELECT_OLD = """
@@ -169,7 +169,7 @@ INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?,
 
 
 def select_copies(names: int) -> str:
-    """Of all sessions, of those of one station, or of one: by how many names of its key are given.
+    """Return the query for all sessions, a station's, or one: by how many names of the key are given.
 
     Each form is found by the index over both names: what it costs does not grow with the other sessions.
     """
@@ -178,7 +178,7 @@ def select_copies(names: int) -> str:
 
 @cache
 def insert_sessions(count: int) -> str:
-    """So many at once: at every statement a thread waits for the interpreter that others work with."""
+    """Return the statement for `count` rows at once: each statement waits for the interpreter lock."""
     return f"""
 INSERT INTO sessions (station, session, opened, touched, record_count)
 VALUES {", ".join(["(?, ?, ?, ?, 0)"] * count)}
@@ -187,7 +187,7 @@ ON CONFLICT (station, session) DO NOTHING"""
 
 @cache
 def insert_records(count: int) -> str:
-    """So many at once."""
+    """Return the statement for `count` rows at once."""
     row = "((SELECT id FROM sessions WHERE station = ? AND session = ?), ?, ?, ?, ?, ?, ?)"
     return f"""
 INSERT INTO records (session_id, epoch, seq, at, encoding, payload, crc) VALUES {", ".join([row] * count)}
@@ -209,8 +209,8 @@ KINDS = {"SQLITE_BUSY": JournalBusyError, "SQLITE_CORRUPT": JournalDamagedError}
 
 
 @contextmanager
-def translated(path: Path) -> Iterator[None]:
-    """Turn what SQLite raises into a JournalError that names the file and what to do."""
+def map_sqlite_errors(path: Path) -> Iterator[None]:
+    """Raise errors of SQLite as a JournalError that names the file and the remedy."""
     try:
         yield
     except (sqlite3.Error, OSError, UnicodeDecodeError) as error:  # the last: a message about damage, damaged
@@ -224,7 +224,7 @@ def translated(path: Path) -> Iterator[None]:
 
 @contextmanager
 def transaction(database: sqlite3.Connection) -> Iterator[None]:
-    """Everything in the context is written, or nothing."""
+    """Write everything in the context, or nothing."""
     database.execute("BEGIN IMMEDIATE")
     try:
         yield
@@ -234,15 +234,15 @@ def transaction(database: sqlite3.Connection) -> Iterator[None]:
             database.execute("ROLLBACK")
 
 
-def opened(path: Path) -> sqlite3.Connection:
-    """The database of a journal, made where there is none. Raises JournalError."""
+def open_database(path: Path) -> sqlite3.Connection:
+    """Open the database of a journal, or create it. Raises JournalError."""
     try:
         _create_private(path)
     except OSError as error:
         raise JournalError(
             f"journal {path} cannot be made: {error.strerror}; name a --journal that this user can write"
         ) from error
-    with translated(path):
+    with map_sqlite_errors(path):
         database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
         database.create_function("checksum", -1, checksum, deterministic=True)
         try:
@@ -255,7 +255,7 @@ def opened(path: Path) -> sqlite3.Connection:
 
 
 def _create_private(path: Path) -> None:
-    """A new file has 0600 and a new directory 0700, whatever the umask. Raises OSError."""
+    """Create a file with mode 0600 and its directory with 0700, whatever the umask. Raises OSError."""
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.parent.chmod(0o700)
@@ -271,15 +271,15 @@ def _make_private(path: Path) -> None:
             path.with_name(path.name + suffix).chmod(0o600)
 
 
-def locked(path: Path) -> sqlite3.Connection:
-    """A lock that ends with the process, however it ends. Raises JournalError while another has it."""
+def acquire_lock(path: Path) -> sqlite3.Connection:
+    """Acquire the lock of a journal, which ends with the process. Raises JournalError while it is held."""
     where = path.with_name(path.name + LOCK_SUFFIX)
     with suppress(OSError):
         _create_private(where)
-    with translated(path):
+    with map_sqlite_errors(path):
         lock = sqlite3.connect(where, timeout=0.0, isolation_level=None, check_same_thread=False)
     try:
-        with translated(path):
+        with map_sqlite_errors(path):
             lock.execute("BEGIN EXCLUSIVE")
     except JournalError:
         lock.close()
@@ -288,7 +288,7 @@ def locked(path: Path) -> sqlite3.Connection:
 
 
 def _prepare(database: sqlite3.Connection, path: Path) -> None:
-    """Check what it is before anything is written to it."""
+    """Check the version of a file before anything is written to it."""
     if _is_empty(database):
         database.execute("PRAGMA journal_mode = WAL")
         with transaction(database):
@@ -325,7 +325,7 @@ def _create(database: sqlite3.Connection) -> None:
 
 
 def check(database: sqlite3.Connection, path: Path) -> None:
-    """Raises JournalError where it is no journal, or a newer one."""
+    """Check that a file is a journal of a readable version. Raises JournalError."""
     if _number(database, "application_id") != APPLICATION_ID:
         raise JournalError(f"journal {path} is another program's database: name another --journal")
     version = _number(database, "user_version")

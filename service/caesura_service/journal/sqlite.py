@@ -29,9 +29,9 @@ from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.checksums import checksum
-from caesura_service.journal.deletion import drop_some, hide
+from caesura_service.journal.deletion import delete_batch, mark_deleted
 from caesura_service.journal.edits import Edit
-from caesura_service.journal.integrity import damage_of, mended, readable, set_aside
+from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
 from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.rows import (
@@ -61,17 +61,17 @@ from caesura_service.journal.schema import (
     SELECT_OUTCOME,
     SELECT_ROWS,
     SELECT_SESSIONS,
-    SELECT_SHARES,
+    SELECT_USAGE,
     SET_ASIDE,
     UPDATE_SESSIONS,
+    acquire_lock,
     insert_records,
     insert_sessions,
-    locked,
-    opened,
+    map_sqlite_errors,
+    open_database,
     transaction,
-    translated,
 )
-from caesura_service.journal.wal import damage_of_log
+from caesura_service.journal.wal import log_integrity_error
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -103,42 +103,44 @@ class SqliteJournal:
         self._outcomes: dict[Key, Outcome] = {}  # of sessions that have ended, to be written
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
-        self._trouble: JournalError | None = None
+        self._error: JournalError | None = None
         self._size = 0  # [bytes] as of the last look
-        self._open: Counter[str] = Counter()  # [bytes] of each station's open sessions, since the last look
-        self._seen: set[Key] = set()  # sessions, at the last look and since
+        self._open_bytes: Counter[str] = (
+            Counter()
+        )  # [bytes] of each station's open sessions, since the last look
+        self._known: set[Key] = set()  # sessions, at the last look and since
         self._version = -1  # of the file, as far as other processes have changed it
-        self._rests_until = 0.0  # [s]
-        self._put_off = 0  # looks, since the last one
-        self._has_dropped = False  # has anything been dropped by this one?
-        self._wake, self._over = threading.Event(), threading.Event()
+        self._next_look_s = 0.0  # [s]
+        self._skipped_looks = 0  # looks, since the last one
+        self._has_deleted = False  # has anything been dropped by this one?
+        self._wake, self._stopped = threading.Event(), threading.Event()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            with translated(self.path):
-                log_damage = damage_of_log(self.path) if self._alone else None
-            self._database = stack.enter_context(closing(opened(self.path)))
+            with map_sqlite_errors(self.path):
+                log_damage = log_integrity_error(self.path) if self._alone else None
+            self._database = stack.enter_context(closing(open_database(self.path)))
             if self._alone:
-                stack.enter_context(closing(locked(self.path)))
+                stack.enter_context(closing(acquire_lock(self.path)))
                 if log_damage:
                     why = "what was written after that is not known here, bridges send what they still have"
                     logger.error("journal %s: %s; %s", self.path, log_damage, why)
-                with translated(self.path):
-                    damage = damage_of(self._database, self.path)
-                if damage and not mended(self._database, self.path, damage):
-                    self._begin_anew(stack, damage)
-                self._set_damaged_aside()
+                with map_sqlite_errors(self.path):
+                    damage = integrity_error(self._database, self.path)
+                if damage and not repair_indices(self._database, self.path, damage):
+                    self._start_new_file(stack, damage)
+                self._quarantine_damaged()
             stack.callback(self.flush)
             if not self._alone:
-                stack.callback(self._drop_the_rest)
+                stack.callback(self._delete_rest)
             thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
             thread.start()
             stack.callback(thread.join)
             stack.callback(self._wake.set)
-            stack.callback(self._over.set)
-            self._look()
-            self._seen_since_last_look()
+            stack.callback(self._stopped.set)
+            self._read_usage()
+            self._deleted_elsewhere()
             self._wake.set()  # to finish deletions that were begun
             self._stack = stack.pop_all()
         return self
@@ -146,16 +148,17 @@ class SqliteJournal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what waits, and let go of the file. Raises JournalError where it could not be written."""
+        """Write what waits and close the file. Raises JournalError where that fails."""
         self._stack.close()
 
     def append(self, record: Record, *, now: bool = False) -> None:
-        """Keep a record. Raises JournalError where what came before it could not be written, or a batch is
-        more than its station's part.
+        """Append a record.
+
+        Raises JournalError where earlier records could not be written, or at its station's limit for batches.
         """
         row = row_of(record)
         if row.seq is not None:
-            self._check_part(row.station)
+            self._check_station_share(row.station)
         if now or not self.settings.commit_s:
             self._append_now(row)
         else:
@@ -164,14 +167,14 @@ class SqliteJournal:
                 self._wake.set()
 
     def commit(self) -> None:
-        """Write what waits."""
+        """Write the waiting records. Raises JournalError."""
         with self._writing:
             with self._guard:
                 rows = self._waiting[:]
-            if not rows and self._trouble is None:
+            if not rows and self._error is None:
                 return
             try:
-                with translated(self.path), transaction(self._database):
+                with map_sqlite_errors(self.path), transaction(self._database):
                     self._write(rows)
             except Exception as error:
                 why = f"journal {self.path} cannot be written: {type(error).__name__}: {error}"
@@ -181,53 +184,53 @@ class SqliteJournal:
             self._succeed(rows)
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
-        """The records of a session as they are now. Raises JournalError, perhaps on the way."""
+        """Return the records of a session as they are now. Raises JournalError, perhaps on the way."""
         self.commit()
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             found = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
         return iter(()) if found is None else self._pages(SessionRow(*found[:-1]), found[-1])
 
     def edits(self, station: str, session: str) -> tuple[Edit, ...]:
-        """Those of a session, oldest first. Raises JournalError."""
+        """Return the edits of a session, oldest first. Raises JournalError."""
         self.commit()
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             rows = self._database.execute(SELECT_EDITS, (station, session)).fetchall()
             return edits_of((station, session), rows)
 
     def sessions(self) -> tuple[Key, ...]:
-        """(station, session) of every session, oldest first."""
+        """Return (station, session) of every session, oldest first."""
         self.commit()
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             return tuple(self._database.execute(SELECT_SESSIONS))
 
     def closed(self) -> Set[Key]:
-        """Those with a close."""
+        """Return the sessions with a close."""
         self.commit()
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             return set(self._database.execute(SELECT_CLOSED))
 
     def copies(self, station: str | None = None, session: str | None = None) -> tuple[Copy, ...]:
-        """What it has of every session, of those of one station, or of one, oldest first.
+        """Return the extent of every session, of a station's, or of one, oldest first.
 
-        Without what cannot be written: one can still look.
+        Without what cannot be written.
         """
         with suppress(JournalError):
             self.commit()
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             return copies_in(self._database, station, session)
 
     def epoch_of(self, station: str) -> int:
-        """The last epoch of a station; -1 without one."""
-        with self._writing, translated(self.path):
+        """Return the last epoch of a station; -1 without one."""
+        with self._writing, map_sqlite_errors(self.path):
             return epoch_in(self._database, station)
 
-    def keep_epoch(self, station: str, epoch: int) -> None:
-        """Remember it. Raises JournalError."""
-        with self._writing, translated(self.path), transaction(self._database):
+    def store_epoch(self, station: str, epoch: int) -> None:
+        """Store the epoch of a station. Raises JournalError."""
+        with self._writing, map_sqlite_errors(self.path), transaction(self._database):
             self._database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
 
-    def conclude(self, station: str, outcome: Outcome) -> None:
-        """Keep how a session ended. Written by the journal's thread: an hour of results is megabytes.
+    def store_outcome(self, station: str, outcome: Outcome) -> None:
+        """Store an outcome, which the journal's thread writes: an hour of results is megabytes.
 
         A session whose outcome is not written, as after a crash, is replayed from its records.
         """
@@ -239,7 +242,7 @@ class SqliteJournal:
         self._wake.set()
 
     def flush(self) -> None:
-        """Write what waits, then how sessions ended, one by one: records are written in between."""
+        """Write the waiting records, then the outcomes one by one: records are written in between."""
         self.commit()
         while True:
             with self._guard:
@@ -254,7 +257,7 @@ class SqliteJournal:
                         del self._outcomes[key]
 
     def _write_outcome(self, key: Key, outcome: Outcome) -> None:
-        """What is too large to be asked for is replayed instead."""
+        """Write an outcome; one that is too large is skipped, and its session replayed."""
         opening = encode(outcome.opening).payload
         try:
             snapshot = encode(outcome.snapshot, limit=MAX_WHOLE_BYTES).payload
@@ -266,16 +269,16 @@ class SqliteJournal:
             self.commit()
             if self._outcomes.get(key) is not outcome:
                 return  # dropped meanwhile, or corrected
-            with translated(self.path), transaction(self._database):
+            with map_sqlite_errors(self.path), transaction(self._database):
                 self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
 
     def outcome(self, station: str, session: str) -> Outcome | None:
-        """How a session ended; None where an older version wrote it in another form."""
+        """Return the outcome of a session; None without one or for an older form."""
         with self._guard:
             waiting = self._outcomes.get((station, session))
         if waiting is not None:
             return waiting
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
         return None if found is None else outcome_of((station, session), *found)
 
@@ -284,86 +287,86 @@ class SqliteJournal:
         parts = [content[at : at + OVERVIEW_PART] for at in range(0, len(content), OVERVIEW_PART)]
         for part, payload in enumerate(parts):
             crc = checksum(session_id, part, len(parts), payload)
-            with self._writing, translated(self.path), transaction(self._database):
+            with self._writing, map_sqlite_errors(self.path), transaction(self._database):
                 self._database.execute(INSERT_OVERVIEW, (part, len(parts), payload, crc, session_id, *key))
 
     def release(self, station: str, session: str) -> None:
-        """It stays until it is too old or too much."""
+        """Do nothing: the session stays until retention deletes it."""
 
-    def set_aside(self, station: str, session: str, why: str) -> str:
-        """Keep a session under a name that no other can have."""
+    def quarantine(self, station: str, session: str, why: str) -> str:
+        """Rename a session to a name that no other can have; return it."""
         self.commit()
-        with self._writing, translated(self.path):
+        with self._writing, map_sqlite_errors(self.path):
             row = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
-            return session if row is None else self._set_aside(SessionRow(*row[:-1]), why)
+            return session if row is None else self._quarantine(SessionRow(*row[:-1]), why)
 
-    def _set_aside(self, row: SessionRow, why: str) -> str:
+    def _quarantine(self, row: SessionRow, why: str) -> str:
         with transaction(self._database):
             ((aside,),) = self._database.execute(SET_ASIDE, (why, row.id)).fetchall()
-        self._seen.discard(row.key)
+        self._known.discard(row.key)
         with self._guard:
             self._outcomes.pop(row.key, None)
         logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
         return str(aside)
 
-    def forget(self, station: str, session: str) -> None:
-        """Drop a session; most of its records are deleted by and by.
+    def delete(self, station: str, session: str) -> None:
+        """Delete a session; most of its records are deleted later, in portions.
 
-        Also where nothing can be written that needs room: dropping may make it.
+        Also where the disk is full: a deletion may make room.
         """
-        self._forget({(station, session)})
+        self._delete({(station, session)})
 
-    def _forget(self, keys: Set[Key]) -> None:
-        """All of these at once, for each transaction waits for the disk."""
+    def _delete(self, keys: Set[Key]) -> None:
+        """Delete these sessions in one transaction, which waits for the disk."""
         with self._writing:
             with suppress(JournalError):
                 self.commit()
-            with translated(self.path), transaction(self._database):
+            with map_sqlite_errors(self.path), transaction(self._database):
                 for key in keys:
-                    hide(self._database, key)
+                    mark_deleted(self._database, key)
             with self._guard:
                 for key in keys:
                     self._outcomes.pop(key, None)
                 self._waiting = [row for row in self._waiting if row.key not in keys]
                 self._waiting_bytes = sum(row.size for row in self._waiting)
-        self._seen -= keys
-        self._has_dropped = True
+        self._known -= keys
+        self._has_deleted = True
         self._wake.set()
 
-    def tidy(self, now: float) -> Mapping[Key, str]:
-        """Drop some of the sessions that have to go, and return those that another process has dropped.
+    def enforce_retention(self, now: float) -> Mapping[Key, str]:
+        """Delete some sessions past the limits; return them and those that another process deleted.
 
         The worker calls it, and does not wait for the disk: nothing is done while something is being written,
         except at every PATIENCE-th call. A look that takes long is followed by a pause.
         """
-        if time.monotonic() < self._rests_until:
+        if time.monotonic() < self._next_look_s:
             return {}
-        self._put_off += 1
-        if not self._writing.acquire(blocking=self._put_off >= PATIENCE):
+        self._skipped_looks += 1
+        if not self._writing.acquire(blocking=self._skipped_looks >= PATIENCE):
             return {}
         began = time.thread_time()
         try:
-            self._put_off = 0
-            shares = self._look()
-            gone = dict.fromkeys(self._seen_since_last_look(), "deleted by another process")
-            overdue = self._overdue(shares, now)
+            self._skipped_looks = 0
+            usages = self._read_usage()
+            gone = dict.fromkeys(self._deleted_elsewhere(), "deleted by another process")
+            doomed = self._sessions_to_delete(usages, now)
         finally:
             self._writing.release()
         took_s = time.thread_time() - began
         if took_s > LONG_LOOK_S:
-            self._rests_until = time.monotonic() + took_s / LOOKS_SHARE
-        if overdue:
+            self._next_look_s = time.monotonic() + took_s / LOOKS_SHARE
+        if doomed:
             with suppress(JournalError):  # it is tried again at the next look
-                self._forget(overdue.keys())
-                gone |= overdue
+                self._delete(doomed.keys())
+                gone |= doomed
         return gone
 
-    def _overdue(self, shares: Sequence[StationUsage], now: float) -> dict[Key, str]:
-        """What has to go now, and why: what is too old, closed sessions first, then what is too much."""
+    def _sessions_to_delete(self, usages: Sequence[StationUsage], now: float) -> dict[Key, str]:
+        """Return the sessions to delete with the reason: too old, closed ones first, then too large."""
         keep_s = self.settings.age_s
-        with translated(self.path):
+        with map_sqlite_errors(self.path):
             old = []
-            if any(now - share.touched > keep_s for share in shares):
+            if any(now - usage.touched > keep_s for usage in usages):
                 old = self._database.execute(SELECT_OLD, (now - keep_s, DROPS)).fetchall()
             if old:
                 days = f"days, kept are {keep_s / DAY_S:g}"
@@ -371,7 +374,7 @@ class SqliteJournal:
                     (station, session): f"not touched for {(now - touched) / DAY_S:.1f} {days}"
                     for station, session, touched in old
                 }
-            if (too_much := excess(shares, self.settings)) is None:
+            if (too_much := excess(usages, self.settings)) is None:
                 return {}
             oldest = self._database.execute(SELECT_OLDEST_CLOSED, (too_much.station, DROPS)).fetchall()
         sizes = [0, *accumulate(size for _, size in oldest)]
@@ -381,31 +384,31 @@ class SqliteJournal:
             if number < too_much.sessions or sizes[number] < too_much.size
         }
 
-    def _seen_since_last_look(self) -> Set[Key]:
-        """Sessions that are no longer there. Each is looked at only where another process has written."""
-        with self._writing, translated(self.path):
+    def _deleted_elsewhere(self) -> Set[Key]:
+        """Return the sessions that another process has deleted since the last call."""
+        with self._writing, map_sqlite_errors(self.path):
             (version,) = self._database.execute("PRAGMA data_version").fetchone()
             if version == self._version:
                 return frozenset()
             self._version = version
             known = set(self._database.execute(SELECT_KEYS))
-        gone, self._seen = self._seen - known, known
+        gone, self._known = self._known - known, known
         return gone
 
     def report(self) -> JournalReport:
-        """How it is doing, the size as of the last look."""
+        """Return the state of the journal, with the size of the last look."""
         return JournalReport(
             kind="sqlite",
             commit_s=self.settings.commit_s,
             size=self._size,
             size_limit=self.settings.size_bytes,
             waiting=self._waiting_bytes,
-            trouble=str(self._trouble) if self._trouble else None,
+            trouble=str(self._error) if self._error else None,
         )
 
-    def _begin_anew(self, stack: ExitStack, damage: str) -> None:
+    def _start_new_file(self, stack: ExitStack, damage: str) -> None:
         self._database.close()
-        aside = set_aside(self.path)
+        aside = move_aside(self.path)
         logger.error(
             "journal %s is damaged (%s): it is now %s, and of its sessions those are kept that are whole; "
             "of the others bridges send what they still have",
@@ -413,22 +416,22 @@ class SqliteJournal:
             damage,
             aside.name,
         )
-        self._database = stack.enter_context(closing(opened(self.path)))
+        self._database = stack.enter_context(closing(open_database(self.path)))
         try:
-            with closing(readable(aside)) as damaged, translated(aside):
+            with closing(open_damaged(aside)) as damaged, map_sqlite_errors(aside):
                 self._salvage(damaged, aside)
         except JournalError as error:
             logger.error("nothing more can be read: %s", error)
 
     def _salvage(self, damaged: sqlite3.Connection, aside: Path) -> None:
-        """Take over the sessions of another file that are as they were written, each wholly or not at all."""
+        """Copy the undamaged sessions of another file, each wholly or not at all."""
         for station in stations_in(damaged):
             if (epoch := epoch_in(damaged, station)) >= 0:
-                self.keep_epoch(station, epoch)
+                self.store_epoch(station, epoch)
         for row in damaged.execute(SELECT_ROWS).fetchall():
             session = SessionRow(*row)
             try:
-                with translated(aside), transaction(self._database):
+                with map_sqlite_errors(aside), transaction(self._database):
                     self._salvage_one(damaged, session)
             except JournalError as error:
                 logger.error("%s is not kept: %s", "/".join(session.key), error)
@@ -437,24 +440,24 @@ class SqliteJournal:
         if session.record_count is None or not session.is_intact:
             raise JournalDamagedError("whether it is whole cannot be known")
         for page in pages_of(damaged, session, MAX_PLACE):
-            self._write([row.again(session.key) for row in page])
+            self._write([row.copy_row(session.key) for row in page])
         if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
             self._database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))
 
-    def _set_damaged_aside(self) -> None:
-        """Sessions of which not even the row in the table of sessions is as it was written."""
-        with translated(self.path):
+    def _quarantine_damaged(self) -> None:
+        """Quarantine the sessions whose row in the table of sessions is damaged."""
+        with map_sqlite_errors(self.path):
             for row in [SessionRow(*row) for row in self._database.execute(SELECT_ROWS)]:
                 if not row.is_intact:
-                    self._set_aside(row, f"the entry of {'/'.join(row.key)} is damaged")
+                    self._quarantine(row, f"the entry of {'/'.join(row.key)} is damaged")
 
     # --- writing ----------------------------------------------------------------------------------------
 
     def _append(self, row: RecordRow) -> None:
         size = row.size
         with self._guard:
-            if self._trouble is not None:
-                raise self._trouble
+            if self._error is not None:
+                raise self._error
             if self._waiting_bytes + size > self.settings.waiting_bytes:
                 raise JournalError(
                     f"journal {self.path} is written too slowly, {self._waiting_bytes} bytes wait: "
@@ -462,10 +465,10 @@ class SqliteJournal:
                 )
             self._waiting.append(row)
             self._waiting_bytes += size
-            self._open[row.station] += size
+            self._open_bytes[row.station] += size
 
-    def _check_part(self, station: str) -> None:
-        taken, limit = self._open[station], self.settings.open_bytes
+    def _check_station_share(self, station: str) -> None:
+        taken, limit = self._open_bytes[station], self.settings.open_bytes
         if taken >= limit:
             raise JournalError(
                 f"journal {self.path}: open sessions of station {station} take {taken / GB:.3g} GB, those of "
@@ -473,7 +476,7 @@ class SqliteJournal:
             )
 
     def _append_now(self, row: RecordRow) -> None:
-        """Either it is safe, or it is not kept: no other thread writes until that is decided."""
+        """Append a row and write it to disk; on an error it is removed again."""
         with self._writing:
             self._append(row)
             try:
@@ -485,76 +488,76 @@ class SqliteJournal:
                 raise
 
     def _write(self, rows: Sequence[RecordRow]) -> None:
-        """What is there already is not written again, and counts once."""
+        """Insert rows; one that is there already is skipped and counts once."""
         execute = self._database.execute
         opened: dict[Key, tuple[str, str, float, float]] = {}
         for row in rows:
             opened.setdefault(row.key, (*row.key, row.at, row.at))
-        for sessions in _parts([*opened.values()]):
+        for sessions in _chunks([*opened.values()]):
             execute(insert_sessions(len(sessions)), [*chain.from_iterable(sessions)])
         (before,) = execute(SELECT_LAST).fetchone()
-        for some in _parts(rows):
+        for some in _chunks(rows):
             execute(insert_records(len(some)), [*chain.from_iterable(some)])
         execute(UPDATE_SESSIONS, (ROW_BYTES, before))
 
     def _fail(self, error: JournalError) -> None:
-        if self._trouble is None:
+        if self._error is None:
             logger.error("%s", error)
-        self._trouble = error
+        self._error = error
         self._wake.set()
 
     def _succeed(self, rows: list[RecordRow]) -> None:
         with self._guard:
             del self._waiting[: len(rows)]
             self._waiting_bytes -= sum(row.size for row in rows)
-            self._seen |= {row.key for row in rows}
-            if self._trouble is not None:
+            self._known |= {row.key for row in rows}
+            if self._error is not None:
                 logger.warning("journal %s is written again", self.path)
-            self._trouble = None
+            self._error = None
 
     def _run(self) -> None:
-        """Write what waits, again and again; after an error less often."""
-        while not self._over.is_set():
+        """Write what waits in a loop; after an error at longer intervals."""
+        while not self._stopped.is_set():
             self._wake.wait()
             self._wake.clear()
-            self._over.wait(self.settings.commit_s if self._trouble is None else RETRY_S)
+            self._stopped.wait(self.settings.commit_s if self._error is None else RETRY_S)
             with suppress(JournalError):  # said when it began; it has woken this thread for another attempt
                 self.flush()
             try:
-                more = self._drop_some()
+                more = self._delete_batch()
             except JournalError:  # another process is writing
                 more = True
-                self._over.wait(RETRY_S)
+                self._stopped.wait(RETRY_S)
             if more:
                 self._wake.set()
 
-    def _drop_some(self) -> bool:
+    def _delete_batch(self) -> bool:
         """Continue deletions, of this process or of another."""
-        with self._writing, translated(self.path):
-            return drop_some(self._database)
+        with self._writing, map_sqlite_errors(self.path):
+            return delete_batch(self._database)
 
-    def _drop_the_rest(self) -> None:
-        """No service may be there to do it; one that is can write in between."""
+    def _delete_rest(self) -> None:
+        """Delete what is left where no service does it, with pauses for other writers."""
         with suppress(JournalError):
-            while self._has_dropped and self._drop_some():
+            while self._has_deleted and self._delete_batch():
                 threading.Event().wait(PAUSE_S)
 
     # --- keeping ----------------------------------------------------------------------------------------
 
-    def _look(self) -> list[StationUsage]:
-        """What each station takes."""
-        with self._writing, translated(self.path):
-            shares = [StationUsage(*row) for row in self._database.execute(SELECT_SHARES)]
-        self._size = sum(share.size for share in shares)
-        self._open = Counter({share.station: share.open_size for share in shares if share.open_size})
-        return shares
+    def _read_usage(self) -> list[StationUsage]:
+        """Return the usage of each station."""
+        with self._writing, map_sqlite_errors(self.path):
+            usages = [StationUsage(*row) for row in self._database.execute(SELECT_USAGE)]
+        self._size = sum(usage.size for usage in usages)
+        self._open_bytes = Counter({usage.station: usage.open_size for usage in usages if usage.open_size})
+        return usages
 
     # --- reading ----------------------------------------------------------------------------------------
 
     def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
         pages = pages_of(self._database, session, last)
         while True:
-            with self._writing, translated(self.path):
+            with self._writing, map_sqlite_errors(self.path):
                 page = next(pages, None)
             if page is None:
                 return
@@ -562,8 +565,8 @@ class SqliteJournal:
                 yield record_of(session.key, row)
 
 
-def _parts(rows: Sequence[T]) -> Iterator[Sequence[T]]:
-    """As few as there are statements for."""
+def _chunks(rows: Sequence[T]) -> Iterator[Sequence[T]]:
+    """Split rows into as few chunks as the prepared statements allow."""
     first = 0
     for size in _AT_ONCE:
         while len(rows) - first >= size:

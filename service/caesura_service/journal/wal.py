@@ -19,10 +19,10 @@ _FRAME = struct.Struct(">6I")  # page, pages after a commit or 0, two salts, two
 _MASK = 0xFFFFFFFF
 
 
-def damage_of_log(path: Path) -> str | None:
-    """What SQLite passes over of a journal's log, in words; a copy of the log is kept then.
+def log_integrity_error(path: Path) -> str | None:
+    """Return which frames of a journal's log SQLite skips, or None; a copy of the log is kept then.
 
-    To be asked before anything is written.
+    Call it before anything is written.
     """
     log = path.with_name(path.name + "-wal")
     if not log.exists() or log.stat().st_size < _HEADER.size + _FRAME.size:
@@ -43,7 +43,7 @@ def damage_of_log(path: Path) -> str | None:
 
 
 def _commits(log: Path) -> Iterator[int]:
-    """Numbers of the frames that end a commit of this log, readable or not."""
+    """Return the numbers of the frames that end a commit, readable or not."""
     with log.open("rb") as file:
         _, _, page_size, _, *salts, _, _ = _HEADER.unpack(file.read(_HEADER.size))
         number = 0

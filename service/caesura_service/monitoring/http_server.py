@@ -33,18 +33,18 @@ _POLL_S = 0.05  # how soon it ends when it is asked to
 
 
 class WebError(Exception):
-    """The address will not do."""
+    """The address is invalid or cannot be listened on."""
 
 
 class Health(NamedTuple):
-    """Is it well, and if not, why?"""
+    """The result of a probe with its reason."""
 
-    well: bool
-    why: str = "ok"
+    healthy: bool
+    reason: str = "ok"
 
 
 class HttpResponse(NamedTuple):
-    """An answer."""
+    """Status, content type and body of a response."""
 
     status: int
     content_type: str
@@ -95,7 +95,7 @@ class HttpServer:
 
     @property
     def url(self) -> str:
-        """Where it is found, with its real port."""
+        """The URL, with its real port."""
         host, port = self._server.server_address[:2]
         name = host.decode() if isinstance(host, bytes) else str(host)
         return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
@@ -120,7 +120,7 @@ class HttpServer:
 
 
 def parse_address(address: str) -> tuple[str, int]:
-    """(host, port). Raises WebError.
+    """Parse `host:port`. Raises WebError.
 
     >>> parse_address("[::1]:9464")
     ('::1', 9464)
@@ -131,7 +131,7 @@ def parse_address(address: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
-def _hang_up(request: socket.socket) -> None:
+def _shut_down(request: socket.socket) -> None:
     with suppress(OSError):
         request.shutdown(socket.SHUT_RDWR)
 
@@ -144,19 +144,19 @@ class Places:
         self._peers: dict[socket.socket, str] = {}  # oldest first
         self._lock = threading.Lock()
 
-    def take(self, request: socket.socket, peer: str) -> None:
-        """Give the request a place. When all are taken, hang up on the oldest of the peer with the most."""
+    def admit(self, request: socket.socket, peer: str) -> None:
+        """Admit a connection. When all places are taken, evict the oldest of the peer with the most."""
         with self._lock:
             if len(self._peers) >= self._capacity:
                 held = Counter(self._peers.values())
                 most = max(held.values())
                 evicted = next(one for one, of in self._peers.items() if held[of] == most)
                 del self._peers[evicted]
-                _hang_up(evicted)
+                _shut_down(evicted)
             self._peers[request] = peer
 
-    def leave(self, request: socket.socket) -> None:
-        """The request is over. One that was evicted has no place to leave."""
+    def release(self, request: socket.socket) -> None:
+        """Release the place of a finished or evicted connection."""
         with self._lock:
             self._peers.pop(request, None)
 
@@ -172,18 +172,18 @@ class _Server(ThreadingHTTPServer):
         super().__init__(where, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        self._places.take(request, client_address[0])
+        self._places.admit(request, client_address[0])
         super().process_request(request, client_address)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        late = threading.Timer(TIMEOUT_S, _hang_up, (request,))
+        late = threading.Timer(TIMEOUT_S, _shut_down, (request,))
         late.daemon = True
         late.start()
         try:
             super().process_request_thread(request, client_address)
         finally:
             late.cancel()
-            self._places.leave(request)
+            self._places.release(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A caller that went away in between is no event."""
@@ -217,4 +217,4 @@ def _handler(page: Callable[[str, str], HttpResponse]) -> type[BaseHTTPRequestHa
 
 
 def _page_of(health: Health) -> HttpResponse:
-    return HttpResponse(200 if health.well else 503, PLAIN, f"{health.why}\n".encode())
+    return HttpResponse(200 if health.healthy else 503, PLAIN, f"{health.reason}\n".encode())

@@ -20,91 +20,98 @@ from caesura_service.sessions.session import Session
 
 
 class InstrumentedRegistry(Registry):
-    """As Registry; any thread may read `counting` as well. watch: a clock [s] of the watcher's own."""
+    """As Registry; any thread may read `station_counters` as well. monotonic: a clock [s]."""
 
-    def __init__(self, *, watch: Callable[[], float] = time.monotonic, **given: Any) -> None:
+    def __init__(self, *, monotonic: Callable[[], float] = time.monotonic, **given: Any) -> None:
         super().__init__(**given)
-        self._watch = watch
-        self.counting = StationCounterSet(watch())
-        self._chronicle = SessionEventLogger()
+        self._monotonic = monotonic
+        self.station_counters = StationCounterSet(monotonic())
+        self._event_logger = SessionEventLogger()
         # Each session at its last count: reading it in between does not change the count.
-        self._seen: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
+        self._last_states: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
 
-    def command(self, station: str, command: Command, now: float) -> list[Output]:
-        """Carry out a command; opening may close or forget other sessions of the station."""
-        return self._watched(station, command, partial(super().command, station, command, now))
+    def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
+        """Execute a command; opening may close or release other sessions of the station."""
+        return self._instrumented(station, command, partial(super().handle_command, station, command, now))
 
-    def samples(
+    def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
-        """Take what a bridge sent; no other session changes by that."""
-        session = self._find(station, message.session)
+        """Process a bridge's message, which changes no other session. now: [s]."""
+        session = self._find_session(station, message.session)
         if session is None:
-            return self._watched(station, message, partial(super().samples, station, message, now))
-        before, tally, began = self._seen_of(session), self.tally, self._watch()
-        said = super().samples(station, message, now)
-        if session.looked is before and self.tally is tally and not said and isinstance(message, SampleBatch):
-            ended = self._watch()
-            self.counting.hear(station, self.board.sessions, ended - began, ended)
-            return said  # as nearly always: it changes nothing but how many there are
-        after = self._noted(session)
+            return self._instrumented(
+                station, message, partial(super().handle_samples, station, message, now)
+            )
+        before, counters, began = self._last_state(session), self.counters, self._monotonic()
+        outputs = super().handle_samples(station, message, now)
+        if (
+            session.last_published_state is before
+            and self.counters is counters
+            and not outputs
+            and isinstance(message, SampleBatch)
+        ):
+            ended = self._monotonic()
+            self.station_counters.count_batch(station, self.index.sessions, ended - began, ended)
+            return outputs  # as nearly always: it changes nothing but how many there are
+        after = self._update_last_state(session)
         changes = (Change(before, after),) if after is not before else ()
-        self._tell(station, message, changes, said, tally, began)
-        return said
+        self._record(station, message, changes, outputs, counters, began)
+        return outputs
 
-    def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
-        """Charge a message that could not be read."""
-        return self._watched(station, None, partial(super().refuse, station, error))
+    def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
+        """Count a message that could not be read."""
+        return self._instrumented(station, None, partial(super().reject, station, error))
 
-    def dropped(self, station: str, messages: int) -> list[Output]:
-        """There was no room for so many messages of a station."""
-        return self._watched(station, None, partial(super().dropped, station, messages))
+    def report_dropped(self, station: str, messages: int) -> list[Output]:
+        """Count messages that the queue dropped."""
+        return self._instrumented(station, None, partial(super().report_dropped, station, messages))
 
     def tick(self, now: float) -> list[Output]:
-        """Time has passed."""
-        return self._watched(None, None, partial(super().tick, now))
+        """Do what is due by time, as Registry. now: [s]."""
+        return self._instrumented(None, None, partial(super().tick, now))
 
-    def spent(self, station: str, seconds: float) -> None:
-        """Count it for the station, if it is known."""
-        self.counting.spend(station, self.board.sessions, seconds)
+    def record_work(self, station: str, seconds: float) -> None:
+        """Count the work time [s] of a station with sessions."""
+        self.station_counters.add_work(station, self.index.sessions, seconds)
 
-    def _watched(
+    def _instrumented(
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:
-        before = {session.name: self._seen_of(session) for session in self._sessions(station)}
-        tally, began = self.tally, self._watch()
-        said = act()
-        after = {session.name: self._noted(session) for session in self._sessions(station)}
-        self._tell(station, message, changes_between(before, after), said, tally, began)
-        return said
+        before = {session.name: self._last_state(session) for session in self._sessions(station)}
+        counters, began = self.counters, self._monotonic()
+        outputs = act()
+        after = {session.name: self._update_last_state(session) for session in self._sessions(station)}
+        self._record(station, message, changes_between(before, after), outputs, counters, began)
+        return outputs
 
-    def _tell(
+    def _record(
         self,
         station: str | None,
         message: Incoming | None,
         changes: Sequence[Change],
-        said: list[Output],
-        tally: SessionCounters,
+        outputs: list[Output],
+        counters: SessionCounters,
         began: float,
     ) -> None:
-        """Count and log what was done. tally: as it was when that began [s]."""
-        now, same = self._watch(), self.tally is tally
-        refused = 0 if same else _refusals(self.tally) - _refusals(tally)
-        refusal = None if same else self.tally.last_refusal
-        step = RegistryCall(station, message, changes, said, refused, refusal, now - began)
-        self.counting.take(step, self.board.sessions, now)
-        self._chronicle.take(step, now)
+        """Count and log a call. counters: before the call; began: its start [s]."""
+        now, same = self._monotonic(), self.counters is counters
+        refused = 0 if same else _rejections(self.counters) - _rejections(counters)
+        refusal = None if same else self.counters.last_refusal
+        call = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
+        self.station_counters.count_call(call, self.index.sessions, now)
+        self._event_logger.log_call(call, now)
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
-        return self.board.sessions.get(station or "", ())
+        return self.index.sessions.get(station or "", ())
 
-    def _seen_of(self, session: Session) -> SessionState:
-        return self._seen.get(session) or self._noted(session)
+    def _last_state(self, session: Session) -> SessionState:
+        return self._last_states.get(session) or self._update_last_state(session)
 
-    def _noted(self, session: Session) -> SessionState:
-        looked = self._seen[session] = session.looked
-        return looked
+    def _update_last_state(self, session: Session) -> SessionState:
+        state = self._last_states[session] = session.last_published_state
+        return state
 
 
-def _refusals(tally: SessionCounters) -> int:
-    return sum(tally.refused.values())
+def _rejections(counters: SessionCounters) -> int:
+    return sum(counters.refused.values())

@@ -12,10 +12,10 @@ class LogThrottle:
 
     def __init__(self, interval_s: float) -> None:
         self._interval_s = interval_s
-        self._said: dict[Hashable, tuple[float, int]] = {}  # when, and how often it was kept back since
+        self._said: dict[Hashable, tuple[float, int]] = {}  # last logged [s], and suppressed since
 
     def kept_back(self, key: Hashable, now: float, times: int = 1) -> int | None:
-        """None: say nothing now. Else say it, and that so many more were not said before. now: [s]"""
+        """Return None to suppress a line; else log it with the number suppressed before. now: [s]."""
         if key not in self._said and len(self._said) >= MAX_KEYS and not self._forget(now):
             return None
         at, held = self._said.get(key, (float("-inf"), 0))
@@ -26,6 +26,6 @@ class LogThrottle:
         return held + times - 1
 
     def _forget(self, now: float) -> bool:
-        """Let go of what could be said at once; True where that made room."""
+        """Evict the keys whose interval is over; return whether there is room then."""
         self._said = {key: one for key, one in self._said.items() if now - one[0] < self._interval_s}
         return len(self._said) < MAX_KEYS

@@ -27,12 +27,12 @@ class _Ordered(JsonFormatter):
 
 
 def text_formatter(instance: str) -> logging.Formatter:
-    """For people."""
+    """Return the formatter of text lines."""
     return logging.Formatter(f"%(asctime)s %(levelname)s {instance} %(name)s: %(message)s")
 
 
 def json_formatter(instance: str) -> logging.Formatter:
-    """For a collector: one object a line."""
+    """Return the formatter of JSON lines, one object each."""
     fields: dict[str, Any] = {"instance": instance}
     return _Ordered(
         ["levelname", "name", "message"],
@@ -55,8 +55,8 @@ LOG_FORMATS = tuple(FORMATTERS)
 class UnknownOption(ValueError):  # noqa: N818 - it reads better where it is caught
     """An option of the log has a value that it does not know."""
 
-    def __init__(self, option: str, value: str, known: Sequence[str]) -> None:
-        super().__init__(f"{value!r}, known: {', '.join(known)}")
+    def __init__(self, option: str, value: str, stations: Sequence[str]) -> None:
+        super().__init__(f"{value!r}, known: {', '.join(stations)}")
         self.option = option
 
 

@@ -1,4 +1,4 @@
-"""The metrics for Prometheus, read from immutable standings at each scrape: nothing is stored twice.
+"""The metrics for Prometheus, read from immutable states at each scrape: nothing is stored twice.
 
 Labels are bounded. `station` takes at most as many values as the registry has stations (`Limits.stations`,
 256 by default), `code` as many as the protocol has codes; no session name is a label.
@@ -15,7 +15,6 @@ from prometheus_client import CollectorRegistry, GCCollector, PlatformCollector,
 from prometheus_client.metrics_core import (
     CounterMetricFamily,
     GaugeMetricFamily,
-    HistogramMetricFamily,
     InfoMetricFamily,
     Metric,
 )
@@ -33,7 +32,7 @@ Family = CounterMetricFamily | GaugeMetricFamily
 
 @dataclass(frozen=True)
 class MetricsSource:
-    """What is asked for numbers; from any thread."""
+    """The sources of the numbers; any thread may read them."""
 
     registry: InstrumentedRegistry
     status: Callable[[], ServiceStatus]
@@ -41,7 +40,7 @@ class MetricsSource:
     budgets: Callable[[str], StationBudgets]  # of a station
 
 
-# (metric, what it says, how it is read): of each station that the instance has, what it has done
+# (metric, help text, getter), of each station
 OF_STATION: tuple[tuple[str, str, Callable[[StationCounters], float]], ...] = (
     ("caesura_batches", "Batches processed.", lambda one: one.batches),
     ("caesura_samples", "Samples processed.", lambda one: one.samples),
@@ -110,55 +109,57 @@ OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
 class ServiceCollector(Collector):
     """Makes every metric of Caesura from the present state."""
 
-    def __init__(self, observed: MetricsSource, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, source: MetricsSource, clock: Callable[[], float] = time.monotonic) -> None:
         """clock: [s] that of the counting."""
-        self._observed = observed
+        self._observed = source
         self._clock = clock
 
     def collect(self) -> Iterable[Metric]:
         """Every family, once for each scrape."""
-        status, board = self._observed.status(), self._observed.registry.board
+        status, index = self._observed.status(), self._observed.registry.index
         yield _info(status)
         yield GaugeMetricFamily(
             "caesura_ready", "1 once it has joined the network and can be found.", self._observed.is_ready()
         )
-        for kind, name, says, of_status in OF_INSTANCE:
-            yield kind(name, says, of_status(status))
+        for kind, name, help_text, of_status in OF_INSTANCE:
+            yield kind(name, help_text, of_status(status))
         if status.journal is not None:
-            for name, says, of_journal in OF_JOURNAL:
-                yield GaugeMetricFamily(name, says, of_journal(status.journal))
+            for name, help_text, of_journal in OF_JOURNAL:
+                yield GaugeMetricFamily(name, help_text, of_journal(status.journal))
         yield _refused(status)
-        yield from _sessions(status, board)
-        yield from self._stations(board)
-        yield from self._budgets(board)
+        yield from _sessions(status, index)
+        yield from self._stations(index)
+        yield from self._budgets(index)
         yield self._durations()
 
-    def _stations(self, board: SessionIndex) -> Iterator[Metric]:
-        counting, now = self._observed.registry.counting, self._clock()
-        counted = counting.of_station
-        for name, says, of_station in OF_STATION:
+    def _stations(self, index: SessionIndex) -> Iterator[Metric]:
+        counters, now = self._observed.registry.station_counters, self._clock()
+        counted = counters.of_station
+        for name, help_text, of_station in OF_STATION:
             values = {
-                station: of_station(counted.get(station, StationCounters())) for station in board.sessions
+                station: of_station(counted.get(station, StationCounters())) for station in index.sessions
             }
-            yield _labelled(CounterMetricFamily(name, says, labels=["station"]), values)
-        current = {standing.station: standing for standing in board.current()}
-        for name, says, of_session in OF_SESSION:
-            values = {station: of_session(standing) for station, standing in current.items()}
-            yield _labelled(GaugeMetricFamily(name, says, labels=["station"]), values)
+            yield _labelled(CounterMetricFamily(name, help_text, labels=["station"]), values)
+        current = {state.station: state for state in index.newest_states()}
+        for name, help_text, of_session in OF_SESSION:
+            values = {station: of_session(state) for station, state in current.items()}
+            yield _labelled(GaugeMetricFamily(name, help_text, labels=["station"]), values)
         ages = {
-            station: now - (counted.get(station, StationCounters()).received_s or counting.began)
-            for station, standing in current.items()
-            if standing.is_open
+            station: now - (counted.get(station, StationCounters()).received_s or counters.started_s)
+            for station, state in current.items()
+            if state.is_open
         }
-        says = "Since a batch of the open session last came, or since the start; none without one."
-        yield _labelled(GaugeMetricFamily("caesura_last_batch_age_seconds", says, labels=["station"]), ages)
+        help_text = "Since a batch of the open session last came, or since the start; none without one."
+        yield _labelled(
+            GaugeMetricFamily("caesura_last_batch_age_seconds", help_text, labels=["station"]), ages
+        )
         yield GaugeMetricFamily(
             "caesura_worker_age_seconds",
             "Since the thread that does the work last came round.",
-            now - counting.turned,
+            now - counters.stepped_s,
         )
 
-    def _budgets(self, board: SessionIndex) -> Iterator[Metric]:
+    def _budgets(self, index: SessionIndex) -> Iterator[Metric]:
         labels = ["station", "budget"]
         used = GaugeMetricFamily(
             "caesura_budget_used_ratio", "Share of a station's budget that is used now.", labels=labels
@@ -166,7 +167,7 @@ class ServiceCollector(Collector):
         refused = CounterMetricFamily(
             "caesura_budget_refused", "Messages held back because a budget was used up.", labels=labels
         )
-        for station in sorted(board.sessions):
+        for station in sorted(index.sessions):
             for use, budget in self._observed.budgets(station):
                 if isinstance(budget, Budget):
                     used.add_metric([station, use], budget.used / budget.at_once)
@@ -174,16 +175,15 @@ class ServiceCollector(Collector):
         yield from (used, refused)
 
     def _durations(self) -> Metric:
-        durations = self._observed.registry.counting.durations
-        family = HistogramMetricFamily("caesura_batch_seconds", "Work on a batch, from queue to results.")
-        family.add_metric([], durations.cumulative(), durations.total_s)
+        (family,) = self._observed.registry.station_counters.durations.collect()
+        family.samples = [sample for sample in family.samples if not sample.name.endswith("_created")]
         return family
 
 
-def metrics_of(observed: MetricsSource) -> CollectorRegistry:
+def metrics_of(source: MetricsSource) -> CollectorRegistry:
     """Return Caesura's metrics and the process': memory, processor time, open files, garbage."""
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(ServiceCollector(observed))
+    registry.register(ServiceCollector(source))
     ProcessCollector(registry=registry)
     PlatformCollector(registry=registry)
     GCCollector(registry=registry)
@@ -205,10 +205,10 @@ def _refused(status: ServiceStatus) -> Metric:
     return _labelled(family, dict(status.refused.items()))
 
 
-def _sessions(status: ServiceStatus, board: SessionIndex) -> Iterator[Metric]:
+def _sessions(status: ServiceStatus, index: SessionIndex) -> Iterator[Metric]:
     family = GaugeMetricFamily("caesura_sessions", "Sessions that can be asked for.", labels=["state"])
     yield _labelled(family, {"open": status.sessions_open, "closed": status.sessions_closed})
-    yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(board.sessions))
+    yield GaugeMetricFamily("caesura_stations", "Stations with sessions here.", len(index.sessions))
 
 
 def _labelled(family: Family, values: Mapping[str, float]) -> Metric:

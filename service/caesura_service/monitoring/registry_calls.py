@@ -30,7 +30,7 @@ class RegistryCall(NamedTuple):
     outputs: Sequence[Output]
     refused: int
     refusal: Refusal | None
-    took_s: float
+    duration_s: float
 
 
 def changes_between(before: Mapping[str, SessionState], after: Mapping[str, SessionState]) -> list[Change]:

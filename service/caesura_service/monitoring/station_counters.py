@@ -7,10 +7,10 @@ there are never more than the registry has stations.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field
-from itertools import accumulate
+from dataclasses import dataclass
+
+from prometheus_client import Histogram
 
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
@@ -39,12 +39,12 @@ class StationCounters:
     received_s: float | None = None
 
     def add(self, change: Change) -> None:
-        """Count what a change adds. A session that is taken up as it was adds nothing."""
+        """Add the difference of a change. A session taken over unchanged adds nothing."""
         before, after = change.before, change.after
         if before is None or after is None:
             return
-        if after.tally is not before.tally:
-            self._add_tally(before.tally, after.tally)
+        if after.counters is not before.counters:
+            self._add_tally(before.counters, after.counters)
         if after.view is not before.view:
             self._add_view(before.view, after.view)
 
@@ -65,72 +65,59 @@ class StationCounters:
             self.gap_s += _seconds(fresh)
 
 
-@dataclass(slots=True)
-class Durations:
-    """A histogram of how long steps took."""
-
-    counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))  # the last is past them all
-    total_s: float = 0.0
-
-    def add(self, took_s: float) -> None:
-        """Count one step more."""
-        self.counts[bisect_left(BUCKETS_S, took_s)] += 1
-        self.total_s += took_s
-
-    def cumulative(self) -> list[tuple[str, float]]:
-        """(upper bound, how many took no longer), as Prometheus counts them."""
-        bounds = [*(str(bound) for bound in BUCKETS_S), "+Inf"]
-        return list(zip(bounds, map(float, accumulate(self.counts)), strict=True))
-
-
 class StationCounterSet:
-    """Folds steps into numbers."""
+    """Counts the calls of the registry by station."""
 
     def __init__(self, began: float) -> None:
-        """began: [s] when this process did."""
-        self.began = began
-        self.turned = began  # [s] when the registry's thread last came round
-        self.durations = Durations()
+        """began: start of the process [s]."""
+        self.started_s = began
+        self.stepped_s = began  # [s] when the registry's thread was last called
+        self.durations = Histogram(
+            "caesura_batch_seconds",
+            "Work on a batch, from queue to results.",
+            registry=None,
+            buckets=BUCKETS_S,
+        )
         self._of_station: dict[str, StationCounters] = {}
 
     @property
     def of_station(self) -> Mapping[str, StationCounters]:
-        """As of now, by station."""
+        """The counters of now, by station."""
         return dict(self._of_station)
 
-    def hear(self, station: str, known: Container[str], took_s: float, now: float) -> None:
-        """Count a batch of which there is nothing to say yet."""
-        self.turned = now
-        self.durations.add(took_s)
-        self._counted(station, known).received_s = now
+    def count_batch(self, station: str, stations: Container[str], duration_s: float, now: float) -> None:
+        """Count a batch that changed only the number of batches. now: [s]."""
+        self.stepped_s = now
+        self.durations.observe(duration_s)
+        self._counters(station, stations).received_s = now
 
-    def spend(self, station: str, known: Container[str], seconds: float) -> None:
-        """Count what the work on what a station sent took."""
-        if station in known:
-            self._counted(station, known).work_s += seconds
+    def add_work(self, station: str, stations: Container[str], seconds: float) -> None:
+        """Add the work time [s] of a station."""
+        if station in stations:
+            self._counters(station, stations).work_s += seconds
 
-    def take(self, step: RegistryCall, known: Container[str], now: float) -> None:
-        """Count a step. known: the stations that the registry has."""
-        self.turned = now
-        if isinstance(step.message, SampleBatch):
-            self.durations.add(step.took_s)
-        for output in step.outputs:
-            if isinstance(output, RequestReplay) and output.station in known:
-                self._counted(output.station, known).replays += 1
-        if step.station is not None and step.station in known:
-            self._count(step.station, step, known, now)
+    def count_call(self, call: RegistryCall, stations: Container[str], now: float) -> None:
+        """Count a call. stations: those of the registry; now: [s]."""
+        self.stepped_s = now
+        if isinstance(call.message, SampleBatch):
+            self.durations.observe(call.duration_s)
+        for output in call.outputs:
+            if isinstance(output, RequestReplay) and output.station in stations:
+                self._counters(output.station, stations).replays += 1
+        if call.station is not None and call.station in stations:
+            self._count(call.station, call, stations, now)
 
-    def _count(self, station: str, step: RegistryCall, known: Container[str], now: float) -> None:
-        counted = self._counted(station, known)
-        for change in step.changes:
+    def _count(self, station: str, call: RegistryCall, stations: Container[str], now: float) -> None:
+        counted = self._counters(station, stations)
+        for change in call.changes:
             counted.add(change)
-        if isinstance(step.message, SampleBatch) and not step.refused:
+        if isinstance(call.message, SampleBatch) and not call.refused:
             counted.received_s = now
 
-    def _counted(self, station: str, known: Container[str]) -> StationCounters:
+    def _counters(self, station: str, stations: Container[str]) -> StationCounters:
         """Return the counts of a station; a new one takes the place of stations that have left."""
         if station not in self._of_station:
-            self._of_station = {name: one for name, one in self._of_station.items() if name in known}
+            self._of_station = {name: one for name, one in self._of_station.items() if name in stations}
             self._of_station[station] = StationCounters()
         return self._of_station[station]
 

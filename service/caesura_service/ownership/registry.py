@@ -2,15 +2,15 @@
 
 A refusal is charged to the session that it names, else to the station's current session where the
 station is known, and always to the service. A station reaches only its own sessions. What the journal
-cannot take is refused as `overloaded` with the journal's reason: the bridge still has it, and is asked
+cannot store is rejected as `overloaded` with the journal's reason: the bridge still has it, and is asked
 again. A closed session stays in the journal longer than it can be asked for here, and its name stays taken
 for so long.
 
 Stations may be shared with other instances: what is not served here is another's, and a bridge whose station
 is just being taken has to ask again.
 
-Other threads read the `board`, which is replaced when a session comes or goes and holds its immutable
-standing.
+Other threads read the `index`, which is replaced when a session is added or removed and holds its immutable
+state.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from caesura_service.segmentation.time_slices import Slices
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 
-REVIVING = "/reviving"  # what `step` does, among the slices; the name of no station
+REBUILDING = "/rebuilding"  # what `step` does, among the slices; the name of no station
 
 
 class Registry:
-    """One thread calls the methods; any thread may read `board` and `tally`."""
+    """One thread calls the methods; any thread may read `index` and `counters`."""
 
     def __init__(
         self,
@@ -58,151 +58,153 @@ class Registry:
         default_preset: str,
         journal: Journal,
         limits: Limits,
-        siblings: PeerJournals | None = None,
+        peers: PeerJournals | None = None,
     ) -> None:
         self._default_preset = default_preset
         self._journal = journal
         self._limits = limits
-        self._journals = JournalSet(journal, siblings or PeerJournals(None))
-        self.custody = StationOwnership(owner, journal, self._journals)
-        self._builder = SessionFactory(pipeline_factory, default_preset, journal, limits)
-        self._takeover = Takeover(self._builder, self._journals, journal)
-        self._reviving = SessionRebuilder(self._takeover, self._journals)
+        self._journals = JournalSet(journal, peers or PeerJournals(None))
+        self.ownership = StationOwnership(owner, journal, self._journals)
+        self._factory = SessionFactory(pipeline_factory, default_preset, journal, limits)
+        self._takeover = Takeover(self._factory, self._journals, journal)
+        self._rebuilder = SessionRebuilder(self._takeover, self._journals)
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
         self._stations: dict[str, dict[str, Session]] = {}
-        self._hushed: set[Session] = set()  # which keep a refusal back for a little while
-        self._tidy_at = self._look_at = float("-inf")  # [s]
-        self.board = SessionIndex({})
-        self.tally = SessionCounters()
+        self._throttled: set[Session] = set()  # whose next status about refusals waits
+        self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
+        self.index = SessionIndex({})
+        self.counters = SessionCounters()
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
     def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
-        """Take these stations, or every one that is known; returns the sessions that were left out."""
-        wanted = self.known() if stations is None else stations
-        taken = (said for station in sorted(wanted) for said in self.take(station, now))
-        return [output for said in taken for output in said if isinstance(output, TakeoverFailed)]
+        """Take over these stations, or all with a session; return the sessions that could not be."""
+        wanted = self.known_stations() if stations is None else stations
+        steps = (step for station in sorted(wanted) for step in self.take_over(station, now))
+        return [output for step in steps for output in step if isinstance(output, TakeoverFailed)]
 
-    def known(self) -> Set[str]:
+    def known_stations(self) -> Set[str]:
         """Stations with a session, in memory or in a journal. Raises JournalError."""
         return self._journals.stations() | self._stations.keys()
 
-    def held(self) -> Set[str]:
+    def held_stations(self) -> Set[str]:
         """Stations with a session in memory."""
         return frozenset(self._stations)
 
-    def take(self, station: str, now: float, *, renew: bool = True) -> Generator[list[Output], None, None]:
-        """Bring the station's sessions to where the furthest journal is; gives way after every record.
+    def take_over(
+        self, station: str, now: float, *, renew: bool = True
+    ) -> Generator[list[Output], None, None]:
+        """Bring the station's sessions up to the furthest journal; gives way after every record.
 
-        From then on we speak under a new epoch, higher than any before. renew: also where nothing was behind,
-        as after another instance may have had the station.
+        From then on results have a new epoch, higher than any before. renew: also where nothing was behind,
+        as after another instance may have owned the station.
         """
         try:
             self._finish_work(station)
-            known, held = self._journals.of(station), self._stations.get(station, {})
+            known, held = self._journals.copies_of_station(station), self._stations.get(station, {})
             wanted = self._to_hold(known)
-            if renew or any(_lacks(held.get(name), known[name]) for name in wanted):
-                yield from self._take(station, now, {name: known[name] for name in wanted})
+            if renew or any(_is_missing_or_behind(held.get(name), known[name]) for name in wanted):
+                yield from self._take_over(station, now, {name: known[name] for name in wanted})
         finally:
-            self.custody.unbar(station)
+            self.ownership.end_takeover(station)
 
-    def _take(
+    def _take_over(
         self, station: str, now: float, wanted: Mapping[str, SessionCopies]
     ) -> Generator[list[Output], None, None]:
-        self.custody.bar(station)
-        self._reviving.leave(station)
-        held, owner = self._stations.get(station, {}), self.custody.acquire(station, now)
+        self.ownership.begin_takeover(station)
+        self._rebuilder.cancel(station)
+        held, owner = self._stations.get(station, {}), self.ownership.acquire(station, now)
         taken = {name: session for name, session in held.items() if name not in wanted}
         for name, copies in wanted.items():
-            session = yield from self._takeover.session(copies, held.get(name), owner)
+            session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
             if session is not None:
                 taken[name] = session
-        self._hushed.difference_update(held.values())
+        self._throttled.difference_update(held.values())
         if taken:
             self._stations[station] = taken
-            self._show()
-        said: list[Output] = []
+            self._update_index()
+        outputs: list[Output] = []
         for name, session in taken.items():
-            session.hand_to(owner)
+            session.set_owner(owner)
             if session.is_open or name in held:  # its readers learn the new owner
-                said.append(Publish(status_of(session.standing)))
+                outputs.append(Publish(status_of(session.state)))
         opened = sum(session.is_open for session in taken.values())
-        yield [StationTakenOver(station, owner.epoch, len(taken), opened), *said]
+        yield [StationTakenOver(station, owner.epoch, len(taken), opened), *outputs]
 
-    def leave(self, station: str) -> None:
-        """The station is another's: let go of its sessions, which stay in the journal."""
+    def release(self, station: str) -> None:
+        """Release a station to another instance; its sessions stay in the journal."""
         self._finish_work(station)
-        self.custody.leave(station)
-        self._reviving.leave(station)
+        self.ownership.release(station)
+        self._rebuilder.cancel(station)
         with suppress(JournalError):  # which the journal has said already
             self._journal.flush()
         if (left := self._stations.pop(station, None)) is not None:
-            self._hushed.difference_update(left.values())
-            self._show()
+            self._throttled.difference_update(left.values())
+            self._update_index()
 
     def _finish_work(self, station: str) -> None:
-        """What was begun is done before the station changes hands: no instance can go on in the middle."""
-        for name in (station, REVIVING):
+        """Complete sliced work before the station changes its owner."""
+        for name in (station, REBUILDING):
             self.slices.finish(name)
 
     def _to_hold(self, known: Mapping[str, SessionCopies]) -> list[str]:
-        """Which of a station's sessions are held here: those that are open, and the last closed ones."""
+        """Return the sessions to hold in memory: the open ones and the last closed ones."""
         closed = [name for name, copies in known.items() if copies.best.closed]
         gone = set(closed[: max(0, len(closed) - self._limits.closed_sessions)])
         return [name for name in known if name not in gone]
 
     # --- what comes -------------------------------------------------------------------------------------
 
-    def command(self, station: str, command: Command, now: float) -> list[Output]:
+    def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
         """Carry out a command; the outputs hold exactly one answer."""
-        if (elsewhere := self.custody.elsewhere(station)) is not None:
-            return [Reply(ProtocolError("overloaded", elsewhere, value=station))]
+        if (rejection := self.ownership.rejection_reason(station)) is not None:
+            return [Reply(ProtocolError("overloaded", rejection, value=station))]
         try:
-            if isinstance(command, Open) and self._find(station, command.session) is None:
+            if isinstance(command, Open) and self._find_session(station, command.session) is None:
                 return self._open(station, command, now)
-            session = self._session(station, command.session)
-            with _RECORDING:
-                if isinstance(command, Edit) and not session.is_folded:
+            session = self._require_session(station, command.session)
+            with _AS_OVERLOADED:
+                if isinstance(command, Edit) and not session.has_pipeline:
                     session.check_revision(command)
-                    owner = self.custody.owner(station, now)
-                    return [Reply(self._reviving.ask(station, session, owner))]
-                return self._minded(session, session.receive(command, now))
+                    owner = self.ownership.owner(station, now)
+                    return [Reply(self._rebuilder.request(station, session, owner))]
+                return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
             if isinstance(command, Edit):  # which is the editor's affair, not that of the session's bridge
-                self.tally = self.tally.with_refusal(error)
+                self.counters = self.counters.with_refusal(error)
                 return [Reply(error)]
-            return [*self._charge(station, command.session, error), Reply(error)]
+            return [*self._count_rejection(station, command.session, error), Reply(error)]
 
-    def samples(
+    def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
-        """Take what a bridge sent, or the end of an answer to a replay."""
-        if self.custody.elsewhere(station) is not None:
+        """Process a bridge's message or the end of a replay. now: [s]."""
+        if self.ownership.rejection_reason(station) is not None:
             return []  # the bridge still has it
         try:
-            session = self._session(station, message.session)
-            with _RECORDING:
-                said = self._minded(session, session.receive(message, now))
+            session = self._require_session(station, message.session)
+            with _AS_OVERLOADED:
+                outputs = self._track_throttled(session, session.receive(message, now))
         except ProtocolError as error:
-            return self._charge(station, message.session, error)
-        for output in said:
+            return self._count_rejection(station, message.session, error)
+        for output in outputs:
             if isinstance(output, BatchRejected):
-                self.tally = self.tally.with_refusal(output.error)
-        if session.looked.view.observations >= self._limits.observations and session.is_open:
-            said = [*said, *self._end(station, session, now)]
-        return said
+                self.counters = self.counters.with_refusal(output.error)
+        if session.last_published_state.view.observations >= self._limits.observations and session.is_open:
+            outputs = [*outputs, *self._close_at_limit(station, session, now)]
+        return outputs
 
-    def refuse(self, station: str | None, error: ProtocolError) -> list[Output]:
-        """A message that could not be read, from a station where the key names one."""
-        return self._charge(station, None, error)
+    def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
+        """Count a message that could not be read; station: None where its key names none."""
+        return self._count_rejection(station, None, error)
 
-    def dropped(self, station: str, messages: int) -> list[Output]:
-        """There was no room for so many messages of a station: its current session counts and shows them."""
+    def report_dropped(self, station: str, messages: int) -> list[Output]:
+        """Count messages that the queue dropped, in a status of the station's newest session."""
         sessions = tuple(self._stations.get(station, {}).values())
-        return self._minded(sessions[-1], sessions[-1].drop(messages)) if sessions else []
+        return self._track_throttled(sessions[-1], sessions[-1].count_dropped(messages)) if sessions else []
 
-    def restate(self, station: str | None) -> list[Output]:
-        """The open sessions of a station, or of all, say how they are: something beside them has changed."""
+    def republish_status(self, station: str | None) -> list[Output]:
+        """Publish a status of the open sessions of a station, or of all for None."""
         concerned = [
             session
             for name, sessions in self._stations.items()
@@ -210,63 +212,72 @@ class Registry:
             for session in sessions.values()
             if session.is_open
         ]
-        return [said for session in concerned for said in self._minded(session, session.drop(0))]
+        return [
+            output
+            for session in concerned
+            for output in self._track_throttled(session, session.count_dropped(0))
+        ]
 
     def tick(self, now: float) -> list[Output]:
-        """Time has passed: every open session may ask again for what is missing, and the journal tidy up."""
-        said = [said for session in self._awake() if session.is_open for said in session.tick(now)]
-        said += [said for session in self._hushed for said in session.unhush(now)]
-        self._hushed = {session for session in self._hushed if session.is_hushed}
-        if now >= self._tidy_at:
-            self._tidy_at = now + self._limits.tidy_interval_s
-            said += self._tidy(now)
-        return said
+        """Request what is due, publish postponed statuses and enforce the journal's retention. now: [s]."""
+        outputs = [
+            output
+            for session in self._available_sessions()
+            if session.is_open
+            for output in session.request_missing(now)
+        ]
+        outputs += [output for session in self._throttled for output in session.flush_status(now)]
+        self._throttled = {session for session in self._throttled if session.status_throttled}
+        if now >= self._retention_due_s:
+            self._retention_due_s = now + self._limits.retention_interval_s
+            outputs += self._enforce_retention(now)
+        return outputs
 
-    def spent(self, station: str, seconds: float) -> None:
-        """So long did a slice of the work on what a station sent take. For those who count."""
+    def record_work(self, station: str, seconds: float) -> None:
+        """Record the time [s] of a slice of a station's work; does nothing here."""
 
     @property
-    def is_busy(self) -> bool:
-        """Is there something to do, for which `step` is to be called?"""
-        return self._reviving.is_busy
+    def is_rebuilding(self) -> bool:
+        """Whether a session is being rebuilt, so that `rebuild_step` is to be called."""
+        return self._rebuilder.is_rebuilding
 
-    def step(self) -> list[Output]:
-        """Do the next little thing, and say what comes of it."""
-        return self._reviving.step()
+    def rebuild_step(self) -> list[Output]:
+        """Rebuild one record further; return the outputs."""
+        return self._rebuilder.step()
 
     def journal_report(self) -> JournalReport:
-        """How the journal is doing; may be asked from any thread."""
+        """Return the state of the journal; any thread may call it."""
         return self._journal.report()
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
         if station not in self._stations and len(self._stations) >= self._limits.stations:
             raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
-        with _RECORDING:
-            owner = self.custody.owner(station, now)
-        session = self._builder.new(station, opening, owner)
-        with _RECORDING:
-            known = self._journals.of(station, command.session).get(command.session)
-        with _BEGINNING:
+        with _AS_OVERLOADED:
+            owner = self.ownership.owner(station, now)
+        session = self._factory.new(station, opening, owner)
+        with _AS_OVERLOADED:
+            known = self._journals.copies_of_station(station, command.session).get(command.session)
+        with _AS_CONFLICT:
             if known is not None:
-                return self._open_once_more(station, command, known, now)
-            said = session.begin(now)
+                return self._reopen(station, command, known, now)
+            outputs = session.begin(now)
         self._stations.setdefault(station, {})[command.session] = session
-        said = [*self._make_room(station, now), *said]
-        self._show()
-        return said
+        outputs = [*self._make_room(station, now), *outputs]
+        self._update_index()
+        return outputs
 
-    def _open_once_more(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
-        """One that a journal has, and that is not held: if it is open, it was not to be had so far.
+    def _reopen(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
+        """Open a session that a journal has and memory does not: take it over again where it is open.
 
         Raises ProtocolError `overloaded` where that may change, else `conflict`.
         """
         name, why = command.session, "which is over"
         if not known.best.closed:
-            said = [output for each in self.take(station, now) for output in each]
-            if self._find(station, name) is not None:
-                return [*said, *self.command(station, command, now)]
-            failed = [out.error for out in said if isinstance(out, TakeoverFailed) and out.session == name]
+            outputs = [output for each in self.take_over(station, now) for output in each]
+            if self._find_session(station, name) is not None:
+                return [*outputs, *self.handle_command(station, command, now)]
+            failed = [out.error for out in outputs if isinstance(out, TakeoverFailed) and out.session == name]
             if failed and isinstance(failed[0], JournalError):
                 raise ProtocolError("overloaded", str(failed[0]), value=name)
             why = "which cannot be read"
@@ -275,82 +286,82 @@ class Registry:
         )
 
     def _make_room(self, station: str, now: float) -> list[Output]:
-        """Close the oldest open and let go of the oldest closed session of a station that has too many.
+        """Close the oldest open and release the oldest closed session of a station that has too many.
 
-        What the journal cannot take of that waits until the next one is opened.
+        A close that the journal cannot store waits until the next session is opened.
         """
         sessions = self._stations[station]
-        said: list[Output] = []
+        outputs: list[Output] = []
         opened = [session for session in sessions.values() if session.is_open]
         for session in opened[: max(0, len(opened) - self._limits.open_sessions)]:
             with suppress(JournalError):
-                said += _unanswered(self._closed(session, now))
+                outputs += _without_replies(self._close(session, now))
         closed = [session for session in sessions.values() if not session.is_open]
-        held = sum(session.looked.view.observations for session in sessions.values())
+        held = sum(session.last_published_state.view.observations for session in sessions.values())
         for number, session in enumerate(closed):
             few = len(closed) - number <= self._limits.closed_sessions
             if few and held <= self._limits.observations_held:
                 break
-            held -= session.looked.view.observations
+            held -= session.last_published_state.view.observations
             del sessions[session.name]
             self._journal.release(station, session.name)
-        return said
+        return outputs
 
-    def _end(self, station: str, session: Session, now: float) -> list[Output]:
-        """Close a session that is as long as one may be: what it keeps grows with its observations."""
-        count, most = session.looked.view.observations, self._limits.observations
+    def _close_at_limit(self, station: str, session: Session, now: float) -> list[Output]:
+        """Close a session at its limit of observations, which bounds its memory."""
+        count, most = session.last_published_state.view.observations, self._limits.observations
         why = f"the session is as long as one may be and is closed: {most} observations; open another"
         with suppress(JournalError):  # tried again at the next batch
-            said = _unanswered(self._closed(session, now))
+            outputs = _without_replies(self._close(session, now))
             error = ProtocolError("too_large", why, value=count, limit=most)
-            return [*said, *self._charge(station, session.name, error)]
+            return [*outputs, *self._count_rejection(station, session.name, error)]
         return []
 
-    def _closed(self, session: Session, now: float) -> list[Output]:
+    def _close(self, session: Session, now: float) -> list[Output]:
         """Close it behind the last batch that it has. Raises JournalError."""
         return session.receive(Close(session=session.name, last_seq=session.next_seq - 1), now)
 
-    def _tidy(self, now: float) -> list[Output]:
-        """What no journal keeps any longer cannot be asked for either."""
+    def _enforce_retention(self, now: float) -> list[Output]:
+        """Remove the sessions that no journal keeps any longer."""
         gone: dict[Key, str] = {}
         with suppress(JournalError):  # which the journal has said already
-            gone |= self._journal.tidy(now)
-        if now >= self._look_at:
-            self._look_at = now + self._limits.look_interval_s
-            gone |= dict.fromkeys(self._takeover.returned(), "deleted by another process")
+            gone |= self._journal.enforce_retention(now)
+        if now >= self._peer_poll_due_s:
+            self._peer_poll_due_s = now + self._limits.peer_poll_interval_s
+            gone |= dict.fromkeys(self._takeover.vanished_sessions(), "deleted by another process")
         for station, name in gone:
             sessions = self._stations.get(station, {})
             sessions.pop(name, None)
             if not sessions:
                 self._stations.pop(station, None)
         if gone:
-            self._show()
+            self._update_index()
         return [SessionDeleted(*key, why) for key, why in gone.items()]
 
-    def _charge(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
-        self.tally = self.tally.with_refusal(error)
-        session = self._find(station, name) or self._current(station, error)
-        return self._minded(session, session.refuse(error)) if session else []
+    def _count_rejection(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
+        self.counters = self.counters.with_refusal(error)
+        session = self._find_session(station, name) or self._newest_session(station, error)
+        return self._track_throttled(session, session.reject(error)) if session else []
 
-    def _minded(self, session: Session, said: list[Output]) -> list[Output]:
-        """What a session says; where it keeps something back, it is asked for that later."""
-        if session.is_hushed:
-            self._hushed.add(session)
-        return said
+    def _track_throttled(self, session: Session, outputs: list[Output]) -> list[Output]:
+        """Return the outputs of a session; remember it where its status is throttled."""
+        if session.status_throttled:
+            self._throttled.add(session)
+        return outputs
 
-    def _current(self, station: str | None, error: ProtocolError) -> Session | None:
-        """The station's newest session, unless the refusal speaks of one that is unknown here."""
+    def _newest_session(self, station: str | None, error: ProtocolError) -> Session | None:
+        """Return the station's newest session; None where the refusal names an unknown one."""
         sessions = self._stations.get(station or "")
         if not sessions or error.code == "unknown_session":
             return None
         return next(reversed(sessions.values()))
 
-    def _find(self, station: str | None, name: str | None) -> Session | None:
+    def _find_session(self, station: str | None, name: str | None) -> Session | None:
         return self._stations.get(station or "", {}).get(name or "")
 
-    def _session(self, station: str, name: str) -> Session:
-        """The station's own session. Raises ProtocolError `forbidden` or `unknown_session`."""
-        session = self._find(station, name)
+    def _require_session(self, station: str, name: str) -> Session:
+        """Return the station's session. Raises ProtocolError `forbidden` or `unknown_session`."""
+        session = self._find_session(station, name)
         if session is not None:
             return session
         if any(name in sessions for sessions in self._stations.values()):
@@ -362,21 +373,23 @@ class Registry:
             expected=list(self._stations.get(station, {})),
         )
 
-    def _awake(self) -> Iterable[Session]:
-        stations = (sessions for name, sessions in self._stations.items() if not self.custody.is_barred(name))
+    def _available_sessions(self) -> Iterable[Session]:
+        stations = (
+            sessions for name, sessions in self._stations.items() if not self.ownership.in_takeover(name)
+        )
         return (session for sessions in stations for session in sessions.values())
 
-    def _show(self) -> None:
+    def _update_index(self) -> None:
         shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
-        self.board = SessionIndex(shown)
+        self.index = SessionIndex(shown)
 
 
-def _lacks(session: Session | None, copies: SessionCopies) -> bool:
+def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> bool:
     return session is None or is_behind(session, copies)
 
 
-class _Recording:
-    """Turns what the journal cannot take into a refusal. A session that never began need not try again."""
+class _JournalErrorsAs:
+    """Raises a JournalError of its context as a ProtocolError with the given code."""
 
     def __init__(self, code: ErrorCode) -> None:
         self._code = code
@@ -391,8 +404,8 @@ class _Recording:
             raise ProtocolError(self._code, str(error)) from error
 
 
-_RECORDING, _BEGINNING = _Recording("overloaded"), _Recording("conflict")
+_AS_OVERLOADED, _AS_CONFLICT = _JournalErrorsAs("overloaded"), _JournalErrorsAs("conflict")
 
 
-def _unanswered(said: list[Output]) -> list[Output]:
-    return [output for output in said if not isinstance(output, Reply)]
+def _without_replies(outputs: list[Output]) -> list[Output]:
+    return [output for output in outputs if not isinstance(output, Reply)]

@@ -11,14 +11,14 @@ from caesura_service.sessions.session import Session
 
 @dataclass(frozen=True)
 class SessionIndex:
-    """The sessions as they were when one last came or went; each standing is always current."""
+    """The sessions after the last one was added or removed; each state is always current."""
 
     sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
 
-    def standings(self) -> tuple[SessionState, ...]:
-        """Of every session."""
-        return tuple(session.standing for sessions in self.sessions.values() for session in sessions)
+    def all_states(self) -> tuple[SessionState, ...]:
+        """Return the state of every session."""
+        return tuple(session.state for sessions in self.sessions.values() for session in sessions)
 
-    def current(self) -> tuple[SessionState, ...]:
-        """Of every station's newest session."""
-        return tuple(sessions[-1].standing for sessions in self.sessions.values())
+    def newest_states(self) -> tuple[SessionState, ...]:
+        """Return the state of every station's newest session."""
+        return tuple(sessions[-1].state for sessions in self.sessions.values())

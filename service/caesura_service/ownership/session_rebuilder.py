@@ -1,7 +1,7 @@
-"""Closed sessions with an edit waiting: folded again from the journal, a record at a time.
+"""Rebuilds closed sessions that are to be edited, a journal record at a time.
 
-A session that is served from its outcome has no pipeline. Folding an hour takes seconds, for which the
-other stations do not wait: until it is done, the client is asked to retry.
+A session restored from its outcome has no pipeline. Replaying an hour takes seconds, and other stations do
+not wait for it: until the end the client is asked to retry.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from caesura_service.sessions.session import Session
 
 
 class SessionRebuilder:
-    """What is under way, by station and session."""
+    """The rebuilds under way, by station and session."""
 
     def __init__(self, takeover: Takeover, journals: JournalSet) -> None:
         self._takeover = takeover
@@ -26,29 +26,29 @@ class SessionRebuilder:
         self._failed: dict[Key, str] = {}
 
     @property
-    def is_busy(self) -> bool:
-        """Is there something to do?"""
+    def is_rebuilding(self) -> bool:
+        """Whether a rebuild is under way."""
         return bool(self._under_way)
 
-    def ask(self, station: str, session: Session, owner: Owner) -> ProtocolError:
-        """Begin, or go on; return the answer to the client that edits the session.
+    def request(self, station: str, session: Session, owner: Owner) -> ProtocolError:
+        """Start or continue a rebuild; return the answer to the editing client.
 
-        Raises ProtocolError `conflict` where it cannot be had, JournalError.
+        Raises ProtocolError `conflict` where the session cannot be rebuilt, JournalError.
         """
         key = (station, session.name)
         if key not in self._under_way:
             if (why := self._failed.pop(key, None)) is not None:
                 raise ProtocolError("conflict", f"the session cannot be corrected: {why}", value=session.name)
-            copies = self._journals.of(station, session.name).get(session.name)
+            copies = self._journals.copies_of_station(station, session.name).get(session.name)
             if copies is None:
                 why = "the journal no longer has the session's samples: it cannot be corrected"
                 raise ProtocolError("conflict", why, value=session.name)
-            self._under_way[key] = self._revive(key, session, copies, owner)
+            self._under_way[key] = self._rebuild(key, session, copies, owner)
         why = "the session is being rebuilt from the journal: try again"
         return ProtocolError("overloaded", why, value=session.name)
 
     def step(self) -> list[Output]:
-        """Do the next little thing, and say what comes of it."""
+        """Rebuild one record further; return the outputs."""
         if not self._under_way:
             return []
         key, work = next(iter(self._under_way.items()))
@@ -62,30 +62,30 @@ class SessionRebuilder:
             return [TakeoverFailed(*key, error)]
         return []
 
-    def leave(self, station: str) -> None:
-        """Its sessions are another's, or others than they were."""
+    def cancel(self, station: str) -> None:
+        """Cancel the rebuilds of a station, whose sessions have changed."""
         for key in [key for key in self._under_way if key[0] == station]:
             self._under_way.pop(key).close()
 
-    def _revive(
+    def _rebuild(
         self, key: Key, session: Session, copies: SessionCopies, owner: Owner
     ) -> Generator[list[Output], None, None]:
-        work = self._takeover.rebuilt(copies, owner)
+        work = self._takeover.rebuild(copies, owner)
         while True:
             try:
-                said = next(work)
+                outputs = next(work)
             except StopIteration as done:
                 rebuilt: Session | None = done.value
                 break
-            for one in said:
+            for one in outputs:
                 if isinstance(one, TakeoverFailed):
                     self._failed[key] = str(one.error)
-            yield said
+            yield outputs
         if rebuilt is None:
             return
         if rebuilt.is_open or rebuilt.revision != session.revision:
             raise JournalError(
-                f"its records end at revision {rebuilt.revision}, {rebuilt.standing.state}; "
+                f"its records end at revision {rebuilt.revision}, {rebuilt.state.lifecycle}; "
                 f"expected revision {session.revision}, closed"
             )
-        session.revive(rebuilt)
+        session.adopt_rebuilt(rebuilt)

@@ -1,7 +1,7 @@
 """The stations that this instance owns, under which epoch, and those being taken over.
 
 A takeover sets the epoch: the time of day [ms], raised above every epoch under which this instance or one
-beside it ever had the station. So the last owner has the highest epoch, whatever the clock did.
+beside it ever owned the station. So the last owner has the highest epoch, whatever the clock did.
 """
 
 from __future__ import annotations
@@ -15,50 +15,50 @@ from caesura_service.publishing.events import Owner
 
 
 class StationOwnership:
-    """Stations by name."""
+    """The owned stations by name, with their epochs."""
 
     def __init__(self, me: Owner, own: Journal, journals: JournalSet) -> None:
         """me: this instance, with the lowest epoch that it publishes under."""
         self.served: Set[str] | None = None  # the stations of this instance; None: all
-        self._me = me
+        self._instance = me
         self._own = own
         self._journals = journals
-        self._owners: dict[str, Owner] = {}  # ourselves, by station
-        self._barred: set[str] = set()
+        self._owners: dict[str, Owner] = {}  # this instance with its epoch, by station
+        self._taking_over: set[str] = set()
 
     def owner(self, station: str, now: float) -> Owner:
-        """Ourselves at a station, which is taken where it has not been."""
+        """Return this instance with its epoch at a station, which is acquired where it is not owned."""
         return self._owners.get(station) or self.acquire(station, now)
 
     def acquire(self, station: str, now: float) -> Owner:
-        """Take a station, perhaps once more, under a higher epoch than any owner had."""
-        before = self._owners.get(station, Owner(self._me.instance, self._me.epoch - 1)).epoch
+        """Own a station under a higher epoch than any owner had. now: [s] time of day."""
+        before = self._owners.get(station, Owner(self._instance.instance, self._instance.epoch - 1)).epoch
         last = max(before, self._journals.epoch_of(station))
-        owner = Owner(self._me.instance, max(int(now * 1000), last + 1))
+        owner = Owner(self._instance.instance, max(int(now * 1000), last + 1))
         self._owners[station] = owner
-        with suppress(JournalError):  # which the journal has said already
-            self._own.keep_epoch(station, owner.epoch)
+        with suppress(JournalError):  # which the journal has logged already
+            self._own.store_epoch(station, owner.epoch)
         return owner
 
-    def leave(self, station: str) -> None:
-        """The station is another's."""
+    def release(self, station: str) -> None:
+        """Release a station to another instance."""
         self._owners.pop(station, None)
-        self._barred.discard(station)
+        self._taking_over.discard(station)
 
-    def bar(self, station: str) -> None:
-        """The station is about to be taken."""
-        self._barred.add(station)
+    def begin_takeover(self, station: str) -> None:
+        """Reject messages of the station until `end_takeover`."""
+        self._taking_over.add(station)
 
-    def unbar(self, station: str) -> None:
-        """It is taken, or that was given up."""
-        self._barred.discard(station)
+    def end_takeover(self, station: str) -> None:
+        """Accept messages of the station again."""
+        self._taking_over.discard(station)
 
-    def is_barred(self, station: str) -> bool:
-        """Is it just being taken?"""
-        return station in self._barred
+    def in_takeover(self, station: str) -> bool:
+        """Whether the station is being taken over."""
+        return station in self._taking_over
 
-    def elsewhere(self, station: str) -> str | None:
-        """Why the station is not served here and now; None where it is."""
+    def rejection_reason(self, station: str) -> str | None:
+        """Return why messages of the station are rejected now; None where they are accepted."""
         if self.served is not None and station not in self.served:
             return "another instance serves this station: try again"
-        return "the station is being taken over: try again" if station in self._barred else None
+        return "the station is being taken over: try again" if station in self._taking_over else None

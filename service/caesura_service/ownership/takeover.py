@@ -16,16 +16,16 @@ from caesura_service.journal import Copy, Journal, JournalDamagedError, JournalE
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.publishing.events import Output, Owner, PipelineFactory, TakeoverFailed
 from caesura_service.segmentation.view import Pipeline
-from caesura_service.sessions.batch_validation import check_columns
-from caesura_service.sessions.closed_pipeline import ClosedPipeline, standing_of
+from caesura_service.sessions.batch_validation import validate_columns
+from caesura_service.sessions.closed_pipeline import ClosedPipeline, state_from_snapshot
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 
-Steps = Generator[list[Output], None, Session | None]  # gives way after every record; what there is to say
+Steps = Generator[list[Output], None, Session | None]  # gives way after every record, with outputs
 
 
 class SessionFactory:
-    """Sessions on one journal."""
+    """Makes sessions on one journal."""
 
     def __init__(
         self, pipeline_factory: PipelineFactory, default_preset: str, journal: Journal, limits: Limits
@@ -36,8 +36,8 @@ class SessionFactory:
         self._limits = limits
 
     def new(self, station: str, opening: Open, owner: Owner) -> Session:
-        """One that has taken nothing. Raises ProtocolError `malformed` or `conflict`."""
-        check_columns(opening)
+        """Return a new session without batches. Raises ProtocolError `malformed` or `conflict`."""
+        validate_columns(opening)
         try:
             pipeline = self._pipeline_factory(opening, self._default_preset)
         except ProtocolError:
@@ -47,10 +47,10 @@ class SessionFactory:
             raise ProtocolError("conflict", why) from error
         return self._session(station, opening, pipeline, owner)
 
-    def concluded(self, station: str, outcome: Outcome, owner: Owner) -> Session:
-        """One that has ended."""
+    def from_outcome(self, station: str, outcome: Outcome, owner: Owner) -> Session:
+        """Return the closed session of an outcome."""
         session = self._session(station, outcome.opening, ClosedPipeline(outcome.snapshot), owner)
-        session.take_up(outcome, standing_of(outcome.snapshot, owner))
+        session.load_outcome(outcome, state_from_snapshot(outcome.snapshot, owner))
         return session
 
     def _session(self, station: str, opening: Open, pipeline: Pipeline, owner: Owner) -> Session:
@@ -58,109 +58,112 @@ class SessionFactory:
 
 
 class Takeover:
-    """Brings sessions of one journal and its siblings up to where the furthest copy is."""
+    """Brings sessions of one journal and its peers up to the furthest copy."""
 
-    def __init__(self, builder: SessionFactory, journals: JournalSet, own: Journal) -> None:
-        self._builder = builder
+    def __init__(self, factory: SessionFactory, journals: JournalSet, own: Journal) -> None:
+        self._factory = factory
         self._journals = journals
         self._own = own
-        self._borrowed: set[Key] = set()  # ended sessions that only a sibling has
+        self._peer_only: set[Key] = set()  # closed sessions that only a peer has
 
-    def session(self, copies: SessionCopies, held: Session | None, owner: Owner) -> Steps:
-        """The session, None where it cannot be had. held: what is in memory of it."""
+    def take_over_session(self, copies: SessionCopies, held: Session | None, owner: Owner) -> Steps:
+        """Return the session up to its furthest copy; None where unreadable. held: the one in memory."""
         ended_elsewhere = copies.best.closed and (held is None or held.is_open)
         behind = ended_elsewhere or (held is not None and is_behind(held, copies))
         if copies.best.closed and behind:
-            ended = self._ended(copies, owner)
+            ended = self._from_outcome(copies, owner)
             if ended is not None:
                 return ended
-        if held is not None and not (behind and not held.is_folded):
+        if held is not None and not (behind and not held.has_pipeline):
             if behind:
-                yield from self._followed(held, copies)
+                yield from self._apply_peer(held, copies)
             return held
-        return (yield from self.rebuilt(copies, owner))
+        return (yield from self.rebuild(copies, owner))
 
-    def rebuilt(self, copies: SessionCopies, owner: Owner) -> Steps:
-        """Return the session, folded from all its records; None where they do not suffice."""
-        session = yield from self._rebuilt(copies, owner)
+    def rebuild(self, copies: SessionCopies, owner: Owner) -> Steps:
+        """Return the session replayed from all its records; None where they do not suffice."""
+        session = yield from self._replay_or_open(copies, owner)
         if session is not None and is_behind(session, copies):
-            yield from self._followed(session, copies)
+            yield from self._apply_peer(session, copies)
         return session
 
-    def returned(self) -> list[Key]:
-        """Ended sessions that only a sibling had, and has no more; each is returned once."""
-        known = {station: self._journals.of(station) for station in {key[0] for key in self._borrowed}}
-        gone = [key for key in self._borrowed if key[1] not in known[key[0]]]
-        self._borrowed.difference_update(gone)
+    def vanished_sessions(self) -> list[Key]:
+        """Return the closed sessions that only a peer had and has deleted; each once."""
+        known = {
+            station: self._journals.copies_of_station(station)
+            for station in {key[0] for key in self._peer_only}
+        }
+        gone = [key for key in self._peer_only if key[1] not in known[key[0]]]
+        self._peer_only.difference_update(gone)
         return gone
 
-    def _ended(self, copies: SessionCopies, owner: Owner) -> Session | None:
+    def _from_outcome(self, copies: SessionCopies, owner: Owner) -> Session | None:
         """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
         if outcome is None or outcome.snapshot.status.revision != copies.best.edits:
             return None  # or it was corrected after that, and the power went before it was kept anew
         if copies.best is not copies.own:
-            self._borrowed.add((station, name))
+            self._peer_only.add((station, name))
             with suppress(JournalError):
-                self._own.forget(station, name)
-        return self._builder.concluded(station, outcome, owner)
+                self._own.delete(station, name)
+        return self._factory.from_outcome(station, outcome, owner)
 
-    def _rebuilt(self, copies: SessionCopies, owner: Owner) -> Steps:
+    def _replay_or_open(self, copies: SessionCopies, owner: Owner) -> Steps:
         key = copies.best.key
         try:
             if copies.own is not None:
                 try:
-                    return (yield from self._restored(copies.own, owner))
+                    return (yield from self._replay_own(copies.own, owner))
                 except JournalDamagedError as damage:
                     yield [TakeoverFailed(*key, damage)]
                     if self._own.outcome(*key) is not None:
-                        return None  # it can be asked for still
-                    self._own.set_aside(*key, str(damage))
-                    if copies.furthest is None:
+                        return None  # its outcome still answers queries
+                    self._own.quarantine(*key, str(damage))
+                    if copies.peer is None:
                         return None
-            return self._begun(copies, owner)
+            return self._open_from_peer(copies, owner)
         except Exception as error:
             yield [TakeoverFailed(*key, error)]
             return None
 
-    def _restored(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
+    def _replay_own(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
         records = self._journals.own_records(copy)
-        session = self._builder.new(copy.station, _opening(next(records).message), owner)
-        for _ in session.restoring(records, self._journals.own_edits(copy)):
+        session = self._factory.new(copy.station, _require_open(next(records).message), owner)
+        for _ in session.replay_records(records, self._journals.own_edits(copy)):
             yield []
         return session
 
-    def _begun(self, copies: SessionCopies, owner: Owner) -> Session:
-        """As another instance has opened it, and recorded here."""
-        assert copies.furthest is not None
-        first = next(self._journals.siblings_records(copies.furthest, 0), None)
+    def _open_from_peer(self, copies: SessionCopies, owner: Owner) -> Session:
+        """Open the session as a peer has recorded it, and record that here."""
+        assert copies.peer is not None
+        first = next(self._journals.peer_records(copies.peer, 0), None)
         if first is None:
-            raise JournalError(f"{copies.furthest.path} cannot be read")
-        session = self._builder.new(copies.best.station, _opening(first.message), owner)
+            raise JournalError(f"{copies.peer.path} cannot be read")
+        session = self._factory.new(copies.best.station, _require_open(first.message), owner)
         session.begin(first.at)
         return session
 
-    def _followed(self, session: Session, copies: SessionCopies) -> Generator[list[Output], None, None]:
-        assert copies.furthest is not None
-        records = self._journals.siblings_records(copies.furthest, session.next_seq)
+    def _apply_peer(self, session: Session, copies: SessionCopies) -> Generator[list[Output], None, None]:
+        assert copies.peer is not None
+        records = self._journals.peer_records(copies.peer, session.next_seq)
         try:
-            for _ in session.following(records, self._journals.siblings_edits(copies.furthest)):
+            for _ in session.apply_peer_records(records, self._journals.peer_edits(copies.peer)):
                 yield []
         except Exception as error:
             yield [TakeoverFailed(*copies.best.key, error)]
 
 
 def is_behind(session: Session, copies: SessionCopies) -> bool:
-    """Has another instance gone further than what is in memory here?"""
-    if copies.furthest is None:
+    """Whether a peer's copy is further than the session in memory."""
+    if copies.peer is None:
         return False
-    theirs = copies.furthest.copy
-    further = theirs.closed or theirs.last_seq >= session.next_seq
-    return (session.is_open and further) or theirs.edits > session.revision
+    peer = copies.peer.copy
+    further = peer.closed or peer.last_seq >= session.next_seq
+    return (session.is_open and further) or peer.edits > session.revision
 
 
-def _opening(message: object) -> Open:
+def _require_open(message: object) -> Open:
     if not isinstance(message, Open):
         raise TypeError(f"the journal begins with {type(message).__name__}, expected Open")
     return message

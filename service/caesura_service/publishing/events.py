@@ -21,13 +21,13 @@ from caesura_protocol.messages import (
 )
 from caesura_service.segmentation.view import Pipeline
 
-#: Builds what is behind a session from its opening and the service's own preset. Raises ProtocolError.
+#: Builds the pipeline of a session from its opening and the service's default preset. Raises ProtocolError.
 PipelineFactory = Callable[[Open, str], Pipeline]
 
 
 @dataclass(frozen=True)
 class Owner:
-    """Who speaks: results carry the instance and its epoch, and readers keep the highest epoch."""
+    """The instance and epoch that every result carries; readers keep the highest epoch."""
 
     instance: str
     epoch: int
@@ -35,7 +35,7 @@ class Owner:
 
 @dataclass(frozen=True)
 class ReplayEnded:
-    """The bridge's answer to an AskReplay is complete, or never came."""
+    """The bridge's answer to a RequestReplay is complete, or never came."""
 
     session: str
     first: int  # the batch that was asked for
@@ -93,12 +93,12 @@ class SessionDeleted:
 
     station: str
     session: str
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True)
 class TakeoverFailed:
-    """A session of a station was not taken up, or not as far as it is known to have come. For the log."""
+    """A session was not taken over, or not up to the last record of the furthest journal. For the log."""
 
     station: str
     session: str

@@ -1,4 +1,4 @@
-"""The lifecycle of a session as a table of moves. An illegal move raises and changes nothing.
+"""The lifecycle of a session as a table of transitions. An illegal event raises and changes nothing.
 
 A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
 has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.
@@ -13,10 +13,10 @@ from typing import Literal
 
 from caesura_protocol.errors import ProtocolError
 
-State = Literal["open", "closed", "failed"]
-Move = Literal["open", "samples", "heartbeat", "replayed", "close", "edit", "fail"]
+Lifecycle = Literal["open", "closed", "failed"]
+LifecycleEvent = Literal["open", "samples", "heartbeat", "replayed", "close", "edit", "fail"]
 
-MOVES: Mapping[tuple[State, Move], State] = {
+TRANSITIONS: Mapping[tuple[Lifecycle, LifecycleEvent], Lifecycle] = {
     ("open", "open"): "open",
     ("open", "samples"): "open",
     ("open", "heartbeat"): "open",
@@ -33,12 +33,12 @@ MOVES: Mapping[tuple[State, Move], State] = {
 }
 
 
-def after(state: State, move: Move) -> State:
-    """The state that a move leads to. Raises ProtocolError `conflict` where the table has none."""
+def next_state(state: Lifecycle, event: LifecycleEvent) -> Lifecycle:
+    """Return the state after an event. Raises ProtocolError `conflict` where the table has no transition."""
     try:
-        return MOVES[state, move]
+        return TRANSITIONS[state, event]
     except KeyError:
-        allowed = [name for known, name in MOVES if known == state]
+        allowed = [name for known, name in TRANSITIONS if known == state]
         raise ProtocolError(
-            "conflict", f"the session is {state}: it takes no {move}", value=move, expected=allowed
+            "conflict", f"the session is {state}: it takes no {event}", value=event, expected=allowed
         ) from None

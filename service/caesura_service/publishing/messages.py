@@ -13,11 +13,11 @@ from caesura_service.publishing.session_state import (
     SessionState,
     Stream,
     changepoints_of,
+    observed_until_s,
     posterior_of,
     program_of,
     segments_of,
     status_of,
-    time_of,
 )
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.encoded_log import AT_ONCE, M, alike
@@ -33,19 +33,19 @@ class EditOutcome:
     at: float
 
 
-def beginning(station: str, session: str, owner: Owner, preset: str, view: PipelineView) -> SessionState:
-    """A session that has taken nothing yet."""
-    heading = Program(
+def initial_state(station: str, session: str, owner: Owner, preset: str, view: PipelineView) -> SessionState:
+    """Return the state of a session before its first batch."""
+    header = Program(
         station=station,
         session=session,
         instance=owner.instance,
         epoch=owner.epoch,
         version=0,
-        t=time_of(view),
+        t=observed_until_s(view),
         complete=False,
         apps=(),
         notes=view.notes,
-        **_of_the_demonstration(view),
+        **_program_context(view),
     )
     silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
     return SessionState(
@@ -53,115 +53,113 @@ def beginning(station: str, session: str, owner: Owner, preset: str, view: Pipel
         session=session,
         owner=owner,
         preset=preset,
-        state="open",
+        lifecycle="open",
         view=view,
-        tally=SessionCounters(),
+        counters=SessionCounters(),
         waiting_for=None,
         last_seq=silent,
-        heading=heading,
+        program_header=header,
         apps=view.apps,
     )
 
 
-def first_words(standing: SessionState) -> tuple[SessionState, list[Publish]]:
-    """Every stream but the posterior begins with what is there, so that a snapshot can number it."""
-    standing = _bump(_bump(standing, "changepoints"), "segments")
-    said = [Publish(changepoints_of(standing)), Publish(segments_of(standing)), Publish(program_of(standing))]
-    standing, status = with_status(standing)
-    return standing, [*said, status]
+def initial_messages(state: SessionState) -> tuple[SessionState, list[Publish]]:
+    """Publish the first message of every stream except the posterior, so that a snapshot can number them."""
+    state = _advance_seq(_advance_seq(state, "changepoints"), "segments")
+    outputs = [Publish(changepoints_of(state)), Publish(segments_of(state)), Publish(program_of(state))]
+    state, status = publish_status(state)
+    return state, [*outputs, status]
 
 
-def with_status(standing: SessionState) -> tuple[SessionState, Publish]:
-    """A status, as of now."""
-    standing = _bump(standing, "status")
-    return standing, Publish(status_of(standing))
+def publish_status(state: SessionState) -> tuple[SessionState, Publish]:
+    """Publish the status of now under its next sequence number."""
+    state = _advance_seq(state, "status")
+    return state, Publish(status_of(state))
 
 
-def with_view(
-    standing: SessionState, view: PipelineView, tally: SessionCounters
+def apply_view(
+    state: SessionState, view: PipelineView, counters: SessionCounters
 ) -> tuple[SessionState, list[Publish]]:
-    """Take a new view and say what differs from the old one."""
-    old, standing = standing.view, standing._replace(view=view, tally=tally)
-    said: list[Publish] = []
+    """Replace the view; publish what differs from the old one."""
+    old, state = state.view, state._replace(view=view, counters=counters)
+    outputs: list[Publish] = []
     if (first := first_difference(old.changepoints, view.changepoints)) is not None:
-        standing = _bump(standing, "changepoints")
-        said.append(Publish(changepoints_of(standing, first)))
+        state = _advance_seq(state, "changepoints")
+        outputs.append(Publish(changepoints_of(state, first)))
     first = first_difference(old.segments, view.segments)
     first_phase = first_difference(old.phases, view.phases)
     if first is not None or first_phase is not None:
-        standing = _bump(standing, "segments")
+        state = _advance_seq(state, "segments")
         first = len(view.segments) if first is None else first
         first_phase = len(view.phases) if first_phase is None else first_phase
-        said.append(Publish(segments_of(standing, first, first_phase)))
-    if _posterior(view) != _posterior(old):
-        standing = _bump(standing, "posterior")
-        said.append(Publish(posterior_of(standing)))
-    return standing, said
+        outputs.append(Publish(segments_of(state, first, first_phase)))
+    if _posterior_key(view) != _posterior_key(old):
+        state = _advance_seq(state, "posterior")
+        outputs.append(Publish(posterior_of(state)))
+    return state, outputs
 
 
-def with_program(standing: SessionState, *, note: str | None = None) -> SessionState:
-    """With the next version of the task program, where it differs from the last one."""
-    heading, view = standing.heading, standing.view
+def update_program(state: SessionState, *, note: str | None = None) -> SessionState:
+    """Return the state with the next version of the task program, where the program has changed."""
+    header, view = state.program_header, state.view
     notes = (*view.notes, note) if note else view.notes
-    complete = not standing.is_open
-    if (view.apps, notes, complete) == (standing.apps, heading.notes, heading.complete):
-        return standing
-    return _next_program(standing, notes=notes, complete=complete)
+    complete = not state.is_open
+    if (view.apps, notes, complete) == (state.apps, header.notes, header.complete):
+        return state
+    return _next_program(state, notes=notes, complete=complete)
 
 
-def with_edit(
-    standing: SessionState, view: PipelineView, edited: EditOutcome
+def apply_edit(
+    state: SessionState, view: PipelineView, edited: EditOutcome
 ) -> tuple[SessionState, list[Publish]]:
-    """What an edit makes of it: what differs, a version of the program with its author, and a status."""
-    standing, changes = with_view(standing, view, standing.tally)
-    done = edited.corrections
-    standing = standing._replace(
-        revision=done.revision, undoable=bool(done.active), redoable=bool(done.undone)
+    """Apply an edit: publish the differences, a version of the program with its author, and a status."""
+    state, changes = apply_view(state, view, state.counters)
+    corrections = edited.corrections
+    state = state._replace(
+        revision=corrections.revision, undoable=bool(corrections.active), redoable=bool(corrections.undone)
     )
-    standing = _next_program(
-        standing,
+    state = _next_program(
+        state,
         notes=view.notes,
-        complete=not standing.is_open,
-        revision=done.revision,
+        complete=not state.is_open,
+        revision=corrections.revision,
         author=edited.author,
         edited=edited.at,
     )
-    standing, status = with_status(standing)
-    return standing, [*changes, Publish(program_of(standing)), status]
+    state, status = publish_status(state)
+    return state, [*changes, Publish(program_of(state)), status]
 
 
-def with_repeated_edit(
-    standing: SessionState, view: PipelineView, edited: EditOutcome, version: int
-) -> SessionState:
-    """What an edit of the journal made of it: as `with_edit`, with the version that its program had."""
-    standing, _ = with_edit(standing, view, edited)
-    return standing._replace(heading=standing.heading.model_copy(update={"version": version}))
+def replay_edit(state: SessionState, view: PipelineView, edited: EditOutcome, version: int) -> SessionState:
+    """Apply an edit of the journal: as `apply_edit`, with the version that its program had."""
+    state, _ = apply_edit(state, view, edited)
+    return state._replace(program_header=state.program_header.model_copy(update={"version": version}))
 
 
-def settled(standing: SessionState, view: PipelineView) -> SessionState:
-    """With the view that the corrections come to which have been counted already."""
-    standing, _ = with_view(standing, view, standing.tally)
-    heading = standing.heading.model_copy(update={"t": time_of(view), "notes": view.notes})
-    return standing._replace(heading=heading, apps=view.apps)
+def apply_corrected_view(state: SessionState, view: PipelineView) -> SessionState:
+    """Replace the view by that of the corrections that have been counted already."""
+    state, _ = apply_view(state, view, state.counters)
+    header = state.program_header.model_copy(update={"t": observed_until_s(view), "notes": view.notes})
+    return state._replace(program_header=header, apps=view.apps)
 
 
-def _next_program(standing: SessionState, **changes: Any) -> SessionState:
-    heading, view = standing.heading, standing.view
-    changes |= {"version": heading.version + 1, "t": time_of(view)} | _of_the_demonstration(view)
-    return standing._replace(heading=heading.model_copy(update=changes), apps=view.apps)
+def _next_program(state: SessionState, **changes: Any) -> SessionState:
+    header, view = state.program_header, state.view
+    changes |= {"version": header.version + 1, "t": observed_until_s(view)} | _program_context(view)
+    return state._replace(program_header=header.model_copy(update=changes), apps=view.apps)
 
 
-def _of_the_demonstration(view: PipelineView) -> dict[str, Any]:
-    """What a check compares the program with, beside its apps."""
+def _program_context(view: PipelineView) -> dict[str, Any]:
+    """Return the fields of a program, beside its apps, that a check compares it with."""
     return {"gaps": view.gaps[-MAX_GAPS:], "wrench": view.wrench, "force_limit_n": view.force_limit_n}
 
 
-def _posterior(view: PipelineView) -> tuple[object, ...]:
+def _posterior_key(view: PipelineView) -> tuple[object, ...]:
     return view.observations, view.posterior_starts, view.posterior_probabilities
 
 
 def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
-    """The first index at which two sequences differ; None where they are alike."""
+    """Return the first index at which two sequences differ; None where they are equal."""
     if old is new:
         return None
     known = alike(old, new)
@@ -173,5 +171,5 @@ def first_difference(old: Sequence[M], new: Sequence[M]) -> int | None:
     return None if len(old) == len(new) else min(len(old), len(new))
 
 
-def _bump(standing: SessionState, stream: Stream) -> SessionState:
-    return standing._replace(last_seq={**standing.last_seq, stream: standing.last_seq[stream] + 1})
+def _advance_seq(state: SessionState, stream: Stream) -> SessionState:
+    return state._replace(last_seq={**state.last_seq, stream: state.last_seq[stream] + 1})

@@ -23,7 +23,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_service.publishing.events import Owner
-from caesura_service.publishing.lifecycle import State
+from caesura_service.publishing.lifecycle import Lifecycle
 from caesura_service.segmentation.encoded_log import since
 from caesura_service.segmentation.view import PipelineView
 
@@ -31,18 +31,18 @@ Stream = Literal["status", "changepoints", "segments", "posterior"]
 
 
 class SessionCounters(NamedTuple):
-    """What has been counted. The first three count for the session, the rest for this process."""
+    """The counters of a session. The first three count for the session, the rest for this process."""
 
     batches: int = 0
     lost: int = 0
-    gaps_before: int = 0  # what is known of a closed session's gaps beside those of its view
+    gaps_before: int = 0  # gaps of a closed session beyond those in its view
     dropped: int = 0
     duplicates: int = 0
     refused: Mapping[ErrorCode, int] = MappingProxyType({})
     last_refusal: Refusal | None = None
 
     def with_refusal(self, error: ProtocolError) -> SessionCounters:
-        """One refusal more."""
+        """Return the counters with one refusal more."""
         counts = {**self.refused, error.code: self.refused.get(error.code, 0) + 1}
         return self._replace(refused=counts, last_refusal=Refusal(code=error.code, message=str(error)))
 
@@ -54,12 +54,12 @@ class SessionState(NamedTuple):
     session: str
     owner: Owner
     preset: str
-    state: State
+    lifecycle: Lifecycle
     view: PipelineView
-    tally: SessionCounters
+    counters: SessionCounters
     waiting_for: int | None  # the batch that is missing
     last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
-    heading: Program  # the task program without its apps
+    program_header: Program  # the task program without its apps
     apps: Sequence[App]  # of the task program
     revision: int = 0  # edits so far
     undoable: bool = False
@@ -67,98 +67,98 @@ class SessionState(NamedTuple):
 
     @property
     def is_open(self) -> bool:
-        """Does it take samples?"""
-        return self.state == "open"
+        """Whether the session accepts samples."""
+        return self.lifecycle == "open"
 
-    def after(self, batches: int, samples: int) -> SessionState:
-        """So many more, of which there is nothing else to say."""
+    def with_counts(self, batches: int, samples: int) -> SessionState:
+        """Return the state with more batches and samples that change nothing else."""
         return self._replace(
             view=self.view._replace(samples=self.view.samples + samples),
-            tally=self.tally._replace(batches=self.tally.batches + batches),
+            counters=self.counters._replace(batches=self.counters.batches + batches),
         )
 
     def header(self, stream: Stream) -> dict[str, Any]:
-        """What a result of this stream begins with, as the last one that was published."""
+        """Return the common fields of a stream's last published result."""
         return {
             "station": self.station,
             "session": self.session,
             "instance": self.owner.instance,
             "epoch": self.owner.epoch,
             "seq": self.last_seq[stream],
-            "t": time_of(self.view),
+            "t": observed_until_s(self.view),
         }
 
 
-def time_of(view: PipelineView) -> float:
-    """[s] The last observation; 0 before the first."""
+def observed_until_s(view: PipelineView) -> float:
+    """Return the time of the last observation [s]; 0 before the first."""
     return view.t if math.isfinite(view.t) else 0.0
 
 
-def status_of(standing: SessionState) -> SessionStatus:
-    """How the session is doing."""
-    view, tally = standing.view, standing.tally
+def status_of(state: SessionState) -> SessionStatus:
+    """Make the status message of a session."""
+    view, counters = state.view, state.counters
     return SessionStatus(
-        **standing.header("status"),
-        state="open" if standing.is_open else "closed",
-        preset=standing.preset,
+        **state.header("status"),
+        state="open" if state.is_open else "closed",
+        preset=state.preset,
         wrench=view.wrench,
         delay_s=view.delay_s,
-        batches=tally.batches,
+        batches=counters.batches,
         samples=view.samples,
         observations=view.observations,
-        duplicates=tally.duplicates,
+        duplicates=counters.duplicates,
         repeats=view.repeats,
-        waiting_for=standing.waiting_for,
+        waiting_for=state.waiting_for,
         gaps=view.gaps[-MAX_GAPS:],
-        gaps_before=tally.gaps_before + max(0, len(view.gaps) - MAX_GAPS),
-        refused=dict(tally.refused),
-        last_refusal=tally.last_refusal,
+        gaps_before=counters.gaps_before + max(0, len(view.gaps) - MAX_GAPS),
+        refused=dict(counters.refused),
+        last_refusal=counters.last_refusal,
         hypotheses=view.hypotheses,
         capped=view.capped,
         length_unit=view.length_unit,
-        lost=tally.lost,
-        dropped=tally.dropped,
-        revision=standing.revision,
-        undoable=standing.undoable,
-        redoable=standing.redoable,
+        lost=counters.lost,
+        dropped=counters.dropped,
+        revision=state.revision,
+        undoable=state.undoable,
+        redoable=state.redoable,
     )
 
 
-def changepoints_of(standing: SessionState, first: int = 0) -> Changepoints:
+def changepoints_of(state: SessionState, first: int = 0) -> Changepoints:
     """The changepoints from the `first` on."""
-    bare = Changepoints(**standing.header("changepoints"), first=first, changepoints=())
-    return bare.model_copy(update={"changepoints": since(standing.view.changepoints, first)})
+    bare = Changepoints(**state.header("changepoints"), first=first, changepoints=())
+    return bare.model_copy(update={"changepoints": since(state.view.changepoints, first)})
 
 
-def segments_of(standing: SessionState, first: int = 0, first_phase: int = 0) -> Segments:
+def segments_of(state: SessionState, first: int = 0, first_phase: int = 0) -> Segments:
     """The segments from the `first` on, and the phases from the `first_phase` on."""
-    bare = Segments(**standing.header("segments"), first=first, segments=(), first_phase=first_phase)
-    view = standing.view
+    bare = Segments(**state.header("segments"), first=first, segments=(), first_phase=first_phase)
+    view = state.view
     return bare.model_copy(
         update={"segments": since(view.segments, first), "phases": since(view.phases, first_phase)}
     )
 
 
-def posterior_of(standing: SessionState) -> Posterior:
+def posterior_of(state: SessionState) -> Posterior:
     """The posterior of the current segment's start."""
     return Posterior(
-        **standing.header("posterior"),
-        starts=standing.view.posterior_starts,
-        probabilities=standing.view.posterior_probabilities,
+        **state.header("posterior"),
+        starts=state.view.posterior_starts,
+        probabilities=state.view.posterior_probabilities,
     )
 
 
-def program_of(standing: SessionState) -> Program:
-    """The task program. Its apps are as they are kept, and go over the wire like that."""
-    return standing.heading.model_copy(update={"apps": standing.apps})
+def program_of(state: SessionState) -> Program:
+    """Make the task program message; its apps stay encoded as they are stored."""
+    return state.program_header.model_copy(update={"apps": state.apps})
 
 
-def snapshot_of(standing: SessionState) -> Snapshot:
+def snapshot_of(state: SessionState) -> Snapshot:
     """Everything so far, with the last sequence number of each stream."""
     return Snapshot(
-        status=status_of(standing),
-        changepoints=changepoints_of(standing),
-        segments=segments_of(standing),
-        posterior=posterior_of(standing) if standing.last_seq["posterior"] >= 0 else None,
-        program=program_of(standing),
+        status=status_of(state),
+        changepoints=changepoints_of(state),
+        segments=segments_of(state),
+        posterior=posterior_of(state) if state.last_seq["posterior"] >= 0 else None,
+        program=program_of(state),
     )

@@ -23,7 +23,7 @@ MAX_COMMON_NAME = 64  # RFC 5280, ub-common-name
 
 
 class SecurityError(Exception):
-    """Something a user can act on; one line that names what was found and what would do."""
+    """A user error; one line with the value that was found and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Issued:
 
 
 def new_authority(days: int = AUTHORITY_DAYS, *, now: datetime | None = None) -> Issued:
-    """A self-signed authority that may sign certificates, and nothing below it may."""
+    """Make a self-signed authority whose certificates may sign none."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(f"Caesura authority {secrets.token_hex(4)}")  # the name distinguishes two authorities
     builder = (
@@ -54,23 +54,23 @@ def new_authority(days: int = AUTHORITY_DAYS, *, now: datetime | None = None) ->
 def issue_router(
     authority: Issued, common_name: str, hosts: Sequence[str], days: int, *, now: datetime | None = None
 ) -> Issued:
-    """A certificate to listen with, valid for the hosts: names or addresses."""
+    """Issue a certificate to listen with, valid for the hosts: names or addresses. Raises SecurityError."""
     alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
     return _issue(authority, common_name, days, ExtendedKeyUsageOID.SERVER_AUTH, alternatives, now=now)
 
 
 def issue_client(authority: Issued, common_name: str, days: int, *, now: datetime | None = None) -> Issued:
-    """A certificate to connect with."""
+    """Issue a certificate to connect with. Raises SecurityError."""
     return _issue(authority, common_name, days, ExtendedKeyUsageOID.CLIENT_AUTH, None, now=now)
 
 
 def common_name(certificate: bytes) -> str:
-    """The common name in a PEM certificate. Raises SecurityError."""
+    """Return the common name in a PEM certificate. Raises SecurityError."""
     return str(_load(certificate).subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
 
 def hosts_of(certificate: bytes) -> list[str]:
-    """The hosts that a router's certificate is valid for."""
+    """Return the hosts of a router's certificate. Raises SecurityError."""
     extension = _load(certificate).extensions.get_extension_for_class(x509.SubjectAlternativeName)
     return [str(general.value) for general in extension.value]
 
@@ -88,7 +88,7 @@ def normal_host(host: str) -> str:
 
 
 def expiry(certificate: bytes) -> datetime:
-    """When it ends, UTC."""
+    """Return the end of a PEM certificate, UTC. Raises SecurityError."""
     return _load(certificate).not_valid_after_utc
 
 

@@ -29,8 +29,8 @@ from caesura_service.security.certificates import (
     new_authority,
     normal_host,
 )
-from caesura_service.security.exposure import parse
-from caesura_service.security.roles import Identity, identity
+from caesura_service.security.exposure import parse_endpoint
+from caesura_service.security.roles import Identity, parse_identity
 
 AUTHORITY, ROUTER = "ca", "router"
 USERS = "users.txt"
@@ -41,7 +41,7 @@ _LISTEN = re.compile(r'"listen": \{\s*"endpoints": \[\s*"([^"]+)"')
 
 @dataclass(frozen=True)
 class IssueRequest:
-    """What there shall be. hosts: by which clients reach the router, the first of them in their files."""
+    """The certificates to issue. hosts: the names of the router, the first of them in the clients' files."""
 
     holders: Sequence[Identity] = ()
     renew: Sequence[str] = ()  # labels, or `router`
@@ -60,17 +60,19 @@ class CredentialStore:
     endpoint: str = ""  # by which clients reach the router, once issued
 
     def issue(self, wanted: IssueRequest) -> None:
-        """Make what is missing, and the router's file anew."""
+        """Issue what is missing and rewrite the router's files."""
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        authority = self._authority()
-        server = self._router(authority, wanted)
+        authority = self._load_or_create_authority()
+        server = self._load_or_issue_router(authority, wanted)
         listen = self._listen(wanted)
-        self.endpoint = f"tls/{_bracketed(self._hosts(wanted)[0])}:{parse(listen).address.rpartition(':')[2]}"
-        for holder in self._renewed(wanted.renew) + list(wanted.holders):
-            self._client(authority, holder, wanted.days)
+        self.endpoint = (
+            f"tls/{_bracketed(self._hosts(wanted)[0])}:{parse_endpoint(listen).address.rpartition(':')[2]}"
+        )
+        for holder in self._revoke_all(wanted.renew) + list(wanted.holders):
+            self._issue_client(authority, holder, wanted.days)
         if wanted.passwords or self._users_file.exists():
-            self._users(authority.certificate)
-        self._router_files(authority, server, listen)
+            self._issue_passwords(authority.certificate)
+        self._write_router_files(authority, server, listen)
 
     def revoke(self, label: str) -> None:
         """Take a certificate and a password out of use, for the router's next start."""
@@ -86,10 +88,10 @@ class CredentialStore:
             self._file(holder.label, suffix).unlink(missing_ok=True)
         if self._users_file.exists():
             left = {user: word for user, word in self._passwords().items() if user != holder.label}
-            self._put_users(left)
+            self._write_users(left)
 
-    def _renewed(self, labels: Iterable[str]) -> list[Identity]:
-        """Take out of use what these have, so that they get something new."""
+    def _revoke_all(self, labels: Iterable[str]) -> list[Identity]:
+        """Revoke the certificates of these labels and return their identities, for a renewal."""
         holders = [_identity(label) for label in labels if label != ROUTER]
         for holder in holders:
             self.revoke(holder.label)
@@ -100,16 +102,16 @@ class CredentialStore:
         stems = sorted(file.stem for file in self.path.glob("*.crt"))
         return [_identity(stem) for stem in stems if stem not in {AUTHORITY, ROUTER}]
 
-    def ends(self) -> str:
-        """When the first of the certificates ends, a date."""
+    def first_expiry(self) -> str:
+        """Return the date on which the first certificate ends."""
         return f"{min(expiry(file.read_bytes()) for file in self.path.glob('*.crt')):%Y-%m-%d}"
 
-    def _authority(self) -> Issued:
-        return self._kept(AUTHORITY) or self._store(AUTHORITY, new_authority(AUTHORITY_DAYS))
+    def _load_or_create_authority(self) -> Issued:
+        return self._load(AUTHORITY) or self._store(AUTHORITY, new_authority(AUTHORITY_DAYS))
 
-    def _router(self, authority: Issued, wanted: IssueRequest) -> Issued:
-        """The router's certificate; another one where it does not have all hosts, or is to be renewed."""
-        kept, hosts = self._kept(ROUTER), self._hosts(wanted)
+    def _load_or_issue_router(self, authority: Issued, wanted: IssueRequest) -> Issued:
+        """Return the router's certificate; issue one where a host is missing, or for a renewal."""
+        kept, hosts = self._load(ROUTER), self._hosts(wanted)
         complete = kept is not None and set(hosts) <= set(hosts_of(kept.certificate))
         if kept is not None and complete and ROUTER not in wanted.renew:
             return kept
@@ -118,19 +120,19 @@ class CredentialStore:
         return self._store(ROUTER, issue_router(authority, ROUTER, hosts, wanted.days))
 
     def _hosts(self, wanted: IssueRequest) -> list[str]:
-        """Those wanted first, those of the certificate there is, and this machine."""
-        kept = self._kept(ROUTER)
+        """Return the requested hosts, those of the present certificate, and this machine."""
+        kept = self._load(ROUTER)
         known = [] if kept is None else hosts_of(kept.certificate)
         return list(dict.fromkeys([*map(normal_host, wanted.hosts), *known, *THIS_MACHINE]))
 
     def _listen(self, wanted: IssueRequest) -> str:
-        """The endpoint that is wanted, or else the one of the router's file."""
+        """Return the requested endpoint, else that in the router's file."""
         file = self._file(ROUTER, "json5")
         found = _LISTEN.search(file.read_text()) if file.exists() else None
         return wanted.listen or (found[1] if found else f"tls/[::]:{zenoh_files.PORT}")
 
-    def _client(self, authority: Issued, holder: Identity, days: int) -> None:
-        issued, file = self._kept(holder.label), self._file(holder.label, "json5")
+    def _issue_client(self, authority: Issued, holder: Identity, days: int) -> None:
+        issued, file = self._load(holder.label), self._file(holder.label, "json5")
         if issued is None:
             issued = issue_client(authority, self._next_common_name(holder), days)
             self._store(holder.label, issued)
@@ -141,20 +143,20 @@ class CredentialStore:
 
     def _next_common_name(self, holder: Identity) -> str:
         used = {file.stem for file in (self.path / "revoked").glob(f"{holder.label}*.crt")}
-        return next(name for name in _generations(holder.label) if name not in used)
+        return next(name for name in _common_names(holder.label) if name not in used)
 
-    def _router_files(self, authority: Issued, server: Issued, listen: str) -> None:
+    def _write_router_files(self, authority: Issued, server: Issued, listen: str) -> None:
         names = {
             holder: common_name(self._file(holder.label, "crt").read_bytes()) for holder in self.holders()
         }
         tls = zenoh_files.server_tls(authority.certificate, server)
-        self._derive(self._file(ROUTER, "json5"), zenoh_files.router_file(tls, names, listen))
+        self._replace(self._file(ROUTER, "json5"), zenoh_files.router_file(tls, names, listen))
         if self._users_file.exists():
             text = zenoh_files.password_router_file(tls, list(names), listen, USERS)
-            self._derive(self._file(ROUTER, "password.json5"), text)
+            self._replace(self._file(ROUTER, "password.json5"), text)
 
-    def _users(self, authority: bytes) -> None:
-        """Make a password for each identity that has none."""
+    def _issue_passwords(self, authority: bytes) -> None:
+        """Issue a password to each identity without one."""
         known = self._passwords()
         if not known:  # Zenoh admits every client by an empty dictionary: no client gets this password
             known[ROUTER] = secrets.token_urlsafe(PASSWORD_BYTES)
@@ -165,7 +167,7 @@ class CredentialStore:
                 authority, holder.label, known[holder.label], self.endpoint
             )
             self._create(self._file(holder.label, "password.json5"), text.encode(), secret=True)
-        self._put_users(known)
+        self._write_users(known)
 
     def _passwords(self) -> dict[str, str]:
         if not self._users_file.exists():
@@ -173,11 +175,11 @@ class CredentialStore:
         lines = self._users_file.read_text().splitlines()
         return dict(line.split(":", 1) for line in lines if ":" in line)
 
-    def _put_users(self, known: dict[str, str]) -> None:
+    def _write_users(self, known: dict[str, str]) -> None:
         text = "".join(f"{user}:{word}\n" for user, word in sorted(known.items()))
         if self._users_file.exists() and self._users_file.read_text() != text:
             self._users_file.unlink()  # a password that was taken out of use is not kept anywhere
-        self._derive(self._users_file, text)
+        self._replace(self._users_file, text)
 
     @property
     def _users_file(self) -> Path:
@@ -186,7 +188,7 @@ class CredentialStore:
     def _file(self, stem: str, suffix: str) -> Path:
         return self.path / f"{stem}.{suffix}"
 
-    def _kept(self, stem: str) -> Issued | None:
+    def _load(self, stem: str) -> Issued | None:
         certificate, key = self._file(stem, "crt"), self._file(stem, "key")
         if not certificate.exists() and not key.exists():
             return None
@@ -201,7 +203,7 @@ class CredentialStore:
         return issued
 
     def _create(self, file: Path, content: bytes, *, secret: bool) -> None:
-        """Write a file that must not be there yet."""
+        """Create a file. Raises SecurityError where it exists."""
         try:
             number = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if secret else 0o644)
         except FileExistsError as error:
@@ -210,8 +212,8 @@ class CredentialStore:
             stream.write(content)
         self.written.append(file)
 
-    def _derive(self, file: Path, text: str) -> None:
-        """Write a secret file that follows from others; what stood there before stays beside it as `.old`."""
+    def _replace(self, file: Path, text: str) -> None:
+        """Write a secret file that follows from others; its predecessor is kept as `.old`."""
         if file.exists():
             if file.read_text() == text:
                 return
@@ -221,12 +223,12 @@ class CredentialStore:
 
 def _identity(label: str) -> Identity:
     try:
-        return identity(label)
+        return parse_identity(label)
     except ProtocolError as error:
         raise SecurityError(str(error).removeprefix("malformed: ")) from error
 
 
-def _generations(label: str) -> Iterator[str]:
+def _common_names(label: str) -> Iterator[str]:
     yield label
     number = 2
     while True:
@@ -239,5 +241,5 @@ def _bracketed(host: str) -> str:
 
 
 def identities(role: str, names: Iterable[str]) -> list[Identity]:
-    """Holders of one role. Raises SecurityError for a name that is none."""
+    """Return the identities of one role. Raises SecurityError for an invalid name."""
     return [_identity(f"{role}.{name}") for name in names]

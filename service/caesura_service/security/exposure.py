@@ -27,7 +27,7 @@ _AUTHORITIES = ("root_ca_certificate", "root_ca_certificate_base64", "root_ca_ce
 class Endpoint:
     """`protocol/address?metadata#settings`, taken apart. Settings win over those of the configuration.
 
-    >>> parse("tls/[::]:7447#enable_mtls=true")
+    >>> parse_endpoint("tls/[::]:7447#enable_mtls=true")
     Endpoint(protocol='tls', address='[::]:7447', settings={'enable_mtls': 'true'})
     """
 
@@ -41,25 +41,25 @@ class Endpoint:
         return self.address.rpartition(":")[0].strip("[]")
 
 
-def parse(endpoint: str) -> Endpoint:
-    """Take an endpoint apart."""
+def parse_endpoint(endpoint: str) -> Endpoint:
+    """Parse an endpoint."""
     place, _, settings = endpoint.partition("#")
     protocol, _, address = place.partition("?")[0].partition("/")
     pairs = (part.partition("=") for part in settings.split(";") if part)
     return Endpoint(protocol.lower(), address, {key: value for key, _, value in pairs})
 
 
-def addresses(host: str) -> Sequence[str]:
-    """What a host resolves to; nothing where it does not."""
+def resolve_host(host: str) -> Sequence[str]:
+    """Return the addresses of a host; none where it does not resolve."""
     try:
         return [str(info[4][0]) for info in socket.getaddrinfo(host, None)]
     except (OSError, UnicodeError):
         return ()
 
 
-def is_local(endpoint: str, resolve: Resolve = addresses) -> bool:
-    """Does this machine alone reach it? A host counts as local where each of its addresses is a loopback."""
-    parsed = parse(endpoint)
+def is_local(endpoint: str, resolve: Resolve = resolve_host) -> bool:
+    """Whether only this machine reaches an endpoint: each address of its host is a loopback."""
+    parsed = parse_endpoint(endpoint)
     if parsed.protocol in ON_THIS_MACHINE:
         return True
     found = resolve(parsed.host) if parsed.host else ()
@@ -69,24 +69,24 @@ def is_local(endpoint: str, resolve: Resolve = addresses) -> bool:
 Credentials = Literal["certificate", "password", "nothing"]
 
 
-def demanded(endpoint: str, read: Read) -> Credentials:
-    """What a listener on the endpoint demands of who connects."""
-    parsed = parse(endpoint)
+def required_credentials(endpoint: str, read: Read) -> Credentials:
+    """Return the credentials that a listener on the endpoint requires of a client."""
+    parsed = parse_endpoint(endpoint)
     if parsed.protocol in ENCRYPTED and _mutual(parsed, read):
         return "certificate"
     return "password" if _has_users(read("transport/auth/usrpwd/dictionary_file")) else "nothing"
 
 
-def shown(endpoint: str, read: Read) -> Credentials:
-    """What a client shows to the endpoint."""
-    tls = parse(endpoint).protocol in ENCRYPTED
+def presented_credentials(endpoint: str, read: Read) -> Credentials:
+    """Return the credentials that a client presents to the endpoint."""
+    tls = parse_endpoint(endpoint).protocol in ENCRYPTED
     if tls and any(read(f"transport/link/tls/connect_certificate{end}") for end in ("", "_base64")):
         return "certificate"
     return "password" if read("transport/auth/usrpwd/user") else "nothing"
 
 
-def refusal(endpoint: str) -> str:
-    """Why an endpoint that other machines reach is not listened on, and what to do."""
+def exposure_error(endpoint: str) -> str:
+    """Return why the service does not listen on an open endpoint, and the remedies."""
     return (
         f"{endpoint} can be reached from other machines, where every client may do anything: "
         "demand credentials (caesura certs DIR makes certificates and a router.json5 for --zenoh-config), "
@@ -94,13 +94,13 @@ def refusal(endpoint: str) -> str:
     )
 
 
-def warnings(endpoint: str, read: Read) -> Iterator[str]:
-    """What is to be said of an endpoint that is listened on though other machines reach it."""
-    credentials = demanded(endpoint, read)
+def exposure_warnings(endpoint: str, read: Read) -> Iterator[str]:
+    """Return the warnings about an endpoint that other machines reach."""
+    credentials = required_credentials(endpoint, read)
     if credentials == "nothing":
         yield f"{endpoint} is open to every client that reaches it: --insecure"
         return
-    if parse(endpoint).protocol not in ENCRYPTED:
+    if parse_endpoint(endpoint).protocol not in ENCRYPTED:
         yield f"{endpoint} is not encrypted: who is on the way reads everything, and may take a link over"
     if not read("access_control/enabled"):
         yield f"{endpoint} has no access rules: a client with any {credentials} may pose as any station"

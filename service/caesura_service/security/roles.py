@@ -112,14 +112,14 @@ class Identity(NamedTuple):
 
     @property
     def access(self) -> Access:
-        """What this one may do."""
+        """The rights of the identity."""
         return ROLES[self.role](self.name)
 
 
-def identity(label: str) -> Identity:
+def parse_identity(label: str) -> Identity:
     """Parse a label. Raises ProtocolError `malformed`.
 
-    >>> identity("bridge.cell-1")
+    >>> parse_identity("bridge.cell-1")
     Identity(role='bridge', name='cell-1')
     """
     prefix, _, name = label.partition(".")

@@ -36,7 +36,7 @@ Subject = Literal["cert_common_names", "usernames"]
 
 
 def access_control(names: Mapping[Identity, str], known_by: Subject) -> dict[str, Any]:
-    """Zenoh's `access_control`. names: the common name or user name that each identity comes with."""
+    """Make Zenoh's `access_control`. names: the common name or user name of each identity."""
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -50,7 +50,7 @@ def access_control(names: Mapping[Identity, str], known_by: Subject) -> dict[str
 
 
 def _rules(holder: Identity) -> Iterator[dict[str, Any]]:
-    for verb, keys in granted(holder.access):
+    for verb, keys in granted_rights(holder.access):
         for flow, messages in MESSAGES[verb].items():
             yield {
                 "id": f"{holder.label} {verb} {flow}",
@@ -61,8 +61,8 @@ def _rules(holder: Identity) -> Iterator[dict[str, Any]]:
             }
 
 
-def granted(access: Access) -> Iterable[tuple[str, tuple[str, ...]]]:
-    """What may be done, with which keys; without what may not."""
+def granted_rights(access: Access) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """Return each granted verb with its key expressions."""
     for verb in fields(access):
         keys: tuple[str, ...] = getattr(access, verb.name)
         if keys:

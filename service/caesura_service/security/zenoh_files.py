@@ -13,7 +13,7 @@ from typing import Any
 
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_service.security.certificates import Issued
-from caesura_service.security.exposure import parse
+from caesura_service.security.exposure import parse_endpoint
 from caesura_service.security.roles import Identity
 from caesura_service.security.rules import access_control
 
@@ -53,20 +53,20 @@ _LINK: Mapping[str, Any] = {
 _UNICAST: Mapping[str, Any] = {"accept_pending": ACCEPT_PENDING}
 
 
-def patient(endpoint: str) -> str:
-    """An endpoint to listen on, with a TLS handshake that may take HANDSHAKE_MS unless it says otherwise.
+def with_handshake_timeout(endpoint: str) -> str:
+    """Add the handshake timeout HANDSHAKE_MS to a TLS endpoint without one.
 
-    >>> patient("tls/[::]:7447")
+    >>> with_handshake_timeout("tls/[::]:7447")
     'tls/[::]:7447#tls_handshake_timeout_ms=3600000'
     """
-    parsed = parse(endpoint)
+    parsed = parse_endpoint(endpoint)
     if parsed.protocol != "tls" or _HANDSHAKE in parsed.settings:
         return endpoint
     return f"{endpoint}{';' if parsed.settings else '#'}{_HANDSHAKE}={HANDSHAKE_MS}"
 
 
 def server_tls(authority: bytes, server: Issued) -> dict[str, str]:
-    """What a router shows and trusts, written into its file."""
+    """Return the TLS settings of a router, certificates included."""
     return {
         "root_ca_certificate_base64": _text(authority),
         "listen_certificate_base64": _text(server.certificate),
@@ -75,7 +75,7 @@ def server_tls(authority: bytes, server: Issued) -> dict[str, str]:
 
 
 def server_tls_in(folder: str) -> dict[str, str]:
-    """The same as files in a folder, for a router that gets them from elsewhere."""
+    """Return the TLS settings of a router with certificates as files in a folder."""
     return {
         "root_ca_certificate": f"{folder}/ca.crt",
         "listen_certificate": f"{folder}/router.crt",
@@ -86,7 +86,7 @@ def server_tls_in(folder: str) -> dict[str, str]:
 def router_file(
     tls: Mapping[str, str], names: Mapping[Identity, str], listen: str, remark: str = WRITTEN
 ) -> str:
-    """A router that demands a certificate of every client. names: the common name of each."""
+    """Make the file of a router that requires client certificates. names: the common name of each."""
     mutual = {**tls, "enable_mtls": True, "close_link_on_expiration": True}
     transport = {
         "unicast": _UNICAST,
@@ -105,7 +105,7 @@ def password_router_file(
     dictionary: str,
     remark: str = WRITTEN,
 ) -> str:
-    """A router that demands a password of every client, on links that its certificate encrypts."""
+    """Make the file of a router that requires passwords, on links that its certificate encrypts."""
     transport = {
         "unicast": _UNICAST,
         "link": {**_LINK, "tls": tls},
@@ -121,7 +121,7 @@ def password_router_file(
 
 
 def client_file(authority: bytes, client: Issued, endpoint: str) -> str:
-    """A client that shows a certificate."""
+    """Make the file of a client with a certificate."""
     tls = {
         "root_ca_certificate_base64": _text(authority),
         "enable_mtls": True,
@@ -134,7 +134,7 @@ def client_file(authority: bytes, client: Issued, endpoint: str) -> str:
 
 
 def password_client_file(authority: bytes, user: str, password: str, endpoint: str) -> str:
-    """A client that shows a user and a password."""
+    """Make the file of a client with a user and a password."""
     tls = {"root_ca_certificate_base64": _text(authority), "verify_name_on_connect": True}
     auth = {"usrpwd": {"user": user, "password": password}}
     return _client(endpoint, {"link": {"tls": tls}, "auth": auth})
@@ -155,7 +155,7 @@ def _router(
         (
             "Robots and dashboards connect here. A silent connection is left alone for an hour, for Zenoh\n"
             "accepts nothing for 100 ms after each TLS handshake that fails.",
-            {"listen": {"endpoints": [patient(listen)]}},
+            {"listen": {"endpoints": [with_handshake_timeout(listen)]}},
         ),
         ("No peer is searched for: a factory network names its routers.", _QUIET),
         security,
@@ -188,7 +188,7 @@ def _text(pem: bytes) -> str:
 
 
 def _json5(*sections: tuple[str, Mapping[str, Any]]) -> str:
-    """One object, a comment above each part of it."""
+    """Join the sections to one object, each with a comment."""
     return "{\n" + "\n".join(_section(*section) for section in sections) + "}\n"
 
 

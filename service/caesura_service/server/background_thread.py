@@ -1,4 +1,4 @@
-"""What works in a thread of its own while the context lasts."""
+"""A base class that runs a thread while its context lasts."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-JOIN_S = 2.0  # for what is under way when the service stops
+JOIN_S = 2.0  # until a thread that is still working is left alone at the end
 
 
 class BackgroundThread(ABC):
-    """Runs `_run`, which looks at `_stopped`, and is made to look by `wake`."""
+    """Runs `_run`, which ends once `_stopped` is set; `wake` interrupts its waiting."""
 
     def __init__(self, name: str, wake: Callable[[], None]) -> None:
         self._stopped = threading.Event()

@@ -1,4 +1,4 @@
-"""What each station may use of an instance, what it has used, and what was refused because of that.
+"""Budgets of each station: what it may use of an instance, what it used, and the refusals that follow.
 
 Work, which is the worker's time, messages and bytes that a station puts, and commands have a budget each; the
 rates are in `rates`. Stations are distinguished by name; keys that name no station count as one. Any thread
@@ -16,7 +16,7 @@ from typing import Literal, get_args
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import is_name
 from caesura_protocol.messages import MAX_BUDGETS, Budget, StationBudgets
-from caesura_service.server.rates import SENDERS, Rate, RateLimit, RateSettings, WorkBudget
+from caesura_service.server.rates import SENDERS, Rate, RateLimit, RateSettings
 
 Use = Literal["work", "messages", "bytes", "commands"]
 USES: tuple[Use, ...] = get_args(Use)
@@ -26,58 +26,58 @@ UNITS: dict[Use, str] = {
     "bytes": "bytes",
     "commands": "commands",
 }
-LIST_S = 0.25  # how long a list of stations is given again before it is made anew
+CACHE_S = 0.25  # how long the list of stations is cached
 FULL = 1.0
 
 
 class Budgets:
-    """Of all stations of an instance."""
+    """The budgets of all stations of an instance."""
 
     def __init__(self, rates: RateSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._put = RateLimit(rates.samples, rates.volume, clock=clock)
+        self._put = RateLimit(rates.samples, rates.bytes, clock=clock)
         self._commands = RateLimit(rates.commands, clock=clock)
-        self._work = WorkBudget(rates.work, clock=clock)
+        self._work = RateLimit(rates.work, clock=clock)
         self._rates: dict[Use, Rate] = {
             "work": rates.work,
             "messages": rates.samples,
-            "bytes": rates.volume,
+            "bytes": rates.bytes,
             "commands": rates.commands,
         }
-        self._refused: dict[str, dict[Use, int]] = {}  # the station that was refused last stands last
-        self._list: tuple[StationBudgets, ...] = ()
-        self._list_until = float("-inf")  # [s]
+        self._refused: dict[str, dict[Use, int]] = {}  # the last refused station is last
+        self._busiest: tuple[StationBudgets, ...] = ()
+        self._busiest_until_s = float("-inf")  # [s]
         self._lock = threading.Lock()
 
-    def refuse_put(self, station: str, size: int) -> ProtocolError | None:
-        """Count a message of so many bytes against the budgets; why it is dropped, where it is."""
+    def reject_put(self, station: str, size: int) -> ProtocolError | None:
+        """Count a message of so many bytes; return why it is dropped, or None. size: [bytes]."""
         lacking = self._put.lacking(station, 1.0, size)
         if lacking is not None:
-            return self._refusal(station, ("messages", "bytes")[lacking])
-        return self.refuse_work(station)
+            return self._count_and_explain(station, ("messages", "bytes")[lacking])
+        return self.reject_work(station)
 
-    def refuse_command(self, station: str) -> ProtocolError | None:
-        """Count a command; why it is refused, where it is."""
+    def reject_command(self, station: str) -> ProtocolError | None:
+        """Count a command; return why it is refused, or None."""
         if not self._commands.allows(station):
-            return self._refusal(station, "commands")
-        return self.refuse_work(station)
+            return self._count_and_explain(station, "commands")
+        return self.reject_work(station)
 
-    def refuse_work(self, station: str) -> ProtocolError | None:
-        """Count a message that is dropped or refused because it would cause work; why, where it is."""
-        if (refusal := self.exhausted(station)) is not None:
+    def reject_work(self, station: str) -> ProtocolError | None:
+        """Count a message that is refused because the work is used up; return why, or None."""
+        if (refusal := self.work_exhausted(station)) is not None:
             self._count(station, "work")
         return refusal
 
-    def exhausted(self, station: str) -> ProtocolError | None:
-        """Why a message that causes work is refused now, where it is. Counts nothing."""
-        return self._words(station, "work") if self._work.is_spent(station) else None
+    def work_exhausted(self, station: str) -> ProtocolError | None:
+        """Return why a message that causes work is refused now, or None; counts nothing."""
+        return self._error(station, "work") if self._work.is_spent(station) else None
 
-    def spend(self, station: str, seconds: float) -> None:
-        """So much of the worker's time was used for a station."""
-        self._work.spend(station, seconds)
+    def charge_work(self, station: str, seconds: float) -> None:
+        """Charge a station for the worker's time [s]."""
+        self._work.charge(station, seconds)
 
-    def of(self, station: str) -> StationBudgets:
-        """Of one station, as of now."""
+    def budgets_of(self, station: str) -> StationBudgets:
+        """Return the budgets of one station, as of now."""
         refused, used = self._refused.get(station, {}), self._used(station)
         return StationBudgets(
             station=station,
@@ -88,30 +88,30 @@ class Budgets:
         )
 
     def busiest(self) -> tuple[StationBudgets, ...]:
-        """Of the stations that come nearest to a limit or were refused something, at most MAX_BUDGETS."""
+        """Return the at most MAX_BUDGETS stations nearest to a limit or with refusals; cached for CACHE_S."""
         now = self._clock()
-        if now >= self._list_until:
-            known = {*self._put.senders(), *self._commands.senders(), *self._work.stations()}
+        if now >= self._busiest_until_s:
+            known = {*self._put.senders(), *self._commands.senders(), *self._work.senders()}
             with self._lock:
                 known |= self._refused.keys()
             ranked = nlargest(MAX_BUDGETS, ((self._share(name), name) for name in known if is_name(name)))
-            self._list = tuple(self.of(name) for share, name in ranked if share > 0.0)
-            self._list_until = now + LIST_S
-        return self._list
+            self._busiest = tuple(self.budgets_of(name) for share, name in ranked if share > 0.0)
+            self._busiest_until_s = now + CACHE_S
+        return self._busiest
 
     def _used(self, station: str) -> dict[Use, float]:
         messages, size = self._put.used(station)
-        (commands,) = self._commands.used(station)
-        return {"work": self._work.used(station), "messages": messages, "bytes": size, "commands": commands}
+        (commands,), (work,) = self._commands.used(station), self._work.used(station)
+        return {"work": work, "messages": messages, "bytes": size, "commands": commands}
 
     def _share(self, station: str) -> float:
-        """Of the budget of which most is used; a station that was refused something comes first."""
+        """Return the used share of the fullest budget; a station with refusals comes first."""
         shares = (used / self._rates[use].burst for use, used in self._used(station).items())
         return max(shares) + (FULL if station in self._refused else 0.0)
 
-    def _refusal(self, station: str, use: Use) -> ProtocolError:
+    def _count_and_explain(self, station: str, use: Use) -> ProtocolError:
         self._count(station, use)
-        return self._words(station, use)
+        return self._error(station, use)
 
     def _count(self, station: str, use: Use) -> None:
         with self._lock:
@@ -120,8 +120,8 @@ class Budgets:
             if len(self._refused) > SENDERS:
                 del self._refused[next(iter(self._refused))]
 
-    def _words(self, station: str, use: Use) -> ProtocolError:
-        """What was used, the limit, and when more may be."""
+    def _error(self, station: str, use: Use) -> ProtocolError:
+        """Return the error with what was used, the limit and the rate."""
         (per_s, at_once), used = self._rates[use], self._used(station)[use]
         if used == 0.0:  # a name that finds no room among those with a budget of their own
             why = f"{SENDERS} other stations send: station {station} has to wait; try again"

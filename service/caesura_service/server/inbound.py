@@ -1,4 +1,4 @@
-"""What the network hands to the worker. Made in the network's threads, which do nothing else."""
+"""The events that the network's threads enqueue for the worker."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are short
 
 
 class RawPayload(NamedTuple):
-    """A payload as it came; empty if it was over the size limit, which `size` shows. Its texts are cut."""
+    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its texts are cut."""
 
     key: str
     payload: bytes
@@ -30,15 +30,15 @@ class RawPayload(NamedTuple):
     size: int
 
     @classmethod
-    def of(cls, key: str, payload: zenoh.ZBytes | None, encoding: str) -> Self:
-        """What came on a key; nothing reads as an empty payload."""
+    def from_zbytes(cls, key: str, payload: zenoh.ZBytes | None, encoding: str) -> Self:
+        """Copy what was received on a key; None counts as an empty payload."""
         size = 0 if payload is None else len(payload)
         kept = payload is not None and size <= MAX_MESSAGE_BYTES
         whole = payload.to_bytes() if payload is not None and kept else b""
         return cls(key[:MAX_TEXT], whole, encoding[:MAX_TEXT], size)
 
     def check_size(self) -> None:
-        """Raises ProtocolError `too_large`."""
+        """Check the size limit. Raises ProtocolError `too_large`."""
         if self.size > MAX_MESSAGE_BYTES:
             raise ProtocolError(
                 "too_large", "message over the size limit", value=self.size, limit=MAX_MESSAGE_BYTES
@@ -46,7 +46,7 @@ class RawPayload(NamedTuple):
 
 
 class SamplesReceived(NamedTuple):
-    """Something was put on a station's `samples` key, or came in answer to a question for such."""
+    """A message on a station's `samples` key, or in a reply to a replay."""
 
     content: RawPayload
     station: str | None  # None: the key names none
@@ -62,26 +62,26 @@ class CommandReceived:
 
 @dataclass(slots=True)
 class PendingReplay:
-    """A replay that was asked for, and what has come of it so far."""
+    """A requested replay with its replies so far."""
 
-    ask: RequestReplay
+    request: RequestReplay
     replies: int = 0
     dropped: int = 0  # replies for which there was no room
     refusal: RawPayload | None = field(default=None)
     _over: threading.Lock = field(default_factory=threading.Lock)  # held from its end on
 
-    def ends(self) -> bool:
-        """End it. False where it has ended before; any thread may ask."""
+    def end(self) -> bool:
+        """End the replay; return False where it has ended before. Any thread may call it."""
         return self._over.acquire(blocking=False)
 
-    def ended(self) -> ReplayEnded:
-        """What it comes to. An answer that is no refusal of the protocol, like a timeout, counts as none."""
+    def result(self) -> ReplayEnded:
+        """Return the end of the replay; an error outside the protocol, like a timeout, is no answer."""
         error = self._error()
         known = error is not None and error.code in {"evicted", "unknown_session"}
         oldest = error.limit if error and known and isinstance(error.limit, int) else None
         return ReplayEnded(
-            session=self.ask.session,
-            first=self.ask.first,
+            session=self.request.session,
+            first=self.request.first,
             answered=self.replies > 0 and not self.dropped,
             evicted=known,
             oldest=oldest,
@@ -100,12 +100,12 @@ class PendingReplay:
 class ReplayFinished:
     """A replay is complete, or was not answered."""
 
-    asked: PendingReplay
+    replay: PendingReplay
 
 
 @dataclass(frozen=True, slots=True)
 class LivelinessChanged:
-    """A token came, was there, or is gone."""
+    """A liveliness token was declared, was there, or is gone."""
 
     kind: Literal["service", "station"]
     name: str
@@ -114,19 +114,19 @@ class LivelinessChanged:
 
 @dataclass(frozen=True, slots=True)
 class RouterLinkChanged:
-    """Our own link to the router was lost, or is back."""
+    """The link of this instance to the router was lost or restored."""
 
     up: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """From here on tokens that come and go are reported."""
+    """From here on changes of tokens are reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """Work whose slice was over: on what a station sent, or of our own. lane: whose turn it takes."""
+    """Work that continues in its next slice. lane: the station, or the instance's own work."""
 
     lane: str
 
@@ -155,13 +155,13 @@ class SourceId(NamedTuple):
 
 
 @lru_cache(SENDERS)
-def sender_of(key: str) -> SourceId:
-    """Who puts on a key.
+def source_of_key(key: str) -> SourceId:
+    """Return the source of messages on a key.
 
     >>> sender_of("caesura/v1/station/cell-1/samples")
-    Sender(source='caesura/v1/station/cell-1/samples', station='cell-1')
+    SourceId(source='caesura/v1/station/cell-1/samples', station='cell-1')
     >>> sender_of("caesura/v1/station/../samples")
-    Sender(source='?', station=None)
+    SourceId(source='?', station=None)
     """
     try:
         return SourceId(key, parse_station_key(key)[0])
@@ -170,7 +170,7 @@ def sender_of(key: str) -> SourceId:
 
 
 def station_of(source: str) -> str:
-    """The station of a source, be it a valid name or not.
+    """Return the station of a source, whose name may be invalid.
 
     >>> [station_of(source) for source in sources_of("cell-1")]
     ['cell-1', 'cell-1']
@@ -179,15 +179,15 @@ def station_of(source: str) -> str:
 
 
 def content_of(message: zenoh.Sample) -> RawPayload:
-    """What was put or replied."""
-    return RawPayload.of(str(message.key_expr), message.payload, str(message.encoding))
+    """Copy the payload of a sample."""
+    return RawPayload.from_zbytes(str(message.key_expr), message.payload, str(message.encoding))
 
 
 def content_of_query(query: zenoh.Query) -> RawPayload:
-    """What came with a query."""
-    return RawPayload.of(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
+    """Copy the payload of a query."""
+    return RawPayload.from_zbytes(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
 
 
 def content_of_error(error: zenoh.ReplyError) -> RawPayload:
-    """What a query was refused with."""
-    return RawPayload.of("", error.payload, str(error.encoding))
+    """Copy the payload of an error reply."""
+    return RawPayload.from_zbytes("", error.payload, str(error.encoding))

@@ -1,4 +1,4 @@
-"""What may wait for a slow client, in threads beside the worker: answers to commands, questions to bridges.
+"""Sends what a slow client may block, in threads beside the worker: replies to commands, replay requests.
 
 Zenoh sends both with the congestion control that the client, or the bridge, requested: where that client does
 not read, the call waits until its link is closed, five seconds later. In the worker's thread all stations
@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Self
 
 from caesura_service.server.background_thread import JOIN_S
-from caesura_service.server.rates import COMPLAINTS, RateLimit
+from caesura_service.server.rates import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 
@@ -28,15 +28,15 @@ Job = Callable[[], None]
 
 
 class Lanes:
-    """Does jobs while the context lasts: those of one lane in order, those of several at the same time."""
+    """Runs jobs while the context lasts: those of one lane in order, those of several at the same time."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, deque[Job]] = {}  # of lanes with a job waiting or under way
         self._ready: deque[str] = deque()  # lanes whose next job no thread has taken
         self._threads: list[threading.Thread] = []
         self._idle = 0
-        self._is_over = False
-        self._complaints = RateLimit(COMPLAINTS)
+        self._closed = False
+        self._log_rate = RateLimit(LOG_RATE)
         self._changed = threading.Condition()
 
     def __enter__(self) -> Self:
@@ -45,16 +45,16 @@ class Lanes:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Send what waits, as far as that goes in JOIN_S."""
+        """Run the waiting jobs for at most JOIN_S."""
         with self._changed:
-            self._is_over = True
+            self._closed = True
             self._changed.notify_all()
         until = time.monotonic() + JOIN_S
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))
 
     def submit(self, lane: str, job: Job) -> bool:
-        """Let a job be done; False where too many of the lane wait already. Never waits."""
+        """Enqueue a job; return False where too many of the lane wait already. Never waits."""
         with self._changed:
             jobs = self._waiting.get(lane)
             if jobs is None:
@@ -75,20 +75,20 @@ class Lanes:
             self._threads[-1].start()
 
     def _run(self) -> None:
-        while (taken := self._take()) is not None:
+        while (taken := self._next_job()) is not None:
             lane, job = taken
             try:
                 job()
             except Exception:
-                if self._complaints.allows(lane):
+                if self._log_rate.allows(lane):
                     logger.exception("an answer or a question for %s was not sent", lane)
-            self._done(lane)
+            self._finish_job(lane)
 
-    def _take(self) -> tuple[str, Job] | None:
-        """The next job; None once there is none and the context is over."""
+    def _next_job(self) -> tuple[str, Job] | None:
+        """Return the next lane and its job; None once there is none and the context is over."""
         with self._changed:
             while not self._ready:
-                if self._is_over:
+                if self._closed:
                     return None
                 self._idle += 1
                 self._changed.wait()
@@ -96,7 +96,7 @@ class Lanes:
             lane = self._ready.popleft()
             return lane, self._waiting[lane][0]
 
-    def _done(self, lane: str) -> None:
+    def _finish_job(self, lane: str) -> None:
         with self._changed:
             jobs = self._waiting[lane]
             jobs.popleft()

@@ -1,4 +1,4 @@
-"""Who is there: tokens of services and stations, and our own link to the router."""
+"""Liveliness tokens of services and stations, and the instance's own link to the router."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
 
 
 class LiveTokens(NamedTuple):
-    """Who holds a token."""
+    """The services and stations that have a token."""
 
     services: frozenset[str]
     stations: frozenset[str]
 
 
-def who_is_there(network: zenoh.Session) -> LiveTokens:
-    """Asked once, before anything is watched: in a session that does, the answer may come back partial."""
-    found = [_named(key, True) for wanted in (SERVICES, STATIONS) for key in _tokens(network, wanted)]
+def query_live_tokens(network: zenoh.Session) -> LiveTokens:
+    """Query the live tokens, before any are watched: afterwards the answer may be partial."""
+    found = [
+        _parse_token(key, True) for wanted in (SERVICES, STATIONS) for key in _query_keys(network, wanted)
+    ]
     return LiveTokens(
         frozenset(one.name for one in found if one and one.kind == "service"),
         frozenset(one.name for one in found if one and one.kind == "station"),
     )
 
 
-def watching(
+def watch_tokens(
     network: zenoh.Session, report: Callable[[LivelinessChanged | RouterLinkChanged], object], *, client: bool
 ) -> ExitStack:
     """Report live peers, arrivals and departures, and for a client the loss and return of its router.
@@ -42,30 +44,30 @@ def watching(
     """
     stack = ExitStack()
 
-    def take(sample: zenoh.Sample) -> None:
-        presence = _named(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+    def report_token(sample: zenoh.Sample) -> None:
+        presence = _parse_token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
         if presence is not None:
             report(presence)
 
-    def take_link(event: zenoh.TransportEvent) -> None:
+    def report_link(event: zenoh.TransportEvent) -> None:
         report(RouterLinkChanged(event.kind == zenoh.SampleKind.PUT))
 
     if client:
-        listener = network.info.declare_transport_events_listener(direct(take_link))
+        listener = network.info.declare_transport_events_listener(direct(report_link))
         stack.callback(listener.undeclare)
     for key in (SERVICES, STATIONS):
-        watch = network.liveliness().declare_subscriber(key, direct(take), history=True)
+        watch = network.liveliness().declare_subscriber(key, direct(report_token), history=True)
         stack.callback(watch.undeclare)
     return stack
 
 
-def _tokens(network: zenoh.Session, key: str) -> list[str]:
+def _query_keys(network: zenoh.Session, key: str) -> list[str]:
     replies = network.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
-def _named(key: str, alive: bool) -> LivelinessChanged | None:
-    """None where a stranger's token is on a key of that form, but for its name."""
+def _parse_token(key: str, alive: bool) -> LivelinessChanged | None:
+    """Parse the key of a token; None where its name is invalid."""
     try:
         if key.startswith(SERVICES.partition("*")[0]):
             return LivelinessChanged("service", parse_service_key(key)[0], alive)

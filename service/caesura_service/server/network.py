@@ -29,7 +29,12 @@ import zenoh
 from caesura_protocol.transport.diagnosis import diagnose_connection
 from caesura_protocol.transport.zenoh_transport import reason
 from caesura_service.security import exposure
-from caesura_service.security.zenoh_files import ACCEPT_PENDING, BLOCKED_US, ROUTER_MAX_BYTES, patient
+from caesura_service.security.zenoh_files import (
+    ACCEPT_PENDING,
+    BLOCKED_US,
+    ROUTER_MAX_BYTES,
+    with_handshake_timeout,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -101,12 +106,12 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     _check_exposure(endpoints, config, insecure=settings.insecure)
     own = {
         "mode": "router",
-        "listen/endpoints": [patient(one) for one in endpoints],
+        "listen/endpoints": [with_handshake_timeout(one) for one in endpoints],
         "transport/link/tx/queue/congestion_control/block/wait_before_close": BLOCKED_US,
     }
     _insert(config, own)
     _allow_open_files()
-    return _open(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
+    return _open_session(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
 
 
 def _join_as_client(
@@ -119,7 +124,7 @@ def _join_as_client(
         "connect/exit_on_failure": True,
     }
     _insert(config, own)
-    if not exposure.is_local(router) and exposure.shown(router, _reader(config)) == "nothing":
+    if not exposure.is_local(router) and exposure.presented_credentials(router, _reader(config)) == "nothing":
         logger.warning("%s is another machine, and no certificate or password is shown to it", router)
     return _connect(config, router, settings, stop)
 
@@ -189,13 +194,13 @@ def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure:
     for endpoint in endpoints:
         if exposure.is_local(endpoint):
             continue
-        if exposure.demanded(endpoint, read) == "nothing" and not insecure:
-            raise NetworkError(exposure.refusal(endpoint))
-        for warning in exposure.warnings(endpoint, read):
+        if exposure.required_credentials(endpoint, read) == "nothing" and not insecure:
+            raise NetworkError(exposure.exposure_error(endpoint))
+        for warning in exposure.exposure_warnings(endpoint, read):
             logger.warning("%s", warning)
 
 
-def _open(config: zenoh.Config, endpoint: str) -> zenoh.Session:
+def _open_session(config: zenoh.Config, endpoint: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -211,7 +216,7 @@ def _connect(
     said = False
     while True:
         try:
-            return _open(config, endpoint)
+            return _open_session(config, endpoint)
         except NetworkError as error:
             if stop.is_set():
                 raise

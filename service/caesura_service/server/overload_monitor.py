@@ -1,7 +1,7 @@
 """Publishes that the service is overloaded, before anything is dropped, and when it is over.
 
-In a thread of its own: whatever keeps the worker may be what overloads it. It is said when it begins, every
-REPEAT_S while it lasts, with what was dropped meanwhile, and when it ends; the log has the first and last.
+In a thread of its own: the task that blocks the worker may cause the overload. The status is published at its
+begin, every REPEAT_S while it lasts, and at its end; the log has the first and last.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ REPEAT_S = 1.0
 
 
 class OverloadMonitor(BackgroundThread):
-    """Watches the inbox while the context lasts; `publish` puts the service's status."""
+    """Watches the work queue while the context lasts; `publish` puts the service's status."""
 
-    def __init__(self, inbox: WorkQueue[Any], publish: Callable[[], None]) -> None:
-        self._inbox = inbox
+    def __init__(self, queue: WorkQueue[Any], publish: Callable[[], None]) -> None:
+        self._queue = queue
         self._publish = publish
         self._dropped = 0  # before the overload that lasts
-        super().__init__("caesura-announcer", inbox.changed.set)
+        super().__init__("caesura-announcer", queue.overload_changed.set)
 
     def _run(self) -> None:
         lasts = False
         while not self._stopped.is_set():
-            self._inbox.changed.wait(REPEAT_S if lasts else None)
-            self._inbox.changed.clear()
-            pressed = self._inbox.pressed
-            before, lasts = lasts, bool(pressed)
+            self._queue.overload_changed.wait(REPEAT_S if lasts else None)
+            self._queue.overload_changed.clear()
+            overloaded = self._queue.overloaded_sources
+            before, lasts = lasts, bool(overloaded)
             if not (before or lasts):
                 continue
             try:
@@ -42,23 +42,23 @@ class OverloadMonitor(BackgroundThread):
             except Exception:
                 logger.exception("the overload was not announced")
             if lasts:
-                self._inbox.has_announced()
+                self._queue.confirm_announced()
             if lasts != before:
-                self._log(pressed)
+                self._log(overloaded)
 
-    def _log(self, pressed: Set[str]) -> None:
-        """Whose messages are too many, or that it is over."""
-        if pressed:
-            self._dropped = self._inbox.dropped
+    def _log(self, overloaded: Set[str]) -> None:
+        """Log the overloaded stations, or the end of the overload."""
+        if overloaded:
+            self._dropped = self._queue.dropped
             logger.warning(
                 "overloaded by %s: %d messages wait in all, its part of the queue is %.0f %% full; "
                 "its new sessions are refused",
-                ", ".join(sorted(map(_named, pressed))),
-                len(self._inbox),
-                100 * self._inbox.fill(),
+                ", ".join(sorted(map(_named, overloaded))),
+                len(self._queue),
+                100 * self._queue.fill_ratio(),
             )
         else:
-            dropped = self._inbox.dropped - self._dropped
+            dropped = self._queue.dropped - self._dropped
             logger.warning("no longer overloaded; %d messages were dropped and are asked for again", dropped)
 
 

@@ -1,11 +1,11 @@
-"""Answers to those who ask what is: snapshots, programs, the service's status.
+"""Answers queries for snapshots, programs and the service's status.
 
-They come from immutable standings in a thread of its own, so that asking never delays the work and a busy
-worker never delays an answer. One reply for each session or station that the query's key matches; none
-where there is nothing. Questions wait in a bounded queue; past it they are refused as `overloaded`.
+They are answered from immutable states in a thread of its own, so that queries never delay the work and a
+busy worker never delays an answer. One reply for each session or station that the query's key matches.
+Queries wait in a bounded queue; past it they are refused as `overloaded`.
 
-While a station, or the service, is overloaded its commands pass through here: what would begin a new session
-is refused at once, without waiting behind what is too much already; everything else goes its way.
+While a station, or the service, is overloaded its commands pass through here: what would open a new session
+is refused at once; every other command goes to the worker.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from caesura_service.server.inbound import (
     CommandReceived,
     RawPayload,
     content_of_query,
-    sender_of,
+    source_of_key,
     sources_of,
 )
-from caesura_service.server.rates import COMPLAINTS, Rate, RateLimit
-from caesura_service.server.result_publisher import answer, refuse, with_load
+from caesura_service.server.rates import LOG_RATE, Rate, RateLimit
+from caesura_service.server.result_publisher import reply_error, reply_message, with_load
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
 logger = logging.getLogger(__name__)
 
-QUESTIONS = 256  # that may wait
+QUERIES = 256  # that may wait
 TICK_S = 0.1
 
 
@@ -54,131 +54,135 @@ class QueryServer(BackgroundThread):
         budgets: Budgets,
         questions: Rate,
     ) -> None:
-        """work: the worker's inbox; questions: how many are answered, of all readers together."""
-        self._questions = RateLimit(questions)
-        self._complaints = RateLimit(COMPLAINTS)
-        self.turned_away = 0  # commands that were refused because of an overload
+        """work: the worker's queue; questions: the rate of queries, of all readers together."""
+        self._query_rate = RateLimit(questions)
+        self._log_rate = RateLimit(LOG_RATE)
+        self.rejected_commands = 0  # commands that were refused because of an overload
         self._counting = threading.Lock()
         self._registry = registry
-        self._work, self._budgets = work, budgets
+        self._work_queue, self._budgets = work, budgets
         self._status = status
-        self._inbox: WorkQueue[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = WorkQueue(
-            QueueSettings(capacity=QUESTIONS, shares=1)
+        self._queue: WorkQueue[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = WorkQueue(
+            QueueSettings(capacity=QUERIES, shares=1)
         )
-        super().__init__("caesura-answers", self._inbox.wake)
+        super().__init__("caesura-answers", self._queue.wake)
 
     def snapshot(self, query: zenoh.Query) -> None:
-        """Enqueue a question for sessions."""
-        self._ask(self._answer_snapshot, query)
+        """Enqueue a query for sessions."""
+        self._enqueue_query(self._answer_snapshot, query)
 
     def program(self, query: zenoh.Query) -> None:
-        """Enqueue a question for stations' programs."""
-        self._ask(self._answer_program, query)
+        """Enqueue a query for stations' programs."""
+        self._enqueue_query(self._answer_program, query)
 
     def status(self, query: zenoh.Query) -> None:
-        """Enqueue a question for the service's status."""
-        self._ask(self._answer_status, query)
+        """Enqueue a query for the service's status."""
+        self._enqueue_query(self._answer_status, query)
 
-    def with_refusals(self, refused: Mapping[ErrorCode, int]) -> dict[ErrorCode, int]:
-        """Those of the registry and our own."""
-        own: dict[ErrorCode, int] = {"overloaded": self.turned_away} if self.turned_away else {}
+    def add_rejections(self, refused: Mapping[ErrorCode, int]) -> dict[ErrorCode, int]:
+        """Return the refusals of the registry plus those of this server."""
+        own: dict[ErrorCode, int] = {"overloaded": self.rejected_commands} if self.rejected_commands else {}
         return {code: refused.get(code, 0) + own.get(code, 0) for code in {**refused, **own}}
 
     def command(self, query: zenoh.Query) -> None:
-        """Enqueue a command for the worker; under pressure look at it first."""
-        station = sender_of(str(query.key_expr)).station
-        if (refusal := self._budgets.refuse_command(station or UNKNOWN)) is not None:
-            self._refuse_command(query, refusal)
-        elif station is not None and self._work.is_pressed(*sources_of(station)):
-            self._enqueue(self._admit, query)
+        """Enqueue a command for the worker; in an overload only where it opens no new session."""
+        station = source_of_key(str(query.key_expr)).station
+        if (refusal := self._budgets.reject_command(station or UNKNOWN)) is not None:
+            self._reject_command(query, refusal)
+        elif station is not None and self._work_queue.is_overloaded(*sources_of(station)):
+            self._enqueue(self._admit_command, query)
         else:
-            self._pass_on(CommandReceived(content_of_query(query), query))
+            self._forward_command(CommandReceived(content_of_query(query), query))
 
-    def _ask(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
-        if self._questions.allows("every reader"):  # a query does not say who asks
-            self._enqueue(how, query)
+    def _enqueue_query(self, handle: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
+        if self._query_rate.allows("every reader"):  # a query does not name its client
+            self._enqueue(handle, query)
         else:
-            _refuse_overload(query, "too many questions a second", self._questions.rates[0].per_s)
+            _reply_overloaded(query, "too many questions a second", self._query_rate.rates[0].per_s)
 
-    def _enqueue(self, how: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
-        if not self._inbox.offer((how, query), "queries"):
-            _refuse_overload(query, "too many questions are waiting", self._inbox.capacity)
+    def _enqueue(self, handle: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
+        if not self._queue.offer((handle, query), "queries"):
+            _reply_overloaded(query, "too many questions are waiting", self._queue.capacity)
 
     def _run(self) -> None:
         while not self._stopped.is_set():
-            if (question := self._inbox.get(TICK_S)) is None:
+            if (queued := self._queue.get(TICK_S)) is None:
                 continue
-            how, query = question
+            handle, query = queued
             try:
-                how(query)
+                handle(query)
             except Exception:
-                if self._complaints.allows("any"):
+                if self._log_rate.allows("any"):
                     logger.exception("a question was not answered")
                 query.drop()  # type: ignore[no-untyped-call]
 
-    def _admit(self, query: zenoh.Query) -> None:
+    def _admit_command(self, query: zenoh.Query) -> None:
         command = CommandReceived(content_of_query(query), query)
-        if not self._begins(command.content):
-            self._pass_on(command)
+        if not self._opens_new_session(command.content):
+            self._forward_command(command)
             return
         with self._counting:
-            self.turned_away += 1
+            self.rejected_commands += 1
         why = "more arrives than can be done: no new sessions until that is over, try again"
         with query:
-            fill = round(self._work.fill(), 2)
-            refuse(query, ProtocolError("overloaded", why, value=fill, limit=self._work.overloaded_at))
+            fill = round(self._work_queue.fill_ratio(), 2)
+            reply_error(
+                query, ProtocolError("overloaded", why, value=fill, limit=self._work_queue.overloaded_at)
+            )
 
-    def _begins(self, content: RawPayload) -> bool:
-        """Would the command open a session that is not known? One that cannot be read is the worker's."""
+    def _opens_new_session(self, content: RawPayload) -> bool:
+        """Whether the command opens a session that is not in memory; False where it cannot be read."""
         try:
             content.check_size()
             station = parse_station_key(content.key)[0]
             command = decode(content.payload, content.encoding, Control).command
         except ProtocolError:
             return False
-        known = {session.name for session in self._registry.board.sessions.get(station, ())}
+        known = {session.name for session in self._registry.index.sessions.get(station, ())}
         return isinstance(command, Open) and command.session not in known
 
-    def _pass_on(self, command: CommandReceived) -> None:
-        station = sender_of(command.content.key).station
-        if not self._work.command(command, station or UNKNOWN):
-            most = self._work.settings.commands
+    def _forward_command(self, command: CommandReceived) -> None:
+        station = source_of_key(command.content.key).station
+        if not self._work_queue.put_command(command, station or UNKNOWN):
+            most = self._work_queue.settings.commands
             why = f"{most} commands of station {station} are waiting: try again"
             refusal = ProtocolError("overloaded", why, value=most, limit=most)
-            self._refuse_command(command.query, refusal)
+            self._reject_command(command.query, refusal)
 
-    def _refuse_command(self, query: zenoh.Query, refusal: ProtocolError) -> None:
+    def _reject_command(self, query: zenoh.Query, refusal: ProtocolError) -> None:
         with self._counting:
-            self.turned_away += 1
+            self.rejected_commands += 1
         with query:
-            refuse(query, refusal)
+            reply_error(query, refusal)
 
     def _answer_snapshot(self, query: zenoh.Query) -> None:
         with query:
             asked = query.key_expr
-            for standing in self._registry.board.standings():
-                key = session_key(standing.station, standing.session, "snapshot")
+            for state in self._registry.index.all_states():
+                key = session_key(state.station, state.session, "snapshot")
                 if asked.intersects(key):
-                    answer(query, key, self._snapshot(standing))
+                    reply_message(query, key, self._snapshot(state))
 
-    def _snapshot(self, standing: SessionState) -> Snapshot:
-        snapshot = snapshot_of(standing)
-        return snapshot.model_copy(update={"status": with_load(snapshot.status, self._work, self._budgets)})
+    def _snapshot(self, state: SessionState) -> Snapshot:
+        snapshot = snapshot_of(state)
+        return snapshot.model_copy(
+            update={"status": with_load(snapshot.status, self._work_queue, self._budgets)}
+        )
 
     def _answer_program(self, query: zenoh.Query) -> None:
         with query:
             asked = query.key_expr
-            for standing in self._registry.board.current():
-                key = station_key(standing.station, "program")
+            for state in self._registry.index.newest_states():
+                key = station_key(state.station, "program")
                 if asked.intersects(key):
-                    answer(query, key, program_of(standing))
+                    reply_message(query, key, program_of(state))
 
     def _answer_status(self, query: zenoh.Query) -> None:
         with query:
             status = self._status()
-            answer(query, service_key(status.instance, "status"), status)
+            reply_message(query, service_key(status.instance, "status"), status)
 
 
-def _refuse_overload(query: zenoh.Query, why: str, limit: float) -> None:
+def _reply_overloaded(query: zenoh.Query, why: str, limit: float) -> None:
     with query:
-        refuse(query, ProtocolError("overloaded", why, limit=limit))
+        reply_error(query, ProtocolError("overloaded", why, limit=limit))

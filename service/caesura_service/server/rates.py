@@ -1,4 +1,4 @@
-"""How often a sender may send: token buckets, which the network's threads ask before they enqueue anything.
+"""Token buckets that limit how often a sender may send and how much work it may cause.
 
 Sizes and queues bound what a sender may hold; rates bound the work that it may cause. The numbers lie well
 above what honest clients do, so a sender that meets them is broken or hostile. Samples: a robot of 1 kHz that
@@ -23,40 +23,44 @@ SENDERS = 1024  # with own buckets; another is admitted once the one quiet for l
 
 
 class Rate(NamedTuple):
-    """So many a second, and so many at once."""
+    """Tokens per second, and the most at once."""
 
     per_s: float
     burst: float
 
 
-SAMPLES = Rate(5000.0, 10_000.0)  # messages of a station
-VOLUME = Rate(16e6, 32e6)  # bytes of them
-COMMANDS = Rate(500.0, 1000.0)  # of a station
-QUESTIONS = Rate(2000.0, 4000.0)  # to the instance
-WORK = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
-COMPLAINTS = Rate(0.1, 1.0)  # log lines about a station, or about what it caused
+SAMPLE_RATE = Rate(5000.0, 10_000.0)  # messages of a station
+BYTE_RATE = Rate(16e6, 32e6)  # bytes of them
+COMMAND_RATE = Rate(500.0, 1000.0)  # of a station
+QUERY_RATE = Rate(2000.0, 4000.0)  # to the instance
+WORK_RATE = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
+LOG_RATE = Rate(0.1, 1.0)  # log lines about a station, or about what it caused
 
 
 @dataclass(frozen=True)
 class RateSettings:
-    """The rate of each kind of message, and of work."""
+    """The rates of each kind of message, and of work."""
 
-    samples: Rate = SAMPLES
-    volume: Rate = VOLUME
-    commands: Rate = COMMANDS
-    questions: Rate = QUESTIONS
-    work: Rate = WORK
+    samples: Rate = SAMPLE_RATE
+    bytes: Rate = BYTE_RATE
+    commands: Rate = COMMAND_RATE
+    queries: Rate = QUERY_RATE
+    work: Rate = WORK_RATE
 
 
 class _Bucket(NamedTuple):
-    """What one sender had left of each rate when it last sent."""
+    """The tokens of each rate that a sender had left at a time."""
 
     tokens: Sequence[float]
     at: float  # [s]
 
 
 class RateLimit:
-    """A token bucket for each sender, of one rate or several at once; any thread may ask."""
+    """A token bucket for each sender, of one rate or several at once; any thread may call it.
+
+    `allows` takes tokens that are there, before a message is accepted. `charge` takes the cost of work,
+    which is measured afterwards: the bucket may go into debt, and the sender waits until it is out of it.
+    """
 
     def __init__(
         self, *rates: Rate, senders: int = SENDERS, clock: Callable[[], float] = time.monotonic
@@ -69,11 +73,11 @@ class RateLimit:
         self._lock = threading.Lock()
 
     def allows(self, sender: str, cost: float = 1.0, *further: float) -> bool:
-        """Take so many tokens of each rate, if the sender has them all."""
+        """Take so many tokens of each rate, if the sender has them all; return whether it had."""
         return self.lacking(sender, cost, *further) is None
 
     def lacking(self, sender: str, cost: float = 1.0, *further: float) -> int | None:
-        """Likewise; returns the first rate of which there are too few, by its index, or None."""
+        """Take tokens as `allows`; return the index of the first rate that lacks tokens, or None."""
         with self._lock:
             now = self._clock()
             bucket = self._buckets.pop(sender, None)
@@ -87,18 +91,32 @@ class RateLimit:
             self._buckets[sender] = bucket if lacks is not None else _Bucket(left, now)
         return lacks
 
+    def charge(self, sender: str, cost: float) -> None:
+        """Take tokens of the only rate, also into debt; too many senders evict the oldest bucket."""
+        with self._lock:
+            now = self._clock()
+            (tokens,) = self._filled(self._buckets.pop(sender, self._full), now)
+            self._buckets[sender] = _Bucket([tokens - cost], now)
+            if len(self._buckets) > self._senders:
+                del self._buckets[next(iter(self._buckets))]
+
+    def is_spent(self, sender: str) -> bool:
+        """Return whether a rate has no tokens left."""
+        bucket = self._buckets.get(sender)
+        return bucket is not None and min(self._filled(bucket, self._clock())) <= 0.0
+
     def used(self, sender: str) -> list[float]:
-        """Tokens of each rate that are missing to a full bucket."""
+        """Return the tokens of each rate that are missing to a full bucket."""
         filled = self._filled(self._buckets.get(sender, self._full), self._clock())
         return [rate.burst - tokens for rate, tokens in zip(self.rates, filled, strict=True)]
 
     def senders(self) -> list[str]:
-        """Return those that have buckets of their own now."""
+        """Return the senders that have a bucket."""
         with self._lock:
             return list(self._buckets)
 
     def _filled(self, bucket: _Bucket, now: float) -> list[float]:
-        """Tokens of each rate by now, never more than its burst."""
+        """Return the tokens of each rate at a time, at most its burst. now: [s]."""
         passed_s = now - bucket.at
         return [
             by_now if (by_now := tokens + passed_s * per_s) < burst else burst
@@ -106,7 +124,7 @@ class RateLimit:
         ]
 
     def _has_room(self, now: float) -> bool:
-        """Room for one more sender; one whose buckets are full again need not be remembered."""
+        """Whether there is room for a sender; the oldest one with full buckets is evicted for it."""
         if len(self._buckets) < self._senders:
             return True
         oldest = next(iter(self._buckets))
@@ -114,47 +132,3 @@ class RateLimit:
             return False
         del self._buckets[oldest]
         return True
-
-
-class WorkBudget:
-    """The worker's time [s] that each station may still use; the worker spends, any thread asks.
-
-    What work costs is known afterwards: a station may owe, and waits until it owes nothing.
-    """
-
-    def __init__(
-        self, rate: Rate, *, stations: int = SENDERS, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.rate = rate
-        self._stations = stations
-        self._clock = clock
-        self._left: dict[str, _Bucket] = {}  # the station that spent last stands last
-        self._lock = threading.Lock()
-
-    def spend(self, station: str, seconds: float) -> None:
-        """So much has been used."""
-        with self._lock:
-            now = self._clock()
-            left_s = self._left_s(self._left.pop(station, None), now)
-            self._left[station] = _Bucket((left_s - seconds,), now)
-            if len(self._left) > self._stations:
-                del self._left[next(iter(self._left))]
-
-    def used(self, station: str) -> float:
-        """[s] what is missing to the burst; from the burst on the station has to wait."""
-        return self.rate.burst - self._left_s(self._left.get(station), self._clock())
-
-    def is_spent(self, station: str) -> bool:
-        """Has it used what it may, so that it has to wait?"""
-        bucket = self._left.get(station)
-        return bucket is not None and self._left_s(bucket, self._clock()) <= 0.0
-
-    def stations(self) -> list[str]:
-        """Return those that have buckets of their own now."""
-        with self._lock:
-            return list(self._left)
-
-    def _left_s(self, bucket: _Bucket | None, now: float) -> float:
-        """[s] never more than the burst."""
-        per_s, at_once_s = self.rate
-        return at_once_s if bucket is None else min(at_once_s, bucket.tokens[0] + (now - bucket.at) * per_s)

@@ -1,4 +1,4 @@
-"""What the service says: results to all readers, questions to bridges, answers to queries.
+"""Publishes results, requests replays from bridges and replies to queries.
 
 Puts never wait (DROP): a reader finds a hole by the number and takes a snapshot. One priority a key,
 because mixing them would reorder, and one publisher, which sends nothing as long as there is no reader.
@@ -46,8 +46,8 @@ logger = logging.getLogger(__name__)
 
 # Questions under way at once. Their answers fit into the inbox together; those of every station after an
 # outage would not, and would be asked for again and again.
-QUESTIONS = 8
-PUBLISHERS = 1024  # declared at once: of 200 sessions that say something
+REPLAYS = 8
+PUBLISHERS = 1024  # declared at once, those of 200 sessions
 
 STREAMS: Mapping[type[Result], SessionPart] = {
     Changepoints: "changepoints",
@@ -58,22 +58,22 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 
 
 class ResultPublisher:
-    """Puts and questions over one zenoh session; used by the worker alone."""
+    """Puts and queries over one zenoh session; only the worker calls it."""
 
     def __init__(
-        self, network: zenoh.Session, inbox: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes
+        self, network: zenoh.Session, queue: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes
     ) -> None:
         self._network = network
         self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
-        self._inbox, self._budgets, self._lanes = inbox, budgets, lanes
+        self._queue, self._budgets, self._lanes = queue, budgets, lanes
         self._under_way = 0
         self._waiting: dict[tuple[str, str], RequestReplay] = {}
 
     def publish(self, publish: Publish) -> None:
-        """Put a result on its key. One that cannot go is logged: the snapshot still has it."""
+        """Put a result on its key. A failure is logged: the snapshot still has the result."""
         message = publish.message
         if isinstance(message, SessionStatus):
-            message = with_load(message, self._inbox, self._budgets)
+            message = with_load(message, self._queue, self._budgets)
         try:
             put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
         except (ProtocolError, zenoh.ZError):
@@ -86,45 +86,47 @@ class ResultPublisher:
             self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
         return publisher
 
-    def ask(self, ask: RequestReplay) -> None:
-        """Ask a bridge for batches, now or in turn; they and the answer's end arrive in the inbox."""
-        self._waiting[ask.station, ask.session] = ask
-        self._ask_next()
+    def request_replay(self, request: RequestReplay) -> None:
+        """Request batches from a bridge, now or once REPLAYS allow it; replies arrive in the queue."""
+        self._waiting[request.station, request.session] = request
+        self._send_next_request()
 
-    def ended(self) -> None:
-        """An answer has ended: the next question may go."""
+    def replay_finished(self) -> None:
+        """Count a finished replay and send the next request."""
         self._under_way -= 1
-        self._ask_next()
+        self._send_next_request()
 
-    def _ask_next(self) -> None:
-        while self._waiting and self._under_way < QUESTIONS:
-            ask = self._waiting.pop(next(iter(self._waiting)))
+    def _send_next_request(self) -> None:
+        while self._waiting and self._under_way < REPLAYS:
+            request = self._waiting.pop(next(iter(self._waiting)))
             self._under_way += 1
-            if not self._lanes.submit(ask.station, partial(self._ask, ask)):
-                self._end(PendingReplay(ask))
+            if not self._lanes.submit(request.station, partial(self._send_request, request)):
+                self._finish_replay(PendingReplay(request))
 
-    def answer(self, query: zenoh.Query, key: str, station: str, reply: Ack | ProtocolError) -> None:
-        """Reply to a command of a station; where too many of its answers wait, its client asks again."""
-        if not self._lanes.submit(station, partial(_answered, query, key, reply)):
+    def reply(self, query: zenoh.Query, key: str, station: str, reply: Ack | ProtocolError) -> None:
+        """Reply to a command of a station; the reply is dropped where too many of the station wait."""
+        if not self._lanes.submit(station, partial(_send_reply, query, key, reply)):
             query.drop()  # type: ignore[no-untyped-call]
 
-    def _ask(self, ask: RequestReplay) -> None:
-        """The robot's side may wait with its answer (BLOCK), in a queue behind live samples (DATA_LOW).
+    def _send_request(self, request: RequestReplay) -> None:
+        """Query a bridge's ring; the reply may block (BLOCK), in a queue behind live samples (DATA_LOW).
 
-        A question that fails ends: counted as under way for good, it would leave no room for others.
+        A query that fails is finished at once, because it counts as under way until then.
         """
-        asked = PendingReplay(ask)
+        replay = PendingReplay(request)
         try:
-            self._get(asked, ask)
+            self._get_batches(replay, request)
         except Exception:
-            self._end(asked)
+            self._finish_replay(replay)
             raise
 
-    def _get(self, asked: PendingReplay, ask: RequestReplay) -> None:
-        wanted = ReplayRange(ask.first, ask.last, ask.last - ask.first + 1, ask.session)
-        selector = f"{station_key(ask.station, 'replay')}?{replay_parameters(wanted)}"
+    def _get_batches(self, replay: PendingReplay, request: RequestReplay) -> None:
+        wanted = ReplayRange(request.first, request.last, request.last - request.first + 1, request.session)
+        selector = f"{station_key(request.station, 'replay')}?{replay_parameters(wanted)}"
         handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
-            lambda reply: self._take(asked, reply), lambda: self._end(asked), indirect=False
+            lambda reply: self._receive_reply(replay, reply),
+            lambda: self._finish_replay(replay),
+            indirect=False,
         )
         self._network.get(
             selector,
@@ -135,27 +137,27 @@ class ResultPublisher:
             timeout=QUERY_TIMEOUT_S,
         )
 
-    def _take(self, asked: PendingReplay, reply: zenoh.Reply) -> None:
+    def _receive_reply(self, replay: PendingReplay, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
-            asked.replies += 1
-            arrival = SamplesReceived(content_of(reply.ok), asked.ask.station)
-            station = asked.ask.station
+            replay.replies += 1
+            arrival = SamplesReceived(content_of(reply.ok), replay.request.station)
+            station = replay.request.station
             size = len(arrival.content.payload)
-            has_room = self._budgets.refuse_work(station) is None and self._inbox.offer(
+            has_room = self._budgets.reject_work(station) is None and self._queue.offer(
                 arrival, station, size, station
             )
-            asked.dropped += not has_room
+            replay.dropped += not has_room
         elif reply.err is not None:
-            asked.refusal = content_of_error(reply.err)
+            replay.refusal = content_of_error(reply.err)
 
-    def _end(self, asked: PendingReplay) -> None:
-        """Once: of a question that fails Zenoh ends some, and others not."""
-        if asked.ends():
-            self._inbox.deliver(ReplayFinished(asked), asked.ask.station)
+    def _finish_replay(self, replay: PendingReplay) -> None:
+        """Enqueue the end of a replay, once: Zenoh ends some of the queries that fail."""
+        if replay.end():
+            self._queue.put_unbounded(ReplayFinished(replay), replay.request.station)
 
 
 def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:
-    """A publisher that never waits. low: what may be late."""
+    """Declare a publisher that never waits. low: with low priority."""
     return network.declare_publisher(
         key,
         congestion_control=zenoh.CongestionControl.DROP,
@@ -169,38 +171,38 @@ def put(publisher: zenoh.Publisher, message: Message) -> None:
         publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
 
 
-def with_load(status: SessionStatus, inbox: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
-    """The status of a session with the load that its station causes: overload, and budgets."""
-    pressed = inbox.is_pressed(*sources_of(status.station))
-    load = {"budgets": budgets.of(status.station), "overloaded": status.overloaded or pressed}
+def with_load(status: SessionStatus, queue: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
+    """Return the status with its station's overload and budgets."""
+    overloaded = queue.is_overloaded(*sources_of(status.station))
+    load = {"budgets": budgets.budgets_of(status.station), "overloaded": status.overloaded or overloaded}
     return status.model_copy(update=load)
 
 
 def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:
-    """Where a result is put."""
+    """Return the key of a result."""
     if isinstance(message, Program):
         return station_key(message.station, "program")
     return session_key(message.station, message.session, STREAMS[type(message)])
 
 
-def _answered(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
+def _send_reply(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
     with query:
         if isinstance(reply, ProtocolError):
-            refuse(query, reply)
+            reply_error(query, reply)
         else:
-            answer(query, key, reply)
+            reply_message(query, key, reply)
 
 
-def answer(query: zenoh.Query, key: str, message: Message) -> None:
-    """Reply to a query on a key of this instance; a message that cannot go is refused instead."""
+def reply_message(query: zenoh.Query, key: str, message: Message) -> None:
+    """Reply to a query on a key of this instance; an error where it is too large."""
     try:
         for encoded in fragment(message):
             query.reply(key, encoded.payload, encoding=encoded.encoding)
     except ProtocolError as error:
-        refuse(query, error)
+        reply_error(query, error)
 
 
-def refuse(query: zenoh.Query, error: ProtocolError) -> None:
+def reply_error(query: zenoh.Query, error: ProtocolError) -> None:
     """Reply with an error that states the reason."""
     encoded = encode_error(error)
     query.reply_err(encoded.payload, encoding=encoded.encoding)

@@ -22,8 +22,8 @@ from caesura_service.journal import JournalError, Key
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.rates import COMPLAINTS, Rate, RateLimit
-from caesura_service.server.result_publisher import answer, refuse
+from caesura_service.server.rates import LOG_RATE, Rate, RateLimit
+from caesura_service.server.result_publisher import reply_error, reply_message
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
 logger = logging.getLogger(__name__)
@@ -36,13 +36,13 @@ LOOK_S = 1.0  # between two looks for sessions that have ended
 class SampleServer(BackgroundThread):
     """Answers while the context lasts."""
 
-    def __init__(self, reader: SampleReader, board: Callable[[], SessionIndex], questions: Rate) -> None:
-        """board: the sessions of this instance; questions: how many are answered, of all readers together."""
-        self._reader, self._board, self._clock = reader, board, time.monotonic
+    def __init__(self, reader: SampleReader, index: Callable[[], SessionIndex], queries: Rate) -> None:
+        """index: the sessions of this instance; queries: how many are answered, of all readers together."""
+        self._reader, self._index, self._clock = reader, index, time.monotonic
         self._open: set[Key] = set()  # at the last look
         self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
         self._looks_at = 0.0  # [s]
-        self._questions, self._complaints = RateLimit(questions), RateLimit(COMPLAINTS)
+        self._query_rate, self._log_rate = RateLimit(queries), RateLimit(LOG_RATE)
         self._queue: WorkQueue[tuple[zenoh.Query, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-samples", self._queue.wake)
 
@@ -52,13 +52,13 @@ class SampleServer(BackgroundThread):
             station, session, _ = parse_session_key(str(query.key_expr))
         except ProtocolError as error:  # a wildcard: of all sessions it would be too much
             with query:
-                refuse(query, error)
+                reply_error(query, error)
             return
-        if not self._questions.allows("every reader") or not self._queue.offer(
+        if not self._query_rate.allows("every reader") or not self._queue.offer(
             (query, station, session), station
         ):
             with query:
-                refuse(query, ProtocolError("overloaded", "too many queries for samples", limit=QUERIES))
+                reply_error(query, ProtocolError("overloaded", "too many queries for samples", limit=QUERIES))
 
     def _run(self) -> None:
         while not self._stopped.is_set():
@@ -69,25 +69,25 @@ class SampleServer(BackgroundThread):
             try:
                 self._step(*found)
             except Exception:
-                if self._complaints.allows(found[1]):
+                if self._log_rate.allows(found[1]):
                     logger.exception("a query for samples of %s/%s was not answered", *found[1:])
-            self._queue.spent(self._clock() - began)
+            self._queue.charge(self._clock() - began)
 
     def _prepare(self) -> None:
         """Make the overview of a session that has ended, so that no reader waits for it."""
         if not self._ended and self._clock() < self._looks_at:
             return
         self._looks_at = self._clock() + LOOK_S
-        standings = {(one.station, one.session): one for one in self._board().standings()}
-        self._ended |= {key for key in self._open & standings.keys() if not standings[key].is_open}
-        self._ended &= standings.keys()
-        self._open = {key for key, one in standings.items() if one.is_open}
+        states = {(one.station, one.session): one for one in self._index().all_states()}
+        self._ended |= {key for key in self._open & states.keys() if not states[key].is_open}
+        self._ended &= states.keys()
+        self._open = {key for key, one in states.items() if one.is_open}
         for key in sorted(self._ended)[:1]:
             try:
-                is_made = self._reader.advance(_owned(standings[key]))
+                is_made = self._reader.advance(_owned(states[key]))
             except (ProtocolError, JournalError) as error:
                 is_made = True
-                if self._complaints.allows(key[0]):
+                if self._log_rate.allows(key[0]):
                     logger.warning("no overview of %s: %s", "/".join(key), error)
             if is_made:
                 self._ended.discard(key)
@@ -99,13 +99,13 @@ class SampleServer(BackgroundThread):
             query.drop()  # type: ignore[no-untyped-call]
             return  # another instance may have it
         reply = self._reply(owned, str(query.parameters))
-        if reply is None and self._queue.insist((query, station, session), station):
+        if reply is None and self._queue.put((query, station, session), station):
             return
         with query:
             if isinstance(reply, RecordedSamples):
-                answer(query, str(query.key_expr), reply)
+                reply_message(query, str(query.key_expr), reply)
             else:
-                refuse(query, reply or ProtocolError("overloaded", "too many queries for samples"))
+                reply_error(query, reply or ProtocolError("overloaded", "too many queries for samples"))
 
     def _reply(self, owned: Owned, parameters: str) -> RecordedSamples | ProtocolError | None:
         """None: more of the session has to be read before."""
@@ -118,12 +118,12 @@ class SampleServer(BackgroundThread):
             return ProtocolError("internal", str(error))
 
     def _owned(self, station: str, session: str) -> Owned | None:
-        for held in self._board().sessions.get(station, ()):
-            if held.standing.session == session:
-                return _owned(held.standing)
+        for held in self._index().sessions.get(station, ()):
+            if held.state.session == session:
+                return _owned(held.state)
         return None
 
 
-def _owned(standing: SessionState) -> Owned:
-    owner = standing.owner
-    return Owned(standing.station, standing.session, owner.instance, owner.epoch, standing.is_open)
+def _owned(state: SessionState) -> Owned:
+    owner = state.owner
+    return Owned(state.station, state.session, owner.instance, owner.epoch, state.is_open)

@@ -1,4 +1,4 @@
-"""What is declared of stations: all of them by one expression, or some by name."""
+"""Subscriptions and queryables of stations: all by one expression, or some by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ALL = "*"
 
 
 class StationSubscriptions:
-    """The subscriptions and queryables of stations. Any thread may close it, and nothing is declared then."""
+    """The subscriptions and queryables of stations. Any thread may close it."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class StationSubscriptions:
         self._lock = threading.Lock()
 
     def set(self, stations: Set[str] | None) -> None:
-        """Declare these, None for all. What is new comes first: twice is better than not at all."""
+        """Declare these stations, None for all. New ones come first, so that none is undeclared meanwhile."""
         with self._lock:
             wanted = set() if self._closed else {ALL} if stations is None else stations
             for station in wanted - self._declared.keys():
@@ -42,7 +42,7 @@ class StationSubscriptions:
                 self._undeclare(station)
 
     def close(self) -> None:
-        """Declare nothing any more."""
+        """Undeclare everything, and declare nothing afterwards."""
         self._closed = True
         self.set(frozenset())
 

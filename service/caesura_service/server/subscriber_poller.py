@@ -1,4 +1,4 @@
-"""What stations put, gathered: one look for many messages.
+"""Polls the subscribers of samples: one poll returns many messages.
 
 A callback in the network's thread waits for the interpreter at every message, and then keeps the thread
 waiting that had it. So Zenoh puts what it reads into channels of its own, for which it needs no interpreter,
@@ -18,63 +18,63 @@ from typing import Any
 import zenoh
 
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.rates import COMPLAINTS, RateLimit
+from caesura_service.server.rates import LOG_RATE, RateLimit
 
-Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError where nothing will come any more
+Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError once it is undeclared and empty
 
 logger = logging.getLogger(__name__)
 
-LOOK_S = 0.005  # a tenth of what a result may take
-IDLE_LOOK_S = 0.025  # once no station has put anything for so many looks:
-PATIENCE = 40
+POLL_S = 0.005  # a tenth of what a result may take
+IDLE_POLL_S = 0.025  # once no station has put anything for so many looks:
+IDLE_AFTER = 40
 CHANNEL = 256  # messages of one expression; in a full one the link waits, whose sender then waits too
 
 
 class SubscriberPoller(BackgroundThread):
-    """Hands over what was put, one after the other, while the context lasts."""
+    """Passes received samples to a callback, one at a time, while the context lasts."""
 
-    def __init__(self, take: Callable[[zenoh.Sample], None]) -> None:
+    def __init__(self, handle: Callable[[zenoh.Sample], None]) -> None:
         """take: only enqueues; called in more threads than one, never at once."""
-        self._take = take
+        self._handle = handle
         self._declared: dict[str, tuple[Any, Receive]] = {}
         self._turn = threading.Lock()
-        self._complaints = RateLimit(COMPLAINTS)
+        self._log_rate = RateLimit(LOG_RATE)
         super().__init__("caesura-gathering", lambda: None)
 
     def declare(self, network: zenoh.Session, key: str) -> None:
-        """Gather what is put on a key, or on all that an expression matches."""
+        """Subscribe to a key expression."""
         subscriber = network.declare_subscriber(key, zenoh.handlers.FifoChannel(CHANNEL))
         self._declared[key] = subscriber, subscriber.handler.try_recv
 
     def undeclare(self, key: str) -> None:
-        """No longer; what was put so far is handed over."""
+        """Unsubscribe, after passing on what was received."""
         self._declared[key][0].undeclare()
-        self.gather()
+        self.drain()
         del self._declared[key]
 
-    def gather(self) -> int:
-        """Hand over what is there, and say how many; any thread may ask for that."""
-        gathered = 0
+    def drain(self) -> int:
+        """Pass on every received sample; return how many. Any thread may call it."""
+        handled = 0
         with self._turn:
             for _, receive in tuple(self._declared.values()):
                 most = CHANNEL  # a station that never stops keeps no other waiting
                 try:
                     while most and (sample := receive()) is not None:
-                        self._take_one(sample)
+                        self._handle_one(sample)
                         most -= 1
                 except zenoh.ZError:  # empty, and no longer declared
                     pass
-                gathered += CHANNEL - most
-        return gathered
+                handled += CHANNEL - most
+        return handled
 
-    def _take_one(self, sample: zenoh.Sample) -> None:
+    def _handle_one(self, sample: zenoh.Sample) -> None:
         try:
-            self._take(sample)
+            self._handle(sample)
         except Exception:
-            if self._complaints.allows("any"):
+            if self._log_rate.allows("any"):
                 logger.exception("a message was lost to an error of the service")
 
     def _run(self) -> None:
-        in_vain = 0
-        while not self._stopped.wait(LOOK_S if in_vain < PATIENCE else IDLE_LOOK_S):
-            in_vain = 0 if self.gather() else in_vain + 1
+        idle_polls = 0
+        while not self._stopped.wait(POLL_S if idle_polls < IDLE_AFTER else IDLE_POLL_S):
+            idle_polls = 0 if self.drain() else idle_polls + 1

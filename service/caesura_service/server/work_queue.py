@@ -30,7 +30,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 BURST_S = 0.1  # [s] of work that a lane may have had more than others: some long looks
-WHOLE = ""  # among what is pressed: the queue itself
+WHOLE = ""  # among the overloaded sources: the queue itself
 SOURCES = 1024  # whose drops are counted one by one; those of further ones count in the total alone
 
 
@@ -52,7 +52,7 @@ class QueueSettings:
 
 
 class _Load:
-    """What waits of one source, or of all of them, and how much of that may."""
+    """The waiting items of one source, or of all, and their limits."""
 
     __slots__ = ("items", "mark", "mark_bytes", "most", "most_bytes", "size", "source")
 
@@ -64,21 +64,21 @@ class _Load:
         self.items = self.size = 0  # size [bytes]
 
     def has_room(self, size: int, room: float) -> bool:
-        """For one more of that size? room: 1, or 2 where twice as much may wait as otherwise."""
+        """Whether one more item of that size [bytes] fits. room: a factor on the limits."""
         return self.items < room * self.most and self.size + size <= room * self.most_bytes
 
     def is_overloaded(self) -> bool:
-        """Is it at the mark, or above?"""
+        """Whether the load is at its mark or above."""
         return self.items >= self.mark or self.size >= self.mark_bytes
 
-    def filling(self) -> float:
-        """1 and more is full."""
+    def fill_ratio(self) -> float:
+        """Return the filled share; 1 and more is full."""
         share, share_bytes = self.items / self.most, self.size / self.most_bytes
         return share if share > share_bytes else share_bytes
 
 
 class _Lane(Generic[T]):
-    """What waits of one station, in order."""
+    """The waiting items of one station, in order."""
 
     __slots__ = ("commands", "due", "items")
 
@@ -97,9 +97,11 @@ class WorkQueue(Generic[T]):
         self.capacity = settings.capacity
         self.overloaded_at = settings.overloaded_at
         self.dropped = 0
-        self.pressed: frozenset[str] = frozenset()  # sources, and WHOLE; replaced, never changed
-        self.changed = threading.Event()  # what is pressed has changed
-        self.news = 0  # counts changes of what is pressed, and drops
+        self.overloaded_sources: frozenset[str] = (
+            frozenset()
+        )  # with WHOLE for the queue; replaced, never mutated
+        self.overload_changed = threading.Event()  # overloaded_sources has changed
+        self.revision = 0  # counts changes of overloaded_sources, and drops
         self.settings = settings
         self._lanes: dict[str, _Lane[T]] = {}
         # A heap of the lanes that wait, but for the one in service.
@@ -116,59 +118,59 @@ class WorkQueue(Generic[T]):
         self._arrived = threading.Condition(self._lock)
 
     def offer(self, item: T, source: str, size: int = 0, lane: str | None = None) -> bool:
-        """Enqueue an item that may be dropped. False where it was, which is counted.
+        """Enqueue an item; return False where it was dropped, which is counted.
 
         lane: whose turn it takes; by default the source's own.
         """
         with self._lock:
             room = 1.0 if self._is_announced else 2.0
-            mine = self._of_source.get(source) or self._made_known(source)
+            load = self._of_source.get(source) or self._add_source(source)
             self._total.items = self._waiting
-            if not (self._total.has_room(size, room) and mine.has_room(size, room)):
+            if not (self._total.has_room(size, room) and load.has_room(size, room)):
                 self._drop(source)
                 return False
-            mine.items += 1
+            load.items += 1
             self._total.items += 1
-            self._account(mine, size)
-            self._put(source if lane is None else lane, item, mine, size)
+            self._account(load, size)
+            self._enqueue(source if lane is None else lane, item, load, size)
         return True
 
-    def turn_away(self, source: str) -> None:
+    def count_drop(self, source: str) -> None:
         """Count an item that was dropped on its way here."""
         with self._lock:
             self._drop(source)
 
-    def insist(self, item: T, lane: str = "") -> bool:
-        """Enqueue an item that is not dropped. False only where even its own room is used up."""
+    def put(self, item: T, lane: str = "") -> bool:
+        """Enqueue an item with as much room again; return False where that is used up too."""
         with self._lock:
             if self._waiting >= 2 * self.capacity:
                 return False
-            self._put(lane, item)
+            self._enqueue(lane, item)
         return True
 
-    def command(self, item: T, lane: str) -> bool:
-        """Likewise a command, of which so many may wait of one lane."""
+    def put_command(self, item: T, lane: str) -> bool:
+        """Enqueue a command; return False where too many of the lane wait."""
         with self._lock:
             known = self._lanes.get(lane)
             if self._waiting >= 2 * self.capacity or (known and known.commands >= self.settings.commands):
                 return False
-            self._put(lane, item, command=True)
+            self._enqueue(lane, item, command=True)
         return True
 
-    def deliver(self, item: T, lane: str = "") -> None:
-        """Enqueue an item that its own cause bounds, like the end of one of a few questions."""
+    def put_unbounded(self, item: T, lane: str = "") -> None:
+        """Enqueue an item whose number its cause bounds, like the end of a replay."""
         with self._lock:
-            self._put(lane, item)
+            self._enqueue(lane, item)
 
     def put_back(self, item: T) -> None:
-        """The next item of the lane that `get` gave one of last, before all that waits there."""
+        """Put an item in front of the lane that `get` served last."""
         with self._lock:
             assert self._served is not None
             self._served.items.appendleft((item, None, 0, False))
             self._waiting += 1
 
     def get(self, timeout_s: float) -> T | None:
-        """The next item; None if there is none in time, or after a call of `wake`."""
+        """Return the next item; None after the timeout [s] or a call of `wake`."""
         with self._arrived:
             self._end_turn()
             if not self._turns and not self._woken:
@@ -185,18 +187,18 @@ class WorkQueue(Generic[T]):
             if load is not None:
                 load.items -= 1
                 self._account(load, -size)
-            elif self.pressed:  # by what may lie behind the last sample
-                self._press(self._total)
+            elif self.overloaded_sources:  # by what may lie behind the last sample
+                self._update_overload(self._total)
         return item
 
-    def spent(self, seconds: float) -> None:
-        """So long did the work on the last item take."""
+    def charge(self, seconds: float) -> None:
+        """Charge the served lane for the work on the last item [s]."""
         with self._lock:
             if self._served is not None:
                 self._served.due += seconds
 
     def wake(self) -> None:
-        """Let a waiting `get` return, once what lies before this is taken."""
+        """Make a waiting `get` return once the queue is empty."""
         with self._arrived:
             self._woken = True
             self._arrived.notify()
@@ -206,29 +208,29 @@ class WorkQueue(Generic[T]):
 
     # --- overload ---------------------------------------------------------------------------------------
 
-    def is_pressed(self, *sources: str) -> bool:
-        """Is one of the sources, or the queue as a whole, overloaded?"""
-        return not self.pressed.isdisjoint((WHOLE, *sources))
+    def is_overloaded(self, *sources: str) -> bool:
+        """Whether one of the sources, or the queue as a whole, is overloaded."""
+        return not self.overloaded_sources.isdisjoint((WHOLE, *sources))
 
-    def has_announced(self) -> None:
-        """The overload is published: from here on, what is too much is dropped."""
+    def confirm_announced(self) -> None:
+        """Confirm that the overload is published: from here on, excess items are dropped."""
         self._is_announced = True
 
-    def fill(self) -> float:
-        """How full the queue is, or the share that is fullest: 1 and more is full."""
+    def fill_ratio(self) -> float:
+        """Return the filled share of the queue or of its fullest source; 1 and more is full."""
         with self._lock:
             self._total.items = self._waiting
-            return max(load.filling() for load in (self._total, *self._of_source.values()))
+            return max(load.fill_ratio() for load in (self._total, *self._of_source.values()))
 
-    def take_drops(self) -> Mapping[str, int]:
-        """What was dropped of each source since the last call."""
+    def pop_drops(self) -> Mapping[str, int]:
+        """Return the number of drops of each source since the last call."""
         with self._lock:
             drops, self._drops = self._drops, {}
         return drops
 
     # --- under the lock ---------------------------------------------------------------------------------
 
-    def _put(
+    def _enqueue(
         self, name: str, item: T, load: _Load | None = None, size: int = 0, *, command: bool = False
     ) -> None:
         lane = self._lanes.get(name) or self._new_lane(name)
@@ -240,7 +242,7 @@ class WorkQueue(Generic[T]):
             self._arrived.notify()
 
     def _queue(self, lane: _Lane[T]) -> None:
-        """It waits for its turn, and has no claim to what it did not use before."""
+        """Schedule a lane at the current virtual time at the earliest: idle time earns no credit."""
         lane.due = max(lane.due, self._virtual_s)
         heappush(self._turns, (max(lane.due - BURST_S, self._virtual_s), next(self._count), lane))
 
@@ -250,14 +252,14 @@ class WorkQueue(Generic[T]):
             self._queue(lane)
 
     def _new_lane(self, name: str) -> _Lane[T]:
-        """There are never many more than SOURCES of which nothing waits."""
+        """Make a lane; empty ones are evicted from SOURCES on."""
         if len(self._lanes) >= SOURCES:
             kept = {key: one for key, one in self._lanes.items() if one.items or one is self._served}
             self._lanes = kept
         lane = self._lanes[name] = _Lane()
         return lane
 
-    def _made_known(self, source: str) -> _Load:
+    def _add_source(self, source: str) -> _Load:
         """Return the load of a source without waiting messages; there are at most SOURCES of them."""
         if len(self._of_source) >= SOURCES:
             self._of_source = {name: load for name, load in self._of_source.items() if load.items}
@@ -266,28 +268,28 @@ class WorkQueue(Generic[T]):
 
     def _drop(self, source: str) -> None:
         self.dropped += 1
-        self.news += 1
+        self.revision += 1
         if source in self._drops or len(self._drops) < SOURCES:
             self._drops[source] = self._drops.get(source, 0) + 1
 
-    def _account(self, mine: _Load, size: int) -> None:
-        """So many bytes more wait, or less, and one item."""
-        mine.size += size
+    def _account(self, load: _Load, size: int) -> None:
+        """Add to the waiting bytes and update the overload."""
+        load.size += size
         self._total.size += size
-        if self.pressed or self._total.is_overloaded() or mine.is_overloaded():
-            self._press(self._total)
-            self._press(mine)
+        if self.overloaded_sources or self._total.is_overloaded() or load.is_overloaded():
+            self._update_overload(self._total)
+            self._update_overload(load)
 
-    def _press(self, load: _Load) -> None:
-        """Note where the mark is passed, and where what was pressed is relieved."""
+    def _update_overload(self, load: _Load) -> None:
+        """Mark a source as overloaded at its mark, and as relieved below `relieved_at`."""
         source = load.source
-        is_pressed = source in self.pressed
-        if is_pressed and load.filling() > self.settings.relieved_at:
+        is_pressed = source in self.overloaded_sources
+        if is_pressed and load.fill_ratio() > self.settings.relieved_at:
             return
         if not is_pressed and not load.is_overloaded():
             return
-        if not self.pressed:
+        if not self.overloaded_sources:
             self._is_announced = not self._announced
-        self.pressed ^= {source}
-        self.news += 1
-        self.changed.set()
+        self.overloaded_sources ^= {source}
+        self.revision += 1
+        self.overload_changed.set()

@@ -1,12 +1,12 @@
-"""The service on the network: what it listens to, what it answers, and how it leaves.
+"""The service on the network: its subscriptions, queryables, and its start and stop.
 
-Every callback of the network only enqueues: one that works would stop all reception. They run directly in
-the network's thread, and what was put is gathered before a command: in a thread for each declaration a close
-overtook the batches before it in one of six runs, and was refused and repeated.
+Every callback of the network only enqueues: one that works would stop all reception. They run directly in the
+network's thread, and samples are drained before a command: in a thread for each declaration a close overtook
+the batches before it in one of six runs, and was refused and repeated.
 
-In the beginning sessions are taken, then declared, then announced by our token, so that others let go only of
-what we have. Leaving goes the same way backwards, and closes the network session last: an open one would hang
-the interpreter.
+At the start sessions are taken over, then subscribed to, then announced by the token, so that others release
+only what this instance has. Stopping goes the same way backwards, and closes the network session last: an
+open one would hang the interpreter.
 """
 
 from __future__ import annotations
@@ -28,13 +28,20 @@ from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import UNKNOWN, Arrival, RawPayload, SamplesReceived, Watching, sender_of
+from caesura_service.server.inbound import (
+    UNKNOWN,
+    Arrival,
+    RawPayload,
+    SamplesReceived,
+    Watching,
+    source_of_key,
+)
 from caesura_service.server.lanes import Lanes
-from caesura_service.server.live_tokens import watching, who_is_there
+from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
 from caesura_service.server.network import DEFAULT_ENDPOINT, NetworkSettings, join
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer
-from caesura_service.server.rates import COMPLAINTS, RateLimit, RateSettings
+from caesura_service.server.rates import LOG_RATE, RateLimit, RateSettings
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
 from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
@@ -71,39 +78,43 @@ class ZenohServer:
         self._version = version
         self._clock = clock
         self._stop = stop or threading.Event()
-        self._inbox: WorkQueue[Arrival] = WorkQueue(queue or QueueSettings(), announced=True)
+        self._queue: WorkQueue[Arrival] = WorkQueue(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateSettings()
         self.budgets = Budgets(rates)
-        self._complaints = RateLimit(COMPLAINTS)
-        self._answers = QueryServer(registry, self._inbox, self.status, self.budgets, rates.questions)
-        self._samples = SampleServer(samples, lambda: registry.board, rates.questions)
-        self._gathering = SubscriberPoller(self._take_samples)
+        self._log_rate = RateLimit(LOG_RATE)
+        self._queries = QueryServer(registry, self._queue, self.status, self.budgets, rates.queries)
+        self._samples = SampleServer(samples, lambda: registry.index, rates.queries)
+        self._poller = SubscriberPoller(self._handle_samples)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         network, self.endpoint = join(self._settings, self._stop)
         with ExitStack() as stack:
             stack.callback(network.close)
-            stack.enter_context(self._answers)
+            stack.enter_context(self._queries)
             stack.enter_context(self._samples)
-            scope = StationSubscriptions(
+            subscriptions = StationSubscriptions(
                 network,
-                samples=self._gathering,
-                control=self._take_command,
-                program=self._answers.program,
+                samples=self._poller,
+                control=self._handle_command,
+                program=self._queries.program,
             )
-            steward = StationManager(self._registry, self._owner.instance, scope.set, self._clock)
+            station_manager = StationManager(
+                self._registry, self._owner.instance, subscriptions.set, self._clock
+            )
             lanes = stack.enter_context(Lanes())
-            outgoing = ResultPublisher(network, self._inbox, self.budgets, lanes)
-            self._worker = Worker(self._registry, steward, self._inbox, outgoing, self.budgets, self._clock)
-            self._worker.say(steward.begin(who_is_there(network)))
+            publisher = ResultPublisher(network, self._queue, self.budgets, lanes)
+            self._worker = Worker(
+                self._registry, station_manager, self._queue, publisher, self.budgets, self._clock
+            )
+            self._worker.emit(station_manager.start(query_live_tokens(network)))
             self._declare(stack, network)
-            self._worker.say(self._registry.restate(None))
+            self._worker.emit(self._registry.republish_status(None))
             stack.enter_context(self._worker)
-            stack.enter_context(self._gathering)
-            stack.callback(scope.close)
-            self._appear(stack, network)
+            stack.enter_context(self._poller)
+            stack.callback(subscriptions.close)
+            self._announce(stack, network)
             self._stack = stack.pop_all()
         return self
 
@@ -113,64 +124,64 @@ class ZenohServer:
         self._stack.close()
 
     def status(self) -> ServiceStatus:
-        """How this instance is doing; may be asked from any thread."""
-        standings = self._registry.board.standings()
-        tally = self._registry.tally
-        opened = sum(standing.is_open for standing in standings)
+        """Return the status of this instance; any thread may call it."""
+        states = self._registry.index.all_states()
+        counters = self._registry.counters
+        opened = sum(state.is_open for state in states)
         return ServiceStatus(
             instance=self._owner.instance,
             epoch=self._owner.epoch,
             version=self._version,
             sessions_open=opened,
-            sessions_closed=len(standings) - opened,
+            sessions_closed=len(states) - opened,
             messages=self._worker.messages if self._worker else 0,
-            refused=self._answers.with_refusals(tally.refused),
-            last_refusal=tally.last_refusal,
-            queue=len(self._inbox),
-            queue_capacity=self._inbox.capacity,
-            dropped=self._inbox.dropped,
+            refused=self._queries.add_rejections(counters.refused),
+            last_refusal=counters.last_refusal,
+            queue=len(self._queue),
+            queue_capacity=self._queue.capacity,
+            dropped=self._queue.dropped,
             journal=self._registry.journal_report(),
             time=time.time(),
-            overloaded=bool(self._inbox.pressed),
+            overloaded=bool(self._queue.overloaded_sources),
             budgets=self.budgets.busiest(),
         )
 
     def _declare(self, stack: ExitStack, network: zenoh.Session) -> None:
-        """What belongs to no station."""
+        """Declare what belongs to no station: status, snapshots, the overload monitor."""
         key = service_key(self._owner.instance, "status")
         announced = publisher_of(network, key)
-        stack.enter_context(OverloadMonitor(self._inbox, lambda: put(announced, self.status())))
+        stack.enter_context(OverloadMonitor(self._queue, lambda: put(announced, self.status())))
         for asked, callback in (
-            (session_key("*", "*", "snapshot"), self._answers.snapshot),
+            (session_key("*", "*", "snapshot"), self._queries.snapshot),
             (session_key("*", "*", "samples"), self._samples.take),
-            (key, self._answers.status),
+            (key, self._queries.status),
         ):
             stack.callback(network.declare_queryable(asked, direct(callback)).undeclare)
 
-    def _appear(self, stack: ExitStack, network: zenoh.Session) -> None:
-        """Let others know that we are there, then see who comes and goes."""
+    def _announce(self, stack: ExitStack, network: zenoh.Session) -> None:
+        """Declare the own token, then watch those of others."""
         token = network.liveliness().declare_token(service_key(self._owner.instance, "alive"))
         stack.callback(token.undeclare)
         client = self._settings.connect is not None
-        stack.enter_context(watching(network, self._inbox.insist, client=client))
-        self._inbox.deliver(Watching())
+        stack.enter_context(watch_tokens(network, self._queue.put, client=client))
+        self._queue.put_unbounded(Watching())
 
-    def _take_command(self, query: zenoh.Query) -> None:
-        self._gathering.gather()  # what was put before it comes before it
-        self._answers.command(query)
+    def _handle_command(self, query: zenoh.Query) -> None:
+        self._poller.drain()  # samples put before the command are processed before it
+        self._queries.command(query)
 
-    def _take_samples(self, sample: zenoh.Sample) -> None:
+    def _handle_samples(self, sample: zenoh.Sample) -> None:
         key, payload = str(sample.key_expr), sample.payload
-        source, station = sender_of(key)
+        source, station = source_of_key(key)
         lane = station or UNKNOWN
-        if (refusal := self.budgets.refuse_put(lane, len(payload))) is not None:
-            self._turn_away(source, refusal.message)
+        if (refusal := self.budgets.reject_put(lane, len(payload))) is not None:
+            self._drop(source, refusal.message)
             return
-        content = RawPayload.of(key, payload, str(sample.encoding))
-        self._inbox.offer(SamplesReceived(content, station), source, len(content.payload), lane)
+        content = RawPayload.from_zbytes(key, payload, str(sample.encoding))
+        self._queue.offer(SamplesReceived(content, station), source, len(content.payload), lane)
 
-    def _turn_away(self, source: str, why: str) -> None:
-        """Dropped like what finds no room: counted, in the session's status, and asked for again."""
-        self._inbox.turn_away(source)
-        if self._complaints.allows(source):
+    def _drop(self, source: str, why: str) -> None:
+        """Count a dropped message and log it, throttled; the session requests it again."""
+        self._queue.count_drop(source)
+        if self._log_rate.allows(source):
             logger.warning("%s: %s; messages are dropped until then", source, why)

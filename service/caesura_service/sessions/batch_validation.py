@@ -12,8 +12,8 @@ from caesura_protocol.plausibility import likely_time_unit
 from caesura_service.sessions.limits import Limits
 
 
-def check_columns(opening: Open) -> None:
-    """Raises ProtocolError `malformed` unless the columns begin with time and differ."""
+def validate_columns(opening: Open) -> None:
+    """Check that the columns begin with time and differ. Raises ProtocolError `malformed`."""
     if opening.columns[0] != "t":
         raise ProtocolError("malformed", "first column is not t", value=opening.columns[0], expected="t")
     for index, column in enumerate(opening.columns):
@@ -21,8 +21,8 @@ def check_columns(opening: Open) -> None:
             raise ProtocolError("malformed", "a column comes twice", value=column)
 
 
-def samples_of(batch: SampleBatch, columns: tuple[str, ...], limits: Limits) -> NDArray[np.float64]:
-    """The matrix (n, columns) of a batch, session time [s] first. Raises ProtocolError `malformed`."""
+def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limits) -> NDArray[np.float64]:
+    """Return the matrix (n, columns) of a batch, session time [s] first. Raises ProtocolError `malformed`."""
     if batch.columns != columns:
         raise ProtocolError(
             "malformed", "columns differ from those of the opening", value=batch.columns, expected=columns

@@ -16,25 +16,25 @@ from caesura_service.segmentation.view import Pipeline, PipelineView
 
 
 class ClosedPipeline:
-    """A pipeline that has finished; nothing reaches it any more."""
+    """A finished pipeline: it has a view and accepts no input."""
 
     def __init__(self, snapshot: Snapshot) -> None:
-        self.view = view_of(snapshot)
+        self.view = view_from_snapshot(snapshot)
 
     def push(self, samples: NDArray[np.float64]) -> bool:
-        """A closed session takes no samples."""
+        """Raise RuntimeError: a closed session takes no samples."""
         raise RuntimeError("the session is closed")
 
     def declare_gap(self) -> None:
-        """A closed session has all its gaps."""
+        """Raise RuntimeError: a closed session has all its gaps."""
         raise RuntimeError("the session is closed")
 
     def finish(self) -> None:
-        """A closed session has finished."""
+        """Raise RuntimeError: a closed session has finished."""
         raise RuntimeError("the session is closed")
 
     def refresh(self) -> None:
-        """Nothing is newer."""
+        """Do nothing: the view is final."""
 
     @property
     def kinds(self) -> Sequence[str]:
@@ -50,8 +50,8 @@ class ClosedPipeline:
         raise RuntimeError("the session has to be rebuilt from the journal first")
 
 
-def view_of(snapshot: Snapshot) -> PipelineView:
-    """What a snapshot was made of."""
+def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
+    """Restore the view that a snapshot was made from."""
     status, posterior = snapshot.status, snapshot.posterior
     return PipelineView(
         t=status.t,
@@ -75,8 +75,8 @@ def view_of(snapshot: Snapshot) -> PipelineView:
     )
 
 
-def standing_of(snapshot: Snapshot, owner: Owner) -> SessionState:
-    """Return the standing of a closed session under its present owner; counts of the process begin anew."""
+def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
+    """Restore the state of a closed session under its present owner; counts of the process begin anew."""
     status = snapshot.status
     last_seq: dict[Stream, int] = {
         "status": status.seq,
@@ -84,19 +84,19 @@ def standing_of(snapshot: Snapshot, owner: Owner) -> SessionState:
         "segments": snapshot.segments.seq,
         "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
     }
-    said = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
-    view = view_of(snapshot)
+    header = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
+    view = view_from_snapshot(snapshot)
     return SessionState(
         station=status.station,
         session=status.session,
         owner=owner,
         preset=status.preset,
-        state="closed",
+        lifecycle="closed",
         view=view,
-        tally=SessionCounters(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
+        counters=SessionCounters(batches=status.batches, lost=status.lost, gaps_before=status.gaps_before),
         waiting_for=None,
         last_seq=last_seq,
-        heading=snapshot.program.model_copy(update=said),
+        program_header=snapshot.program.model_copy(update=header),
         apps=view.apps,
         revision=status.revision,
         undoable=status.undoable,

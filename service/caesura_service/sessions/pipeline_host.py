@@ -1,7 +1,7 @@
 """The pipeline of a session with its state, and the messages that it publishes.
 
-An error in the pipeline ends the demonstration with the reason in its status and its program; nothing
-is raised. Samples arrive here in order and once; ordering is the session's business.
+An error in the pipeline ends the session with the reason in its status and its program; nothing
+is raised. Samples arrive in order and once; the batch receiver orders them.
 """
 
 from __future__ import annotations
@@ -17,8 +17,13 @@ from caesura_protocol.messages import Action, Open, Redo, Undo
 from caesura_service.journal import Edit
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
-from caesura_service.publishing.lifecycle import Move, State, after
-from caesura_service.publishing.session_state import SessionCounters, SessionState, program_of, time_of
+from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next_state
+from caesura_service.publishing.session_state import (
+    SessionCounters,
+    SessionState,
+    observed_until_s,
+    program_of,
+)
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
@@ -27,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 
 class PipelineHost:
-    """A pipeline and its standing, which is replaced at every change.
+    """A pipeline and its published state, which is replaced at every change.
 
     Most batches change only their number: they are counted until the state is read.
     """
@@ -37,101 +42,106 @@ class PipelineHost:
     ) -> None:
         self.corrections = EditHistory()
         self._pipeline = pipeline
-        self._filtered: tuple[ResolvedEdit, ...] = ()  # corrections that the pipeline heeds
+        self._applied_corrections: tuple[ResolvedEdit, ...] = ()  # corrections that the pipeline applies
         self._limits = limits
         self._status_t = 0.0  # [s] session time of the last status
-        self._program_t = 0.0  # [s] session time of the last program that was put
-        self._program_unsaid = False  # has it changed since?
-        self.is_hushed = False  # was a status just published, so that the next one has to wait?
-        self._hushed_until: float | None = None  # [s] real time, once it is known
-        self._unsaid = False  # has something been left unsaid meanwhile?
+        self._program_t = 0.0  # [s] session time of the last published program
+        self._program_pending = False  # has it changed since?
+        self.status_throttled = False  # a status was just published: the next one waits
+        self._throttled_until_s: float | None = None  # [s] real time, once it is known
+        self._status_pending = False  # a status is to be published once the throttle allows it
         preset = opening.preset or ""
-        first = messages.beginning(station, opening.session, owner, preset, pipeline.view)
+        first = messages.initial_state(station, opening.session, owner, preset, pipeline.view)
         self._latest: tuple[SessionState, int, int] = (first, 0, 0)  # and the batches and samples since
 
     @property
-    def standing(self) -> SessionState:
-        """Where it stands; any thread may ask."""
-        looked, batches, samples = self._latest
-        return looked.after(batches, samples) if batches else looked
+    def state(self) -> SessionState:
+        """The state of now; any thread may read it."""
+        published, batches, samples = self._latest
+        return published.with_counts(batches, samples) if batches else published
 
-    @standing.setter
-    def standing(self, standing: SessionState) -> None:
-        self._latest = (standing, 0, 0)
+    @state.setter
+    def state(self, state: SessionState) -> None:
+        self._latest = (state, 0, 0)
 
     @property
-    def looked(self) -> SessionState:
-        """The same without the batches since there was last something else to say."""
+    def last_published_state(self) -> SessionState:
+        """The state without the batches since it last changed in anything except their number."""
         return self._latest[0]
 
     @property
-    def state(self) -> State:
-        """Where it is in the table of moves."""
-        return self.looked.state
+    def lifecycle(self) -> Lifecycle:
+        """The state in the table of transitions."""
+        return self.last_published_state.lifecycle
 
-    def begin(self) -> list[Publish]:
-        """The first words."""
-        self.standing, said = messages.first_words(self.standing)
-        return said
+    def initial_messages(self) -> list[Publish]:
+        """Publish the first message of each stream."""
+        self.state, outputs = messages.initial_messages(self.state)
+        return outputs
 
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
-        """Take a batch, (n, columns). One that cannot be right is refused and leaves a gap."""
+        """Push the samples (n, columns) of a batch; invalid ones are rejected and leave a gap."""
         try:
-            news = _push(self._pipeline, samples)  # may give way: what is said meanwhile is not taken back
+            changed = _push(
+                self._pipeline, samples
+            )  # may give way: what is published meanwhile is not retracted
         except ProtocolError as error:
-            return [BatchRejected(error), *self.refuse(error), *self.gap(1)]
+            return [*self.reject_batch(error), *self.declare_gap(1)]
         except Exception as error:
             return self._fail(error)
-        looked, batches, before = self._latest
-        if not news:
-            self._latest = (looked, batches + 1, before + len(samples))
+        published, batches, before = self._latest
+        if not changed:
+            self._latest = (published, batches + 1, before + len(samples))
             return []
-        tally = looked.tally._replace(batches=looked.tally.batches + batches + 1)
-        return self._guarded(lambda: self._look(tally))
+        counters = published.counters._replace(batches=published.counters.batches + batches + 1)
+        return self._run_guarded(lambda: self._update_view(counters))
 
-    def gap(self, batches: int) -> list[Output]:
-        """So many batches will never come; what is between the last sample and the next is not known."""
+    def declare_gap(self, batches: int) -> list[Output]:
+        """Declare so many batches lost: a gap between the last sample and the next."""
 
         def step() -> list[Output]:
             self._pipeline.declare_gap()
-            tally = self.standing.tally
-            return [*self._look(tally._replace(lost=tally.lost + batches)), *self._occasion()]
+            counters = self.state.counters
+            return [
+                *self._update_view(counters._replace(lost=counters.lost + batches)),
+                *self._publish_status_throttled(),
+            ]
 
-        return self._guarded(step)
+        return self._run_guarded(step)
 
     def finish(self) -> list[Output]:
-        """Decide what is still open; the state shows whether that succeeded."""
+        """Finish the pipeline and close; on an error the lifecycle is `failed`."""
 
         def step() -> list[Output]:
             self._pipeline.finish()
-            self._move("close")
-            return [*self._look(), self.status()]
+            self._transition("close")
+            return [*self._update_view(), self.publish_status()]
 
-        return self._guarded(step)
+        return self._run_guarded(step)
 
-    def corrected(self, action: Action) -> tuple[EditHistory, Pipeline]:
-        """The corrections with one edit more, and what comes of them; nothing changes.
+    def preview_edit(self, action: Action) -> tuple[EditHistory, Pipeline]:
+        """Return the edit history with one edit more and the pipeline filtered by it; changes nothing.
 
-        Raises ProtocolError where the edit makes no sense.
+        Raises ProtocolError for an edit that does not apply.
         """
         corrections = self.corrections.after(action, self._pipeline.resolve)
         return corrections, self._pipeline.corrected(corrections.active)
 
-    def correct(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
-        """Go on as corrected, and say so at once."""
+    def apply_edit(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
+        """Replace history and pipeline by the edited ones, and publish the differences."""
         self.corrections, self._pipeline = edited.corrections, pipeline
-        self._filtered = edited.corrections.active
-        self.standing, said = messages.with_edit(self.standing, pipeline.view, edited)
-        self._status_t = max(self._status_t, self.standing.view.t)
-        self._program_t, self._program_unsaid = time_of(self.standing.view), False
-        return [*said]
+        self._applied_corrections = edited.corrections.active
+        self.state, outputs = messages.apply_edit(self.state, pipeline.view, edited)
+        self._status_t = max(self._status_t, self.state.view.t)
+        self._program_t, self._program_pending = observed_until_s(self.state.view), False
+        return [*outputs]
 
     # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
-    # once. They mean the same from the first sample on as after the last one. So the pipeline may heed all of
-    # them from the beginning (`foresee`), and has to at the end (`settle`).
+    # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all
+    # of them from the beginning (`prefilter_edits`), and has to at the end (`refilter`).
 
-    def foresee(self, edits: Iterable[Edit]) -> None:
-        """Filter from here on as all of these will have it; those that are no news yet come by `repeat`."""
+    def prefilter_edits(self, edits: Iterable[Edit]) -> None:
+        """Filter from here on by all of these edits; `replay_edit` then counts each at its place."""
         corrections = self.corrections
         for edit in edits:
             if edit.revision < corrections.revision:
@@ -142,13 +152,13 @@ class PipelineHost:
                 corrections = corrections.again(edit, self._pipeline.kinds)
             except ProtocolError:
                 corrections = corrections.passed_over()
-        self._filter(corrections.active)
+        self._set_corrections(corrections.active)
 
-    def repeat(self, edit: Edit, at: float) -> list[Output]:
-        """An edit that was carried out before, at [s]; one that makes no sense now is counted and refused."""
+    def replay_edit(self, edit: Edit, at: float) -> list[Output]:
+        """Replay a recorded edit; count one that no longer applies as rejected. at: time of day [s]."""
         try:
             if edit.version is None:
-                self.settle()
+                self.refilter()
                 corrections = self.corrections.after(edit.action, self._pipeline.resolve)
                 if not isinstance(edit.action, Undo | Redo):
                     corrections = corrections.as_anew()
@@ -156,111 +166,117 @@ class PipelineHost:
                 logger.warning(
                     "%s/%s: the journal has no result of the edit of revision %d by %s, as older versions "
                     "wrote it: it is resolved anew, perhaps otherwise",
-                    self.standing.station,
-                    self.standing.session,
+                    self.state.station,
+                    self.state.session,
                     edit.revision,
                     edit.author,
                 )
-                return self.correct(messages.EditOutcome(corrections, edit.author, at), pipeline)
+                return self.apply_edit(messages.EditOutcome(corrections, edit.author, at), pipeline)
             corrections = self.corrections.again(edit, self._pipeline.kinds)
         except ProtocolError as error:
             self.corrections = self.corrections.passed_over()
-            self.standing = self.standing._replace(revision=self.corrections.revision)
-            return self.refuse(error)
+            self.state = self.state._replace(revision=self.corrections.revision)
+            return self.reject(error)
         self.corrections = corrections
         self._pipeline.refresh()
         edited = messages.EditOutcome(corrections, edit.author, at)
-        self.standing = messages.with_repeated_edit(self.standing, self._pipeline.view, edited, edit.version)
+        self.state = messages.replay_edit(self.state, self._pipeline.view, edited, edit.version)
         return []
 
-    def settle(self) -> None:
-        """Filter anew, where the pipeline does not heed exactly the corrections that have been counted."""
-        if self._filter(self.corrections.active):
-            self.standing = messages.settled(self.standing, self._pipeline.view)
+    def refilter(self) -> None:
+        """Filter again where the pipeline's corrections differ from the counted ones."""
+        if self._set_corrections(self.corrections.active):
+            self.state = messages.apply_corrected_view(self.state, self._pipeline.view)
 
-    def _filter(self, corrections: tuple[ResolvedEdit, ...]) -> bool:
-        """Does that change anything?"""
-        if corrections == self._filtered or self.state == "failed":
+    def _set_corrections(self, corrections: tuple[ResolvedEdit, ...]) -> bool:
+        """Filter by these corrections; return whether that changed the pipeline."""
+        if corrections == self._applied_corrections or self.lifecycle == "failed":
             return False
-        self._pipeline, self._filtered = self._pipeline.corrected(corrections), corrections
+        self._pipeline, self._applied_corrections = self._pipeline.corrected(corrections), corrections
         return True
 
-    def revive(self, rebuilt: PipelineHost) -> None:
-        """Have the mathematics of the same demonstration, folded again; what has been said of it stands."""
+    def adopt_rebuilt(self, rebuilt: PipelineHost) -> None:
+        """Take pipeline and history of the same session, rebuilt from its records; the state stays."""
         self._pipeline, self.corrections = rebuilt._pipeline, rebuilt.corrections
-        self._filtered = rebuilt._filtered
+        self._applied_corrections = rebuilt._applied_corrections
 
-    def refuse(self, error: ProtocolError) -> list[Output]:
-        """Count a refusal, and show it."""
-        self.standing = self.standing._replace(tally=self.standing.tally.with_refusal(error))
-        return self._occasion()
+    def reject(self, error: ProtocolError) -> list[Output]:
+        """Count a refusal, and publish it in a status."""
+        self.state = self.state._replace(counters=self.state.counters.with_refusal(error))
+        return self._publish_status_throttled()
 
-    def drop(self, messages: int) -> list[Output]:
-        """Count what came and found no room, and show it."""
-        tally = self.standing.tally
-        self.standing = self.standing._replace(tally=tally._replace(dropped=tally.dropped + messages))
-        return self._occasion()
+    def reject_batch(self, error: ProtocolError) -> list[Output]:
+        """Count a batch whose content is rejected, for the session here and for the service by the output."""
+        return [BatchRejected(error), *self.reject(error)]
 
-    def tick(self, now: float) -> list[Output]:
-        """Publish a status that was postponed; `is_hushed` states whether to call it again."""
-        if self._hushed_until is None or now < self._hushed_until:
-            self._hushed_until = self._hushed_until or now + self._limits.hush_s
+    def count_dropped(self, messages: int) -> list[Output]:
+        """Count messages that the queue dropped, and publish that in a status."""
+        counters = self.state.counters
+        self.state = self.state._replace(counters=counters._replace(dropped=counters.dropped + messages))
+        return self._publish_status_throttled()
+
+    def flush_status(self, now: float) -> list[Output]:
+        """Publish a postponed status; `status_throttled` states whether to call again. now: [s]."""
+        if self._throttled_until_s is None or now < self._throttled_until_s:
+            self._throttled_until_s = self._throttled_until_s or now + self._limits.refusal_status_interval_s
             return []
-        self.is_hushed, self._hushed_until = self._unsaid, None
-        return [self.status()] if self._unsaid else []
+        self.status_throttled, self._throttled_until_s = self._status_pending, None
+        return [self.publish_status()] if self._status_pending else []
 
-    def duplicate(self) -> None:
-        """Count a batch that came again."""
-        tally = self.standing.tally
-        self.standing = self.standing._replace(tally=tally._replace(duplicates=tally.duplicates + 1))
+    def count_duplicate(self) -> None:
+        """Count a duplicate batch."""
+        counters = self.state.counters
+        self.state = self.state._replace(counters=counters._replace(duplicates=counters.duplicates + 1))
 
-    def hand_to(self, owner: Owner) -> None:
-        """Speak as this owner from here on."""
-        heading = self.standing.heading.model_copy(update={"instance": owner.instance, "epoch": owner.epoch})
-        self.standing = self.standing._replace(owner=owner, heading=heading)
+    def set_owner(self, owner: Owner) -> None:
+        """Publish under this owner from here on."""
+        header = self.state.program_header.model_copy(
+            update={"instance": owner.instance, "epoch": owner.epoch}
+        )
+        self.state = self.state._replace(owner=owner, program_header=header)
 
-    def wait_for(self, seq: int | None) -> None:
-        """Remember which batch is missing."""
-        if seq != self.looked.waiting_for:
-            self.standing = self.standing._replace(waiting_for=seq)
+    def set_missing_batch(self, seq: int | None) -> None:
+        """Set the missing batch that the status names; None for none."""
+        if seq != self.last_published_state.waiting_for:
+            self.state = self.state._replace(waiting_for=seq)
 
-    def status(self) -> Publish:
-        """How it is doing."""
-        self._status_t = max(self._status_t, self.standing.view.t)
-        self._unsaid = False
-        self.standing, said = messages.with_status(self.standing)
-        return said
+    def publish_status(self) -> Publish:
+        """Publish the status of now."""
+        self._status_t = max(self._status_t, self.state.view.t)
+        self._status_pending = False
+        self.state, outputs = messages.publish_status(self.state)
+        return outputs
 
-    def _occasion(self) -> list[Output]:
-        """Publish a status now, or coalesce: at most one per `hush_s`."""
-        if self.is_hushed:
-            self._unsaid = True
+    def _publish_status_throttled(self) -> list[Output]:
+        """Publish a status now, or coalesce: at most one per `refusal_status_interval_s`."""
+        if self.status_throttled:
+            self._status_pending = True
             return []
-        self.is_hushed = True
-        return [self.status()]
+        self.status_throttled = True
+        return [self.publish_status()]
 
-    def _look(self, tally: SessionCounters | None = None) -> list[Output]:
-        """What the pipeline makes of it now, and a status where one is due."""
-        before = self.looked  # what has been counted since, the view and the tally have
-        tally = tally or self.standing.tally
-        self.standing, changes = messages.with_view(before, self._pipeline.view, tally)
-        self.standing = messages.with_program(self.standing)
-        self._program_unsaid |= self.standing.heading.version > before.heading.version
-        view = self.standing.view
+    def _update_view(self, counters: SessionCounters | None = None) -> list[Output]:
+        """Publish what changed in the pipeline's view, and a status where one is due."""
+        before = self.last_published_state  # what has been counted since, the view and the tally have
+        counters = counters or self.state.counters
+        self.state, changes = messages.apply_view(before, self._pipeline.view, counters)
+        self.state = messages.update_program(self.state)
+        self._program_pending |= self.state.program_header.version > before.program_header.version
+        view = self.state.view
         due = view.gaps != before.view.gaps or view.t >= self._status_t + self._limits.status_interval_s
-        return [*changes, *self._program_in_turn(), *([self.status()] if due else [])]
+        return [*changes, *self._program_if_due(), *([self.publish_status()] if due else [])]
 
-    def _program_in_turn(self) -> list[Output]:
-        """The program as it is, not oftener than its length allows; once closed at once."""
-        t = time_of(self.standing.view)
-        waits_s = len(self.standing.view.apps) / self._limits.apps_per_s
-        if not self._program_unsaid or (self.standing.is_open and t < self._program_t + waits_s):
+    def _program_if_due(self) -> list[Output]:
+        """Publish a changed program, the less often the longer it is; at once when closed."""
+        t = observed_until_s(self.state.view)
+        waits_s = len(self.state.view.apps) / self._limits.apps_per_s
+        if not self._program_pending or (self.state.is_open and t < self._program_t + waits_s):
             return []
-        self._program_t, self._program_unsaid = t, False
-        return [Publish(program_of(self.standing))]
+        self._program_t, self._program_pending = t, False
+        return [Publish(program_of(self.state))]
 
-    def _guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
-        """What a step says; if it breaks, it has said nothing, and the demonstration ends where it stood."""
+    def _run_guarded(self, step: Callable[[], list[Output]]) -> list[Output]:
+        """Run a step. On an error drop its outputs, restore the state before it and fail the session."""
         before = self._latest
         try:
             return step()
@@ -271,20 +287,20 @@ class PipelineHost:
             return self._fail(error)
 
     def _fail(self, error: Exception) -> list[Output]:
-        self._move("fail")
+        self._transition("fail")
         reason = f"closed by an error in processing: {type(error).__name__}: {error}"
-        self.standing = messages.with_program(self.standing, note=reason)
-        failed = SessionFailed(self.standing.station, self.standing.session, error)
-        return [failed, Publish(program_of(self.standing)), *self.refuse(ProtocolError("conflict", reason))]
+        self.state = messages.update_program(self.state, note=reason)
+        failed = SessionFailed(self.state.station, self.state.session, error)
+        return [failed, Publish(program_of(self.state)), *self.reject(ProtocolError("conflict", reason))]
 
-    def _move(self, move: Move) -> None:
-        self.standing = self.standing._replace(state=after(self.state, move))
+    def _transition(self, event: LifecycleEvent) -> None:
+        self.state = self.state._replace(lifecycle=next_state(self.lifecycle, event))
 
 
 def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> bool:
-    """As the pipeline does. Raises ProtocolError `malformed` where it finds that the samples cannot be right.
+    """Push samples; return whether the view changed. Raises ProtocolError `malformed`.
 
-    It raises a plain ValueError and has not changed then; every other error is internal.
+    The pipeline raises a plain ValueError and is unchanged then; every other error is internal.
     """
     try:
         return pipeline.push(samples)

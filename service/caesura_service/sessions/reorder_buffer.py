@@ -1,8 +1,7 @@
 """The reorder buffer of batches, and the schedule of requests for missing ones.
 
-Two rules. A batch leaves `take` exactly once and in sequence. While one is missing, at most one question
-is out, and it is repeated at a named interval, never in a loop: an answer that brought something is
-followed by the next question at once, one that brought nothing by a pause.
+Two rules. `pop_next` returns each batch exactly once and in sequence. At most one request for missing batches
+is under way. After an answer with progress the next request follows at once, after one without it a pause.
 """
 
 from __future__ import annotations
@@ -20,92 +19,92 @@ class _Held(NamedTuple, Generic[T]):
 
 
 class ReorderBuffer(Generic[T]):
-    """Hands out items by sequence number; holds a bounded number that came before their turn."""
+    """Returns items by sequence number; holds a bounded number of early ones."""
 
     def __init__(self, capacity: int, capacity_bytes: int) -> None:
-        self.next_seq = 0  # the batch that is waited for
-        self.newest = -1  # the highest that is known to exist
+        self.next_seq = 0  # the next expected batch
+        self.newest_seq = -1  # the highest number that was announced
         self._capacity, self._capacity_bytes = capacity, capacity_bytes
         self._held: dict[int, _Held[T]] = {}
         self._bytes = 0
 
     def is_duplicate(self, seq: int) -> bool:
-        """Has the batch come before?"""
+        """Whether the batch was received before."""
         return seq < self.next_seq or seq in self._held
 
     def has_room(self, seq: int, size: int) -> bool:
-        """Can it be kept? The expected one always can. size: [bytes]."""
+        """Whether the batch can be held; the expected one always can. size: [bytes]."""
         full = len(self._held) >= self._capacity or self._bytes + size > self._capacity_bytes
         return seq == self.next_seq or not full
 
     def is_in_turn(self, seq: int) -> bool:
-        """Is it the next one, with nothing held and nothing missing?"""
-        return seq == self.next_seq and not self._held and self.newest < seq
+        """Whether it is the expected batch, with nothing held and nothing missing."""
+        return seq == self.next_seq and not self._held and self.newest_seq < seq
 
-    def pass_by(self) -> None:
-        """The next one, in turn, has not been held at all."""
-        self.newest = self.next_seq
+    def advance(self) -> None:
+        """Skip the expected batch, which was processed without being held."""
+        self.newest_seq = self.next_seq
         self.next_seq += 1
 
     def hold(self, seq: int, item: T, size: int) -> None:
-        """Keep an item that is no duplicate, and for which there is room, until its turn."""
+        """Hold an item that is no duplicate and for which there is room. size: [bytes]."""
         self._held[seq] = _Held(item, size)
         self._bytes += size
-        self.expect(seq)
+        self.announce(seq)
 
-    def expect(self, seq: int) -> None:
-        """Learn that batches up to this one exist."""
-        self.newest = max(self.newest, seq)
+    def announce(self, seq: int) -> None:
+        """Record that batches up to this one exist."""
+        self.newest_seq = max(self.newest_seq, seq)
 
-    def ready(self) -> bool:
-        """Is the next item there?"""
+    def has_next(self) -> bool:
+        """Whether the expected item is held."""
         return self.next_seq in self._held
 
-    def take(self) -> T:
-        """The next item, which must be ready."""
+    def pop_next(self) -> T:
+        """Remove and return the expected item. Raises KeyError where it is not held."""
         item, size = self._held.pop(self.next_seq)
         self._bytes -= size
         self.next_seq += 1
         return item
 
-    def hole(self) -> tuple[int, int] | None:
-        """First and last batch of the stretch that is missing next; None while nothing is."""
-        if self.newest < self.next_seq:
+    def missing_range(self) -> tuple[int, int] | None:
+        """Return the first and last number of the next missing range; None where nothing is missing."""
+        if self.newest_seq < self.next_seq:
             return None
-        last = min(self._held) - 1 if self._held else self.newest
+        last = min(self._held) - 1 if self._held else self.newest_seq
         return (self.next_seq, last) if self.next_seq <= last else None
 
-    def nearest(self, oldest: int | None) -> int:
-        """Where to go on if nothing before `oldest` will come: the first batch that is or will be there."""
+    def next_available(self, oldest: int | None) -> int:
+        """Return the first batch that is held or replayable where nothing before `oldest` will come."""
         ahead = [seq for seq in (oldest, min(self._held, default=None)) if seq is not None]
-        return min((seq for seq in ahead if seq > self.next_seq), default=self.newest + 1)
+        return min((seq for seq in ahead if seq > self.next_seq), default=self.newest_seq + 1)
 
     def skip_to(self, seq: int) -> None:
-        """Give up everything before a batch that is ahead, and whatever is held of that."""
+        """Continue at a batch ahead; drop what is held before it."""
         for passed in [held for held in self._held if held < seq]:
             self._bytes -= self._held.pop(passed).size
         self.next_seq = seq
-        self.newest = max(self.newest, seq - 1)
+        self.newest_seq = max(self.newest_seq, seq - 1)
 
 
 class ReplayBackoff:
-    """When to ask for a hole, and when to give a batch up."""
+    """Decides when missing batches are requested, and when one counts as lost."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._not_before = float("-inf")  # [s] the next question
+        self._not_before = float("-inf")  # [s] the next request
         self._misses = 0
 
-    def question(self, hole: tuple[int, int] | None, now: float) -> tuple[int, int] | None:
-        """The range to ask for now, if any."""
-        if hole is None or now < self._not_before:
+    def next_request(self, missing: tuple[int, int] | None, now: float) -> tuple[int, int] | None:
+        """Return the range to request now; None for none. now: [s]."""
+        if missing is None or now < self._not_before:
             return None
-        self._not_before = now + self._limits.replay_patience_s
-        first, last = hole
+        self._not_before = now + self._limits.replay_timeout_s
+        first, last = missing
         return first, min(last, first + self._limits.replay_batches - 1)
 
-    def ended(self, *, progress: bool, answered: bool, now: float) -> bool:
-        """Take note of an answer's end. True where the batch that was asked for counts as lost."""
+    def record_result(self, *, progress: bool, answered: bool, now: float) -> bool:
+        """Record the end of an answer; return whether the requested batch counts as lost. now: [s]."""
         self._not_before = now if progress else now + self._limits.replay_retry_s
         self._misses = 0 if progress else self._misses + answered
         if self._misses < self._limits.replay_misses:
@@ -113,6 +112,6 @@ class ReplayBackoff:
         self._misses = 0
         return True
 
-    def forgive(self) -> None:
-        """A hole was given up: what comes next may be asked for at once."""
+    def reset(self) -> None:
+        """Allow the next request at once."""
         self._not_before, self._misses = float("-inf"), 0

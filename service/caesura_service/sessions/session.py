@@ -7,7 +7,7 @@ Rules
 - A crash never retracts a published result. The results of a batch may be published before its record is
   safe, because the bridge still has it; everything else is safe before it is processed, and everything
   before an acknowledgement.
-- A batch is processed in sequence, exactly once (`intake`).
+- A batch is processed in sequence, exactly once (`batch_receiver`).
 - A restarted bridge opens the session again with a higher epoch and continues numbering at the
   `next_seq` of the acknowledgement: what its predecessor had not delivered is gone. Until it has opened,
   its batches are refused; those of an older epoch always are.
@@ -23,7 +23,7 @@ from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, 
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
-from caesura_service.publishing.lifecycle import after
+from caesura_service.publishing.lifecycle import next_state
 from caesura_service.publishing.messages import EditOutcome
 from caesura_service.publishing.session_state import SessionState, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
@@ -35,7 +35,7 @@ from caesura_service.sessions.session_journal import SessionJournal
 
 
 class Session:
-    """One demonstration at a station. `standing` may be read from any thread; the rest belongs to one."""
+    """One demonstration at a station. Any thread may read `state`; one thread calls the rest."""
 
     def __init__(
         self,
@@ -49,11 +49,11 @@ class Session:
     ) -> None:
         """opening: with its preset filled in, so that a replay does not depend on the service's choice."""
         self._opening = opening
-        self._demonstration = PipelineHost(station, opening, pipeline, owner=owner, limits=limits)
-        self._records = SessionJournal(station, opening.session, journal)
-        self._intake = BatchReceiver(station, opening, self._demonstration, self._records, limits)
-        self._collects = False  # edits, whose corrections are not filtered yet?
-        self._folded = True  # is there more of it than its outcome?
+        self._host = PipelineHost(station, opening, pipeline, owner=owner, limits=limits)
+        self._journal = SessionJournal(station, opening.session, journal)
+        self._receiver = BatchReceiver(station, opening, self._host, self._journal, limits)
+        self._collects_edits = False  # edits are collected, their corrections filtered at the end
+        self._has_pipeline = True  # False for a session restored from its outcome
 
     @property
     def name(self) -> str:
@@ -61,105 +61,107 @@ class Session:
         return self._opening.session
 
     @property
-    def standing(self) -> SessionState:
-        """Where it stands; immutable."""
-        return self._demonstration.standing
+    def state(self) -> SessionState:
+        """The state of now; immutable."""
+        return self._host.state
 
     @property
-    def looked(self) -> SessionState:
-        """The same without the batches since there was last something else to say."""
-        return self._demonstration.looked
+    def last_published_state(self) -> SessionState:
+        """The state without the batches since it last changed in anything except their number."""
+        return self._host.last_published_state
 
     @property
     def is_open(self) -> bool:
-        """Does it take samples?"""
-        return self.looked.is_open
+        """Whether the session accepts samples."""
+        return self.last_published_state.is_open
 
     @property
-    def is_folded(self) -> bool:
-        """Is there more of it than its outcome, so that it can be corrected?"""
-        return self._folded
+    def has_pipeline(self) -> bool:
+        """Whether the session has a pipeline, so that it can be corrected."""
+        return self._has_pipeline
 
     @property
     def revision(self) -> int:
         """Edits so far."""
-        return self.standing.revision
+        return self.state.revision
 
     @property
     def next_seq(self) -> int:
-        """The batch that is waited for."""
-        return self._intake.next_seq
+        """The number of the next expected batch."""
+        return self._receiver.next_seq
 
     def begin(self, now: float) -> list[Output]:
-        """Record the opening and say the first words."""
-        self._records.append(self._opening, now)
-        return [*self._demonstration.begin(), self._ack()]
+        """Record the opening; publish the first messages and acknowledge. now: [s]."""
+        self._journal.append(self._opening, now)
+        return [*self._host.initial_messages(), self._ack()]
 
-    def restoring(self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()) -> Iterator[None]:
-        """Fold the records behind the opening, saying and recording nothing; gives way after each.
+    def replay_records(self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()) -> Iterator[None]:
+        """Replay the records after the opening without outputs or recording; gives way after each.
 
-        edits: those among them, so far as they are known beforehand: then nothing is filtered twice.
+        edits: those among the records, where given beforehand: then nothing is filtered twice.
         """
-        with self._records.withheld(), self._collecting():
-            self._demonstration.begin()
-            self._demonstration.foresee(edits)
+        with self._journal.suspended(), self._collecting_edits():
+            self._host.initial_messages()
+            self._host.prefilter_edits(edits)
             for record in records:
                 match record.message:
                     case Error(limit=int() as target) if target > self.next_seq:
-                        self._intake.give_up(target)
+                        self._receiver.declare_lost(target)
                     case AppliedEdit() as edit:
-                        self._demonstration.repeat(edit, record.at)
+                        self._host.replay_edit(edit, record.at)
                     case Open() | SampleBatch() | Close() as message:
                         self.receive(message, record.at)
                 yield
-        self._intake.forgive()
-        self._conclude()
+        self._receiver.reset_backoff()
+        self._store_outcome()
 
-    def following(self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()) -> Iterator[None]:
-        """Take what another instance has recorded of this session, as if it came now; gives way after each.
+    def apply_peer_records(
+        self, records: Iterable[Record], edits: Iterable[AppliedEdit] = ()
+    ) -> Iterator[None]:
+        """Apply and record what another instance recorded of this session; gives way after each record.
 
-        edits: as in `restoring`. Says nothing. Raises as `receive`.
+        edits: as in `replay_records`. Publishes nothing. Raises as `receive`.
         """
         before = self.is_open, self.revision
         try:
-            with self._collecting():
-                self._demonstration.foresee(edits)
+            with self._collecting_edits():
+                self._host.prefilter_edits(edits)
                 for record in records:
                     if self.is_open or isinstance(record.message, AppliedEdit):
-                        self._follow(record)
+                        self._apply_peer_record(record)
                     yield
         finally:
-            self._intake.forgive()
+            self._receiver.reset_backoff()
             if (self.is_open, self.revision) != before:
-                self._conclude()
+                self._store_outcome()
 
     @contextmanager
-    def _collecting(self) -> Iterator[None]:
-        """While the context lasts edits are collected; at its end the corrections are filtered, once."""
-        self._collects = True
+    def _collecting_edits(self) -> Iterator[None]:
+        """Collect edits while the context lasts; filter their corrections once at its end."""
+        self._collects_edits = True
         try:
             yield
         finally:
-            self._collects = False
-            self._demonstration.settle()
+            self._collects_edits = False
+            self._host.refilter()
 
-    def hand_to(self, owner: Owner) -> None:
-        """Speak as this owner from here on."""
-        self._demonstration.hand_to(owner)
+    def set_owner(self, owner: Owner) -> None:
+        """Publish under this owner from here on."""
+        self._host.set_owner(owner)
 
-    def take_up(self, outcome: Outcome, standing: SessionState) -> None:
-        """Be the closed session of an outcome: as `restore`, without folding anything."""
-        self._demonstration.standing = standing
-        self._intake.skip_to(outcome.last_seq + 1)
-        self._folded = False
+    def load_outcome(self, outcome: Outcome, state: SessionState) -> None:
+        """Become the closed session of an outcome, without a replay."""
+        self._host.state = state
+        self._receiver.skip_to(outcome.last_seq + 1)
+        self._has_pipeline = False
 
-    def revive(self, rebuilt: Session) -> None:
-        """Be what has been folded again from the records: it can be corrected then."""
-        self._demonstration.revive(rebuilt._demonstration)
-        self._folded = True
+    def adopt_rebuilt(self, rebuilt: Session) -> None:
+        """Take the pipeline of the session rebuilt from the records, so that it can be corrected."""
+        self._host.adopt_rebuilt(rebuilt._host)
+        self._has_pipeline = True
 
     def receive(self, message: Incoming, now: float) -> list[Output]:
-        """Take a message.
+        """Process a message.
 
         Raises ProtocolError, and changes nothing, where it is refused as a whole; JournalError where it
         cannot be recorded.
@@ -170,8 +172,8 @@ class Session:
             case Heartbeat():
                 return self._receive_heartbeat(message, now)
             case ReplayEnded():
-                after(self.standing.state, "replayed")
-                return self._intake.end_replay(message, now)
+                next_state(self.state.lifecycle, "replayed")
+                return self._receiver.end_replay(message, now)
             case Open():
                 return self._receive_opening(message, now)
             case Close():
@@ -180,81 +182,81 @@ class Session:
                 return self._receive_edit(message, now)
 
     def check_revision(self, edit: Edit) -> None:
-        """Raises ProtocolError `conflict` where the editor has not seen what there is."""
+        """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""
         if edit.revision != self.revision:
             why = "another operator has corrected the session meanwhile: look at it again"
             raise ProtocolError("conflict", why, value=edit.revision, limit=self.revision)
 
-    def refuse(self, error: ProtocolError) -> list[Output]:
-        """Count a refusal that is charged to this session, and show it."""
-        return self._demonstration.refuse(error)
+    def reject(self, error: ProtocolError) -> list[Output]:
+        """Count a refusal for this session, and publish it in a status."""
+        return self._host.reject(error)
 
-    def tick(self, now: float) -> list[Output]:
-        """Time has passed: ask again for what is still missing, and say so."""
-        asked = self._intake.ask(now)
-        return [*asked, self._demonstration.status()] if asked else []
+    def request_missing(self, now: float) -> list[Output]:
+        """Request missing batches where a request is due, with a status. now: [s]."""
+        asked = self._receiver.request_missing(now)
+        return [*asked, self._host.publish_status()] if asked else []
 
-    def drop(self, messages: int) -> list[Output]:
-        """Count what of it the service had no room for, and show it."""
-        return self._demonstration.drop(messages)
+    def count_dropped(self, messages: int) -> list[Output]:
+        """Count messages that the queue dropped, and publish that in a status."""
+        return self._host.count_dropped(messages)
 
     @property
-    def is_hushed(self) -> bool:
-        """Does it wait with what it has to say of refusals? Then `unhush` says it in time."""
-        return self._demonstration.is_hushed
+    def status_throttled(self) -> bool:
+        """Whether a status about refusals waits; `flush_status` publishes it."""
+        return self._host.status_throttled
 
-    def unhush(self, now: float) -> list[Output]:
-        """Say what has waited, where it has waited long enough."""
-        return self._demonstration.tick(now)
+    def flush_status(self, now: float) -> list[Output]:
+        """Publish a postponed status where it is due. now: [s]."""
+        return self._host.flush_status(now)
 
     # --- messages ---------------------------------------------------------------------------------------
 
     def _receive_batch(self, batch: SampleBatch, now: float) -> list[Output]:
         self._check_bridge(batch)
-        state = self._demonstration.state
+        state = self._host.lifecycle
         if state == "closed" and batch.seq < self.next_seq:
-            self._demonstration.duplicate()  # sent again, it trails behind the close
+            self._host.count_duplicate()  # sent again, it trails behind the close
             return []
-        after(state, "samples")
+        next_state(state, "samples")
         self._check_epoch(batch.epoch)
-        return self._intake.take(batch, now)
+        return self._receiver.receive_batch(batch, now)
 
     def _receive_heartbeat(self, heartbeat: Heartbeat, now: float) -> list[Output]:
-        after(self.standing.state, "heartbeat")
+        next_state(self.state.lifecycle, "heartbeat")
         if not self.is_open:
             return []
         self._check_bridge(heartbeat)
         self._check_epoch(heartbeat.epoch)
-        return self._intake.hear_of(heartbeat.seq, now)
+        return self._receiver.announce_seq(heartbeat.seq, now)
 
-    def _receive_opening(self, again: Open, now: float) -> list[Output]:
-        if again.preset is None:
-            again = again.model_copy(update={"preset": self._opening.preset})
+    def _receive_opening(self, reopening: Open, now: float) -> list[Output]:
+        if reopening.preset is None:
+            reopening = reopening.model_copy(update={"preset": self._opening.preset})
         try:
-            after(self.standing.state, "open")
+            next_state(self.state.lifecycle, "open")
         except ProtocolError as refusal:
-            if again != self._opening:
-                why = f"the session is {self.standing.state}: give the new one another name"
-                raise ProtocolError("conflict", why, value=again.session) from refusal
+            if reopening != self._opening:
+                why = f"the session is {self.state.lifecycle}: give the new one another name"
+                raise ProtocolError("conflict", why, value=reopening.session) from refusal
             return [Reply(refusal)]  # a repeated opening behind the close: no error
-        if again.epoch == self._opening.epoch:
-            self._check_bridge(again)
+        if reopening.epoch == self._opening.epoch:
+            self._check_bridge(reopening)
         mine = {"epoch": self._opening.epoch, "bridge": self._opening.bridge}
-        if again.model_copy(update=mine) != self._opening:
+        if reopening.model_copy(update=mine) != self._opening:
             raise ProtocolError(
                 "conflict",
                 "the session is open as something else",
-                value=str(again),
+                value=str(reopening),
                 expected=str(self._opening),
             )
-        if again.epoch > self._opening.epoch:
-            return [*self._resume(again, now), self._ack()]
-        self._check_epoch(again.epoch)
+        if reopening.epoch > self._opening.epoch:
+            return [*self._resume(reopening, now), self._ack()]
+        self._check_epoch(reopening.epoch)
         return [self._ack()]
 
     def _receive_close(self, close: Close, now: float) -> list[Output]:
         self._check_bridge(close)
-        after(self.standing.state, "close")
+        next_state(self.state.lifecycle, "close")
         reached = self.next_seq - 1
         if close.last_seq < reached or (not self.is_open and close.last_seq > reached):
             closed = "" if self.is_open else "is closed and "
@@ -263,55 +265,55 @@ class Session:
         if not self.is_open:
             return [self._ack()]
         if close.last_seq > reached:
-            return self._not_yet(close, now)
-        self._records.append(close, now)
+            return self._request_rest(close, now)
+        self._journal.append(close, now)
         return self._finish()
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
-        after(self.standing.state, "edit")
+        next_state(self.state.lifecycle, "edit")
         self.check_revision(edit)
-        self._check_kept()
-        corrections, pipeline = self._demonstration.corrected(edit.action)
-        self._check_kept()  # once more: that may have taken long
-        self._records.append(self._applied(edit, corrections), now)
-        said = self._demonstration.correct(EditOutcome(corrections, edit.author, now), pipeline)
-        self._conclude()
-        return [*said, self._ack()]
+        self._check_records_exist()
+        corrections, pipeline = self._host.preview_edit(edit.action)
+        self._check_records_exist()  # once more: that may have taken long
+        self._journal.append(self._edit_record(edit, corrections), now)
+        outputs = self._host.apply_edit(EditOutcome(corrections, edit.author, now), pipeline)
+        self._store_outcome()
+        return [*outputs, self._ack()]
 
-    def _check_kept(self) -> None:
-        """Of a closed session an edit alone would be no record."""
-        if not (self.is_open or self._records.are_kept):
+    def _check_records_exist(self) -> None:
+        """Check that a closed session still has records. Raises ProtocolError `conflict`."""
+        if not (self.is_open or self._journal.exist):
             why = "the journal no longer has the session's samples: it cannot be corrected"
             raise ProtocolError("conflict", why, value=self.name)
 
-    def _applied(self, edit: Edit, corrections: EditHistory) -> AppliedEdit:
-        """What is recorded of an edit: what it comes to, so that a replay need not find that out."""
+    def _edit_record(self, edit: Edit, corrections: EditHistory) -> AppliedEdit:
+        """Return the record of an edit with its resolved form, which a replay uses."""
         is_news = not isinstance(edit.action, Undo | Redo)
         return AppliedEdit(
             **vars(edit),
             resolution=corrections.active[-1].recorded() if is_news else None,
-            version=self.looked.heading.version + 1,
+            version=self.last_published_state.program_header.version + 1,
         )
 
-    def _follow(self, record: Record) -> None:
+    def _apply_peer_record(self, record: Record) -> None:
         match record.message:
-            case SampleBatch() as batch if not self._intake.is_duplicate(batch.seq):
+            case SampleBatch() as batch if not self._receiver.is_duplicate(batch.seq):
                 self.receive(batch, record.at)
             case Error(limit=int() as target) if target > self.next_seq:
-                self._records.append(record.message, record.at)
-                self._intake.give_up(target)
-            case Open() as again if again.epoch >= self._opening.epoch and again != self._opening:
-                self.receive(again, record.at)
+                self._journal.append(record.message, record.at)
+                self._receiver.declare_lost(target)
+            case Open() as reopening if reopening.epoch >= self._opening.epoch and reopening != self._opening:
+                self.receive(reopening, record.at)
             case Close() as close:
                 self.receive(close, record.at)
             case AppliedEdit() as edit if edit.revision == self.revision:
-                self._records.append(edit, record.at)
-                self._demonstration.repeat(edit, record.at)
+                self._journal.append(edit, record.at)
+                self._host.replay_edit(edit, record.at)
 
     # --- steps ------------------------------------------------------------------------------------------
 
     def _check_bridge(self, message: SampleBatch | Heartbeat | Open | Close) -> None:
-        """A session belongs to one bridge; one that does not name itself is taken for that."""
+        """Check that the message is of the session's bridge; one without a name passes."""
         mine = self._opening.bridge
         if message.bridge == mine or mine is None or message.bridge is None:
             return
@@ -333,38 +335,40 @@ class Session:
             why = "a restarted bridge opens the session before it sends"
             raise ProtocolError("conflict", why, value=epoch, limit=current)
 
-    def _resume(self, again: Open, now: float) -> list[Output]:
-        """Declare holes lost: a restarted bridge cannot send what its predecessor kept."""
-        said = self._intake.give_up_holes(now)  # recorded first: the opening says nothing of them
-        self._records.append(again, now)
-        self._opening = again
-        return [*said, *self._demonstration.gap(0), self._demonstration.status()]
+    def _resume(self, reopening: Open, now: float) -> list[Output]:
+        """Declare missing batches lost: a restarted bridge cannot send what its predecessor kept."""
+        outputs = self._receiver.declare_all_missing_lost(
+            now
+        )  # recorded first: the opening says nothing of them
+        self._journal.append(reopening, now)
+        self._opening = reopening
+        return [*outputs, *self._host.declare_gap(0), self._host.publish_status()]
 
-    def _not_yet(self, close: Close, now: float) -> list[Output]:
-        """Ask for what is missing before the close; the bridge closes again. No refusal is counted."""
-        asked = self._intake.hear_of(close.last_seq, now)
+    def _request_rest(self, close: Close, now: float) -> list[Output]:
+        """Request what is missing before the close; the bridge closes again. No refusal is counted."""
+        asked = self._receiver.announce_seq(close.last_seq, now)
         missing = "batches are missing before the close"
         refusal = ProtocolError("conflict", missing, value=self.next_seq, limit=close.last_seq)
         return [*asked, Reply(refusal)]
 
     def _finish(self) -> list[Output]:
-        said = self._demonstration.finish()
-        self._conclude()
-        if self.standing.state == "closed":
-            return [*said, self._ack()]
-        refusal = self.standing.tally.last_refusal
+        outputs = self._host.finish()
+        self._store_outcome()
+        if self.state.lifecycle == "closed":
+            return [*outputs, self._ack()]
+        refusal = self.state.counters.last_refusal
         why = refusal.message if refusal else "closed by an error in processing"
-        return [*said, Reply(ProtocolError("conflict", why))]
+        return [*outputs, Reply(ProtocolError("conflict", why))]
 
-    def _conclude(self) -> None:
-        """Let the journal keep how it ended; without that it is replayed."""
-        if self.standing.state == "closed" and not self._collects:
-            self._records.conclude(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.standing)))
+    def _store_outcome(self) -> None:
+        """Store the outcome of a closed session in the journal."""
+        if self.state.lifecycle == "closed" and not self._collects_edits:
+            self._journal.store_outcome(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.state)))
 
     def _ack(self) -> Reply:
-        """What is acknowledged is safe. Raises JournalError."""
-        self._records.commit()
-        state = self.standing.state
+        """Write all records to disk, then acknowledge. Raises JournalError."""
+        self._journal.commit()
+        state = self.state.lifecycle
         return Reply(
             Ack(
                 session=self._opening.session,

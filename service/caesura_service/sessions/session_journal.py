@@ -10,7 +10,7 @@ from caesura_service.journal import Journal, JournalError, Outcome, Record, Reco
 
 
 class SessionJournal:
-    """Those of one session."""
+    """The journal's records of one session."""
 
     def __init__(self, station: str, session: str, journal: Journal) -> None:
         self._station, self._session = station, session
@@ -18,8 +18,8 @@ class SessionJournal:
         self._missed = False
 
     @contextmanager
-    def withheld(self) -> Iterator[None]:
-        """While the context lasts nothing is recorded: it comes from the records."""
+    def suspended(self) -> Iterator[None]:
+        """Suspend recording while the context lasts, as during a replay."""
         journal, self._journal = self._journal, None
         try:
             yield
@@ -27,14 +27,14 @@ class SessionJournal:
             self._journal = journal
 
     @property
-    def are_kept(self) -> bool:
-        """Of a closed session: does the journal still have them?"""
+    def exist(self) -> bool:
+        """Whether the journal still has the records of a closed session."""
         if self._journal is None:
             return True
         return any(copy.closed for copy in self._journal.copies(self._station, self._session))
 
     def append(self, message: Recordable, now: float) -> None:
-        """A batch is safe soon, everything else at once. Raises JournalError; nothing has changed then."""
+        """Append a message; all except batches are on disk then. Raises JournalError and changes nothing."""
         if self._journal is None:
             return
         is_batch = isinstance(message, SampleBatch)
@@ -45,17 +45,17 @@ class SessionJournal:
             raise
 
     def has_missed_batches(self) -> bool:
-        """Did a batch come since this was last asked that could not be recorded?"""
+        """Return whether a batch could not be recorded since the last call."""
         missed, self._missed = self._missed, False
         return missed
 
     def commit(self) -> None:
-        """All of it is safe behind this. Raises JournalError."""
+        """Write all records to disk. Raises JournalError."""
         if self._journal is not None:
             self._journal.commit()
 
-    def conclude(self, outcome: Outcome) -> None:
-        """Let the journal keep how it ended; without that it is replayed."""
+    def store_outcome(self, outcome: Outcome) -> None:
+        """Store the outcome of a closed session; one without an outcome is replayed."""
         if self._journal is not None:
             with suppress(JournalError):
-                self._journal.conclude(self._station, outcome)
+                self._journal.store_outcome(self._station, outcome)

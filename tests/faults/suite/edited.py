@@ -106,7 +106,7 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
             journal=journal,
             limits=Limits(),
         )
-        registry.command(
+        registry.handle_command(
             STATION, Open(session=SESSION, columns=columns, wrench_source="flange_sensor"), began
         )
         made = 0
@@ -115,15 +115,15 @@ def write(directory: Path, seconds: float, edits: int) -> Snapshot:
             t = float(batch[-1, 0])
             now = began + t
             packed = pack_samples(batch, columns, session=SESSION, epoch=0, seq=seq)
-            registry.samples(STATION, packed, now)
+            registry.handle_samples(STATION, packed, now)
             if made < edits and t > 0.9 * seconds * (made + 1) / edits:
                 edit = Edit(session=SESSION, revision=made, author="Ann", action=Insert(t=0.7 * t))
                 (reply,) = [
-                    one.reply for one in registry.command(STATION, edit, now) if isinstance(one, Reply)
+                    one.reply for one in registry.handle_command(STATION, edit, now) if isinstance(one, Reply)
                 ]
                 assert isinstance(reply, Ack), reply
                 made += 1
-        (standing,) = registry.board.standings()
+        (standing,) = registry.index.all_states()
         return snapshot_of(standing)
 
 

@@ -39,9 +39,9 @@ def fuzz(directory: Path) -> Row:
     def attack(target: Target, hostile: Hostile) -> None:
         for _ in range(SEQUENCE):
             target.attack(hostile)
-        standings = target.registry.board.standings()
-        done["batches taken"] += sum(standing.tally.batches for standing in standings)
-        done["refused"] += sum(target.registry.tally.refused.values())
+        standings = target.registry.index.all_states()
+        done["batches taken"] += sum(standing.counters.batches for standing in standings)
+        done["refused"] += sum(target.registry.counters.refused.values())
 
     ways: dict[str, Callable[[Hostile], None]] = {
         "codec": read,

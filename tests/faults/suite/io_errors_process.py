@@ -130,7 +130,7 @@ class Instance:
     def acknowledged(self, message: Any) -> Ack:
         """Ask until it is; answer what the service asks."""
         for _ in range(ATTEMPTS):
-            said = self.registry.command(STATION, message, self.tick())
+            said = self.registry.handle_command(STATION, message, self.tick())
             reply = answer(said)
             self.replay(said)
             if isinstance(reply, Ack):
@@ -145,14 +145,14 @@ class Instance:
 
     def send(self, *numbers: int) -> None:
         for seq in numbers:
-            self.replay(self.registry.samples(STATION, BATCHES[seq], self.tick()))
+            self.replay(self.registry.handle_samples(STATION, BATCHES[seq], self.tick()))
 
     def replay(self, outputs: list[Output]) -> None:
         """Answer what is asked, like a bridge."""
         waiting = [output for output in outputs if isinstance(output, RequestReplay)]
         while waiting:
             for reply in self.ring.answer(waiting.pop(0)):
-                said = self.registry.samples(STATION, reply, self.tick())
+                said = self.registry.handle_samples(STATION, reply, self.tick())
                 waiting += [output for output in said if isinstance(output, RequestReplay)]
                 if len(self.said) < ATTEMPTS and (trouble := self.registry.journal_report().trouble):
                     self.refused(trouble)
@@ -162,8 +162,8 @@ class Instance:
         with suppress(JournalError):
             self.journal.commit()
         self.registry.tick(self.tick())
-        while self.registry.is_busy:
-            for output in self.registry.step():
+        while self.registry.is_rebuilding:
+            for output in self.registry.rebuild_step():
                 if isinstance(output, TakeoverFailed):
                     self.refused(str(output.error))
 
@@ -201,8 +201,8 @@ class Instance:
 
 def shown(registry: Registry, station: str) -> object:
     """All that it shows of its session, but when it was edited, and the number of the program's version."""
-    (session,) = registry.board.sessions[station]
-    snapshot = snapshot_of(unowned(session.standing))
+    (session,) = registry.index.sessions[station]
+    snapshot = snapshot_of(unowned(session.state))
     status = snapshot.status
     counted = (status.state, status.samples, status.repeats, status.gaps, status.revision, status.batches)
     program = snapshot.program.model_copy(update={"edited": None, "version": 0})
@@ -212,11 +212,11 @@ def shown(registry: Registry, station: str) -> object:
 def others(registry: Registry) -> None:
     """The sessions that nobody touches."""
     for station in OTHERS:
-        registry.command(station, opening(), 0.0)
+        registry.handle_command(station, opening(), 0.0)
         for made in BATCHES:
-            registry.samples(station, made, 0.0)
-    registry.command(OTHERS[1], closing(COUNT - 1), 0.0)
-    registry.command(OTHERS[0], opening(), 0.0)
+            registry.handle_samples(station, made, 0.0)
+    registry.handle_command(OTHERS[1], closing(COUNT - 1), 0.0)
+    registry.handle_command(OTHERS[0], opening(), 0.0)
 
 
 def tried(prepared: Path, directory: Path, shim: Shim, fail: Callable[[], None], expected: object) -> Found:
@@ -243,7 +243,7 @@ def tried(prepared: Path, directory: Path, shim: Shim, fail: Callable[[], None],
 
 def everything(registry: Registry) -> dict[str, object]:
     """By station; None where it has no session."""
-    known = registry.board.sessions
+    known = registry.index.sessions
     return {name: shown(registry, name) if known.get(name) else None for name in (STATION, *OTHERS)}
 
 

@@ -177,7 +177,7 @@ def test_an_overview_goes_with_its_session(tmp_path):
         SampleReader(FileBatches(tmp_path, journal)).read(CLOSED, SampleRange(0.0, 20.0, 10))
         count = "SELECT count(*) FROM overviews"
         assert journal._database.execute(count).fetchone() == (1,)
-        journal.forget("cell-1", "s1")
+        journal.delete("cell-1", "s1")
         eventually(lambda: journal._database.execute(count).fetchone() == (0,))
 
 

@@ -32,7 +32,7 @@ class Crashing:
         self.path = path
         self.journal = SqliteJournal(path, NEVER).__enter__()
         self.registry = new_registry(self.journal)
-        self.registry.command(STATION, opening(), 0.0)
+        self.registry.handle_command(STATION, opening(), 0.0)
         self.safe = list(self.journal.replay(STATION, NAME))
 
     def commit(self) -> None:
@@ -52,8 +52,8 @@ class Crashing:
 
 
 def of(registry: Registry) -> tuple[object, ...]:
-    (standing,) = registry.board.standings()
-    return told(standing), registry.board.sessions[STATION][0].next_seq
+    (standing,) = registry.index.all_states()
+    return told(standing), registry.index.sessions[STATION][0].next_seq
 
 
 def told(standing: SessionState) -> tuple[object, ...]:
@@ -72,10 +72,10 @@ def fold(records: list) -> Registry:
 
 def undisturbed() -> tuple[object, ...]:
     registry = new_registry()
-    registry.command(STATION, opening(), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
     for each in BATCHES:
-        registry.samples(STATION, each, 0.0)
-    registry.command(STATION, closing(COUNT - 1), 0.0)
+        registry.handle_samples(STATION, each, 0.0)
+    registry.handle_command(STATION, closing(COUNT - 1), 0.0)
     return of(registry)
 
 
@@ -91,7 +91,7 @@ def test_a_crash_leaves_the_fold_over_what_was_committed_and_the_ring_restores_t
             for step in taken:
                 match step:
                     case int():
-                        service.registry.samples(STATION, BATCHES[step], 0.0)
+                        service.registry.handle_samples(STATION, BATCHES[step], 0.0)
                     case "commit" | "restart":
                         service.commit()
                         if step == "restart":
@@ -99,7 +99,7 @@ def test_a_crash_leaves_the_fold_over_what_was_committed_and_the_ring_restores_t
                     case "crash":
                         service.crash()
                         assert of(service.registry) == of(fold(service.safe))
-            session = service.registry.board.sessions[STATION][0]
+            session = service.registry.index.sessions[STATION][0]
             Ring(BATCHES).feed(session, closing(COUNT - 1), 1000.0)
             Ring(BATCHES).feed(session, closing(COUNT - 1), 2000.0)
             assert of(service.registry) == EXPECTED

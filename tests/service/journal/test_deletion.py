@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
-from caesura_service.journal.deletion import NEXT, PORTION, drop_some, hide
+from caesura_service.journal.deletion import BATCH, SELECT_DELETED, delete_batch, mark_deleted
 from caesura_service.journal.sqlite import PATIENCE
 from harness.processes import eventually
 from harness.sessions import NAME, STATION, batch
 from service.journal.test_sqlite import grow_no_more
 
-COUNT = 3 * PORTION
+COUNT = 3 * BATCH
 KEY = (STATION, NAME)
 DEADLINE_S = 30.0
 
@@ -45,12 +45,12 @@ def test_a_session_is_unknown_at_once_and_its_records_go_by_and_by(path):
     with SqliteJournal(path) as journal:
         taught(journal)
         taught(journal, 2, "other")
-        journal.forget(*KEY)
+        journal.delete(*KEY)
         assert journal.sessions() == ((STATION, "other"),)
         assert [copy.session for copy in journal.copies()] == ["other"]
         assert [copy.session for copy in journal.copies(STATION)] == ["other"]
         assert [*journal.replay(*KEY)] == []
-        assert set(journal.tidy(0.0)) == set()
+        assert set(journal.enforce_retention(0.0)) == set()
         eventually(lambda: (count(path, "records"), count(path, "sessions")) == (2, 1), DEADLINE_S)
 
 
@@ -63,7 +63,7 @@ def test_a_full_journal_makes_room_by_what_it_drops(path):
             taught(journal, COUNT, "new")
         waiting = journal.report().waiting
         assert waiting > 0
-        journal.forget(*KEY)
+        journal.delete(*KEY)
         eventually(lambda: journal.report().trouble is None, DEADLINE_S)
         journal.append(record(COUNT, "new"), now=True)
         kept = [one.message.seq for one in journal.replay(STATION, "new")]
@@ -78,7 +78,7 @@ def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
         journal.append(record(0, "other"))
         with monkeypatch.context() as patch:
             patch.setattr(journal, "_write", failing)
-            journal.forget(*KEY)
+            journal.delete(*KEY)
         assert journal.sessions() == ((STATION, "other"),)
 
 
@@ -86,16 +86,16 @@ def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
     refusals = [True] * 3  # more than there are reasons to look
 
     def drop(database: sqlite3.Connection) -> bool:
-        if database.execute(NEXT).fetchone() and refusals:
+        if database.execute(SELECT_DELETED).fetchone() and refusals:
             refusals.pop()
             failing()
-        return drop_some(database)
+        return delete_batch(database)
 
     monkeypatch.setattr("caesura_service.journal.sqlite.RETRY_S", 0.01)
-    monkeypatch.setattr("caesura_service.journal.sqlite.drop_some", drop)
+    monkeypatch.setattr("caesura_service.journal.sqlite.delete_batch", drop)
     with SqliteJournal(path) as journal:
         taught(journal, 5)
-        journal.forget(*KEY)
+        journal.delete(*KEY)
         eventually(lambda: count(path, "records") == 0, DEADLINE_S)
 
 
@@ -103,31 +103,31 @@ def test_what_somebody_else_dropped_is_told_where_nothing_can_be_dropped(path, m
     with SqliteJournal(path, JournalSettings(age_s=100.0)) as journal:
         journal.append(record(0, "old"), now=True)
         journal.append(record(900, "theirs"), now=True)
-        journal.tidy(10.0)
+        journal.enforce_retention(10.0)
         with closing(sqlite3.connect(path, isolation_level=None)) as other:
-            hide(other, (STATION, "theirs"))
+            mark_deleted(other, (STATION, "theirs"))
         with monkeypatch.context() as patch:
-            patch.setattr("caesura_service.journal.sqlite.hide", failing)
-            assert set(journal.tidy(950.0)) == {(STATION, "theirs")}
-        assert set(journal.tidy(950.0)) == {(STATION, "old")}
+            patch.setattr("caesura_service.journal.sqlite.mark_deleted", failing)
+            assert set(journal.enforce_retention(950.0)) == {(STATION, "theirs")}
+        assert set(journal.enforce_retention(950.0)) == {(STATION, "old")}
 
 
 def test_a_portion_is_all_that_anybody_waits_for(path):
     with SqliteJournal(path) as journal:
         taught(journal)
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
-        hide(database, KEY)
+        mark_deleted(database, KEY)
         left = []
-        while drop_some(database):
+        while delete_batch(database):
             left.append(count(path, "records"))
-    assert left == [2 * PORTION, PORTION, 0, 0]
+    assert left == [2 * BATCH, BATCH, 0, 0]
     assert count(path, "sessions") == 0
 
 
 def test_the_name_may_be_taken_again_before_everything_is_gone(path):
     with SqliteJournal(path) as journal:
         taught(journal)
-        journal.forget(*KEY)
+        journal.delete(*KEY)
         taught(journal, 5)
         eventually(lambda: count(path, "sessions") == 1, DEADLINE_S)
         assert [kept.message.seq for kept in journal.replay(*KEY)] == [0, 1, 2, 3, 4]
@@ -137,7 +137,7 @@ def test_what_a_killed_process_began_to_drop_is_dropped_by_the_next(path):
     with SqliteJournal(path) as journal:
         taught(journal)
     with closing(sqlite3.connect(path)) as database, database:
-        hide(database, KEY)
+        mark_deleted(database, KEY)
     with SqliteJournal(path) as journal:
         assert journal.sessions() == ()
         eventually(lambda: count(path, "records") == 0, DEADLINE_S)
@@ -147,7 +147,7 @@ def test_whoever_deletes_while_no_service_runs_leaves_nothing(path):
     with SqliteJournal(path) as journal:
         taught(journal)
     with SqliteJournal(path, alone=False) as journal:
-        journal.forget(*KEY)
+        journal.delete(*KEY)
     assert (count(path, "records"), count(path, "sessions")) == (0, 0)
 
 
@@ -155,9 +155,9 @@ def test_a_look_does_not_wait_for_what_is_being_written_but_now_and_then(path):
     """Once a second every station waited for the disk."""
     with SqliteJournal(path, JournalSettings(commit_s=3600.0)) as journal:
         taught(journal, 1)
-        assert journal.tidy(0.0) == {}
+        assert journal.enforce_retention(0.0) == {}
         with SqliteJournal(path, alone=False) as other:
-            other.forget(*KEY)
+            other.delete(*KEY)
         writes, over = threading.Event(), threading.Event()
 
         def write() -> None:
@@ -169,8 +169,8 @@ def test_a_look_does_not_wait_for_what_is_being_written_but_now_and_then(path):
         writer.start()
         assert writes.wait(DEADLINE_S)
         for second in range(PATIENCE - 1):
-            assert journal.tidy(float(second)) == {}
+            assert journal.enforce_retention(float(second)) == {}
             assert writer.is_alive()
         threading.Timer(0.0, over.set).start()
-        assert journal.tidy(100.0) == {KEY: "deleted by another process"}
+        assert journal.enforce_retention(100.0) == {KEY: "deleted by another process"}
         writer.join()

@@ -33,24 +33,24 @@ def teach(journal: SqliteJournal) -> None:
     """An open and a closed session at two stations, both with edits; a closed one beside the first."""
     registry = new_registry(journal)
     for station in (STATION, OTHER):
-        registry.command(station, opening(), 1.0)
+        registry.handle_command(station, opening(), 1.0)
         for each in batches(COUNT):
-            registry.samples(station, each, 2.0)
+            registry.handle_samples(station, each, 2.0)
         journal.commit()
         for revision, action in enumerate((Insert(t=1.235), Insert(t=0.535), Undo())):
-            assert isinstance(answer(registry.command(station, edit(revision, action), 3.0)), Ack)
-    registry.command(OTHER, close_of(COUNT - 1), 4.0)
-    registry.command(STATION, opening("s2"), 5.0)
+            assert isinstance(answer(registry.handle_command(station, edit(revision, action), 3.0)), Ack)
+    registry.handle_command(OTHER, close_of(COUNT - 1), 4.0)
+    registry.handle_command(STATION, opening("s2"), 5.0)
     for each in batches(COUNT, "s2"):
-        registry.samples(STATION, each, 6.0)
-    registry.command(STATION, close_of(COUNT - 1, "s2"), 7.0)
+        registry.handle_samples(STATION, each, 6.0)
+    registry.handle_command(STATION, close_of(COUNT - 1, "s2"), 7.0)
 
 
 def shown(registry: Registry) -> dict[tuple[str, str], object]:
     """What can be asked of every session."""
-    known = [unowned(standing) for standing in registry.board.standings()]
+    known = [unowned(standing) for standing in registry.index.all_states()]
     return {
-        (one.station, one.session): (one.view, program_of(one), one.state, one.revision, one.undoable)
+        (one.station, one.session): (one.view, program_of(one), one.lifecycle, one.revision, one.undoable)
         for one in known
     }
 
@@ -63,7 +63,7 @@ def after_restart(path: Path, caplog: pytest.LogCaptureFixture) -> tuple[object,
             registry = new_registry(journal)
             failed = [str(one.error) for one in registry.restore(10.0)]
             recorded = {key: tuple(journal.replay(*key)) for key in sorted(journal.sessions())}
-            journal.tidy(20.0)
+            journal.enforce_retention(20.0)
             found = shown(registry), recorded, journal.sessions(), journal.epoch_of(STATION)
     except JournalError as error:
         return None, [str(error)]
@@ -154,11 +154,11 @@ def test_a_damaged_record_costs_its_session_alone_whose_name_is_free_then(writte
         others = {key: known for key, known in expected[0].items() if key != (STATION, NAME)}
         assert shown(registry) == others
         assert (STATION, NAME) not in journal.sessions()
-        assert answer(registry.command(STATION, opening(), 11.0)) == Ack(
+        assert answer(registry.handle_command(STATION, opening(), 11.0)) == Ack(
             session=NAME, next_seq=0, state="open"
         )
         for each in batches(COUNT):
-            registry.samples(STATION, each, 12.0)
+            registry.handle_samples(STATION, each, 12.0)
     assert "is set aside as cell-1/s1.damaged-1" in caplog.text
     with SqliteJournal(path, NEVER) as journal:
         assert new_registry(journal).restore() == []
@@ -186,10 +186,10 @@ def test_a_closed_session_with_a_damaged_record_can_be_asked_for_and_not_be_corr
             registry = new_registry(journal)
             assert registry.restore(10.0) == []
             assert (OTHER, NAME) in shown(registry)
-            registry.command(OTHER, edit(3, Insert(t=0.8)), 11.0)
-            while registry.is_busy:
-                registry.step()
-            refusal = answer(registry.command(OTHER, edit(3, Insert(t=0.8)), 12.0))
+            registry.handle_command(OTHER, edit(3, Insert(t=0.8)), 11.0)
+            while registry.is_rebuilding:
+                registry.rebuild_step()
+            refusal = answer(registry.handle_command(OTHER, edit(3, Insert(t=0.8)), 12.0))
             assert f"{OTHER}/{NAME} is damaged" in str(refusal)
 
 
@@ -232,7 +232,7 @@ def test_a_journal_of_version_3_is_read_by_itself_and_beside_and_goes_on(written
         registry = new_registry(journal)
         registry.restore()
         for each in batches(COUNT + 4)[COUNT:]:
-            registry.samples(STATION, each, 20.0)
+            registry.handle_samples(STATION, each, 20.0)
     spoil(path, f"UPDATE records SET at = at + 1 WHERE seq = {COUNT + 1}")
     _, said = after_restart(path, caplog)
     assert any("is damaged: its checksum" in line for line in said)

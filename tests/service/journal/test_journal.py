@@ -91,7 +91,7 @@ def test_edits_come_back_with_what_they_came_to_in_their_order(journal):
 
 def test_a_name_that_was_forgotten_can_be_used_again(journal):
     journal.append(record("s1", 0))
-    journal.forget("cell-1", "s1")
+    journal.delete("cell-1", "s1")
     journal.append(record("s1", 1))
     assert [kept.message.seq for kept in journal.replay("cell-1", "s1")] == [1]
 
@@ -111,14 +111,14 @@ def test_more_records_than_are_read_at_once_come_back_in_order(journal):
 
 def test_an_unknown_session_has_no_records_and_can_be_forgotten(journal):
     assert list(journal.replay("cell-1", "s1")) == []
-    journal.forget("cell-1", "s1")
+    journal.delete("cell-1", "s1")
     assert journal.sessions() == ()
 
 
 def test_a_forgotten_session_is_gone_and_the_others_stay(journal):
     journal.append(record("s1", 0))
     journal.append(record("s2", 0))
-    journal.forget("cell-1", "s1")
+    journal.delete("cell-1", "s1")
     assert journal.sessions() == (("cell-1", "s2"),)
 
 
@@ -132,19 +132,19 @@ def test_a_replay_that_has_begun_does_not_see_what_is_appended_meanwhile(journal
 def outcome_of(session: str = "s1") -> Outcome:
     """How a demonstration of three batches ended."""
     registry = new_registry()
-    registry.command("cell-1", opening(session), 0.0)
+    registry.handle_command("cell-1", opening(session), 0.0)
     for each in batches(3, session):
-        registry.samples("cell-1", each, 0.0)
-    registry.command("cell-1", closing(2, session), 0.0)
-    return Outcome(opening(session), 2, snapshot_of(registry.board.standings()[0]))
+        registry.handle_samples("cell-1", each, 0.0)
+    registry.handle_command("cell-1", closing(2, session), 0.0)
+    return Outcome(opening(session), 2, snapshot_of(registry.index.all_states()[0]))
 
 
 def test_how_a_session_ended_is_kept_as_it_was_until_the_session_is_forgotten(journal):
     journal.append(record("s1", 0))
     assert journal.outcome("cell-1", "s1") is None
-    journal.conclude("cell-1", outcome_of())
+    journal.store_outcome("cell-1", outcome_of())
     assert journal.outcome("cell-1", "s1") == outcome_of()
-    journal.forget("cell-1", "s1")
+    journal.delete("cell-1", "s1")
     journal.append(record("s1", 0))
     assert journal.outcome("cell-1", "s1") is None
 
@@ -159,7 +159,7 @@ def test_a_session_with_a_close_is_a_closed_one(journal):
 def test_what_is_young_and_small_is_kept(journal):
     journal.append(record("s1", 0))
     journal.commit()
-    assert journal.tidy(1.0) == {}
+    assert journal.enforce_retention(1.0) == {}
     assert journal.sessions() == (("cell-1", "s1"),)
     assert journal.report().trouble is None
 
@@ -213,10 +213,10 @@ def test_what_cannot_be_recorded_is_not_processed(message):
     session.begin(0.0)
     session.receive(batch(0), 0.0)
     journal.full = True
-    before = session.standing
+    before = session.state
     with pytest.raises(JournalError, match="no space"):
         session.receive(message, 0.0)
-    assert (session.standing, session.next_seq) == (before, 1)
+    assert (session.state, session.next_seq) == (before, 1)
     journal.full = False
     session.receive(message, 0.0)
 
@@ -265,6 +265,6 @@ def test_copies_tell_how_far_along_each_session_is(journal):
 def test_the_epoch_of_a_station_is_remembered(journal):
     assert journal.epoch_of("cell-1") == -1
     for epoch in (7, 9):
-        journal.keep_epoch("cell-1", epoch)
+        journal.store_epoch("cell-1", epoch)
     assert journal.epoch_of("cell-1") == 9
     assert journal.epoch_of("cell-2") == -1

@@ -22,11 +22,11 @@ def siblings(tmp_path: Path) -> PeerJournals:
 
 def taught(journal: SqliteJournal, count: int, *, close: bool = False, session: str = NAME) -> None:
     registry = new_registry(journal)
-    registry.command(STATION, opening(session), 10.0)
+    registry.handle_command(STATION, opening(session), 10.0)
     for each in batches(count, session):
-        registry.samples(STATION, each, 11.0)
+        registry.handle_samples(STATION, each, 11.0)
     if close:
-        registry.command(STATION, closing(count - 1, session), 12.0)
+        registry.handle_command(STATION, closing(count - 1, session), 12.0)
     journal.commit()
 
 
@@ -49,7 +49,7 @@ def test_what_an_owner_that_runs_has_committed_is_seen(tmp_path, siblings):
         taught(journal, 3, close=True, session="s2")
         journal.flush()  # as its thread does soon
         journal.append(Record(STATION, NAME, 13.0, batch(5)))  # not committed
-        journal.keep_epoch(STATION, 77)
+        journal.store_epoch(STATION, 77)
         one, two = siblings.copies(STATION)
         assert (one.copy.session, one.copy.closed, one.copy.last_seq) == (NAME, False, 4)
         assert (two.copy.session, two.copy.closed, two.copy.last_seq) == ("s2", True, 2)
@@ -152,6 +152,6 @@ def test_a_journal_of_version_1_becomes_one_of_version_2(tmp_path):
     database.close()
     with SqliteJournal(path) as journal:
         assert journal.epoch_of(STATION) == -1
-        journal.keep_epoch(STATION, 5)
+        journal.store_epoch(STATION, 5)
         assert journal.epoch_of(STATION) == 5
         assert len(list(journal.replay(STATION, NAME))) == 3

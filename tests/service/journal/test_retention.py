@@ -30,21 +30,21 @@ COUNT = 6
 
 
 def taught(registry: Registry, session: str, now: float = 0.0, *, closed: bool = True) -> None:
-    assert isinstance(answer(registry.command(STATION, opening(session), now)), Ack)
+    assert isinstance(answer(registry.handle_command(STATION, opening(session), now)), Ack)
     for each in batches(COUNT, session):
-        registry.samples(STATION, each, now)
+        registry.handle_samples(STATION, each, now)
     if closed:
-        assert isinstance(answer(registry.command(STATION, closing(COUNT - 1, session), now)), Ack)
+        assert isinstance(answer(registry.handle_command(STATION, closing(COUNT - 1, session), now)), Ack)
 
 
 def names(registry: Registry) -> list[str]:
-    return [session.name for session in registry.board.sessions.get(STATION, ())]
+    return [session.name for session in registry.index.sessions.get(STATION, ())]
 
 
 def forgotten(registry: Registry, now: float) -> list[tuple[str, str]]:
     with registry._journal._writing:  # tidying is put off while the journal's thread writes
         said = registry.tick(now)
-    return [(output.session, output.why) for output in said if isinstance(output, SessionDeleted)]
+    return [(output.session, output.reason) for output in said if isinstance(output, SessionDeleted)]
 
 
 def restarted(journal: SqliteJournal, **how: object) -> Registry:
@@ -64,12 +64,12 @@ def test_a_closed_session_is_there_after_a_restart_as_it_was_without_being_repla
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)
         taught(registry, "s1")
-        before = snapshot_of(unowned(registry.board.standings()[0]))
+        before = snapshot_of(unowned(registry.index.all_states()[0]))
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)
-        registry._builder._pipeline_factory = unpreparable
+        registry._factory._pipeline_factory = unpreparable
         assert registry.restore() == []
-        assert snapshot_of(unowned(registry.board.standings()[0])) == before
+        assert snapshot_of(unowned(registry.index.all_states()[0])) == before
 
 
 def test_it_equals_the_one_that_is_replayed_where_its_end_was_not_kept(path):
@@ -78,7 +78,7 @@ def test_it_equals_the_one_that_is_replayed_where_its_end_was_not_kept(path):
         kept = restarted(journal)
         journal._database.execute("DELETE FROM outcomes")
         replayed = restarted(journal)
-        first, second = (unowned(each.board.standings()[0]) for each in (kept, replayed))
+        first, second = (unowned(each.index.all_states()[0]) for each in (kept, replayed))
         assert snapshot_of(first) == snapshot_of(second)
         assert journal.outcome(STATION, "s1") is not None  # for the next time
 
@@ -87,15 +87,15 @@ def test_a_closed_session_takes_what_trails_behind_and_nothing_else(path):
     with SqliteJournal(path) as journal:
         taught(new_registry(journal), "s1")
         registry = restarted(journal)
-        again = answer(registry.command(STATION, closing(COUNT - 1, "s1"), 0.0))
+        again = answer(registry.handle_command(STATION, closing(COUNT - 1, "s1"), 0.0))
         assert again == Ack(session="s1", next_seq=COUNT, state="closed")
-        assert registry.samples(STATION, heartbeat(COUNT - 1, "s1"), 0.0) == []
+        assert registry.handle_samples(STATION, heartbeat(COUNT - 1, "s1"), 0.0) == []
         more = batches(COUNT + 1, "s1")[-1]
-        registry.samples(STATION, more, 0.0)
-        reopened = answer(registry.command(STATION, opening("s1"), 0.0))
+        registry.handle_samples(STATION, more, 0.0)
+        reopened = answer(registry.handle_command(STATION, opening("s1"), 0.0))
         assert isinstance(reopened, ProtocolError)
-        (standing,) = registry.board.standings()
-        assert standing.tally.refused == {"conflict": 1}  # for the batch
+        (standing,) = registry.index.all_states()
+        assert standing.counters.refused == {"conflict": 1}  # for the batch
         assert standing.view.samples == COUNT * 20
 
 
@@ -108,7 +108,7 @@ def test_open_and_closed_sessions_keep_their_order_and_the_last_one_is_the_curre
         taught(registry, "s4")
         again = restarted(journal)
     assert names(again) == ["s1", "s2", "s3", "s4"]
-    assert [session.is_open for session in again.board.sessions[STATION]] == [True, False, True, False]
+    assert [session.is_open for session in again.index.sessions[STATION]] == [True, False, True, False]
 
 
 def test_more_closed_sessions_are_kept_than_can_be_asked_for(path):
@@ -129,7 +129,7 @@ def test_the_name_of_a_session_that_is_kept_is_taken(path):
         registry = new_registry(journal, limits)
         for index in range(3):
             taught(registry, f"s{index}")
-        refusal = answer(registry.command(STATION, opening("s0"), 0.0))
+        refusal = answer(registry.handle_command(STATION, opening("s0"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.value) == ("conflict", "s0")
     assert "give it another name" in refusal.message
@@ -180,11 +180,11 @@ def test_a_station_that_fills_the_journal_loses_its_own(path):
                 journal.append(Record(station, f"s{number}", at, batches(COUNT)[seq]))
             journal.append(Record(station, f"s{number}", at, closing(COUNT - 1)))
         journal.commit()
-        journal.tidy(10.0)
+        journal.enforce_retention(10.0)
         size = journal.report().size
         journal.settings = replace(journal.settings, size_bytes=int(0.6 * size))
         with journal._writing:
-            gone = [key for second in range(20) for key in journal.tidy(11.0 + second)]
+            gone = [key for second in range(20) for key in journal.enforce_retention(11.0 + second)]
         assert gone == [("greedy", "s1"), ("greedy", "s2")]
 
 
@@ -200,7 +200,7 @@ def test_open_sessions_of_a_station_take_half_and_no_more_until_they_are_closed(
         journal.append(Record("small", "s1", 0.0, batch(0)))
         if closes:
             journal.append(Record("greedy", "s1", 0.0, closing(2)), now=True)
-            journal.tidy(0.0)
+            journal.enforce_retention(0.0)
             journal.append(Record("greedy", "s2", 0.0, batch(0)))
         else:
             with pytest.raises(JournalError):
@@ -232,7 +232,7 @@ def test_a_look_at_a_journal_of_many_sessions_makes_nothing_of_each(path):
         made: list[object] = []
         journal._database.row_factory = lambda _, row: made.append(row) or row
         for second in range(11):
-            journal.tidy(float(second))
+            journal.enforce_retention(float(second))
         assert journal.report().size > 2000 * 9
         assert len(made) < 50
 
@@ -244,7 +244,7 @@ def test_a_session_that_another_process_deletes_can_no_longer_be_asked_for(path)
         taught(registry, "s2")
         assert forgotten(registry, 1.0) == []
         with SqliteJournal(path, alone=False) as other:
-            other.forget(STATION, "s1")
+            other.delete(STATION, "s1")
         gone = [one for second in range(2, 20) for one in forgotten(registry, float(second))]
         assert gone == [("s1", "deleted by another process")]
         assert names(registry) == ["s2"]

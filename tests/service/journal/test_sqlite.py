@@ -189,7 +189,7 @@ def test_a_commit_costs_the_same_however_much_there_is(path):
 def steps_of_an_open(journal: SqliteJournal, registry: Registry, session: str) -> int:
     steps = itertools.count()
     journal._database.set_progress_handler(lambda: next(steps) < 0, 10)
-    registry.command(STATION, opening(session), 1e4)
+    registry.handle_command(STATION, opening(session), 1e4)
     journal._database.set_progress_handler(None, 10)
     return next(steps)
 
@@ -354,11 +354,11 @@ def test_a_disk_that_is_too_slow_refuses_before_memory_runs_out(path):
 def test_an_acknowledgement_is_given_for_what_is_safe(path):
     with SqliteJournal(path, NEVER) as journal:
         registry = new_registry(journal)
-        registry.command(STATION, opening(), 0.0)
+        registry.handle_command(STATION, opening(), 0.0)
         for each in batches(3):
-            registry.samples(STATION, each, 0.0)
+            registry.handle_samples(STATION, each, 0.0)
         assert on_disk(path, "SELECT count(*) FROM records") == [1]
-        assert answer(registry.command(STATION, opening(), 0.0)) == Ack(
+        assert answer(registry.handle_command(STATION, opening(), 0.0)) == Ack(
             session=NAME, next_seq=3, state="open"
         )
         assert on_disk(path, "SELECT count(*) FROM records") == [4]
@@ -368,12 +368,12 @@ def test_a_session_that_cannot_be_recorded_is_not_opened_and_the_answer_says_why
     with SqliteJournal(path, NEVER) as journal:
         journal._database.execute("PRAGMA query_only = ON")
         registry = new_registry(journal)
-        refusal = answer(registry.command(STATION, opening(), 0.0))
+        refusal = answer(registry.handle_command(STATION, opening(), 0.0))
         journal._database.execute("PRAGMA query_only = OFF")
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "conflict"
     assert str(path) in refusal.message
-    assert registry.board.sessions == {}
+    assert registry.index.sessions == {}
 
 
 def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothing(path):
@@ -381,14 +381,14 @@ def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothin
     ring = Ring(batches(count))
     with SqliteJournal(path, NEVER) as journal:
         registry = new_registry(journal)
-        registry.command(STATION, opening(), 0.0)
-        registry.samples(STATION, batch(0), 0.0)
+        registry.handle_command(STATION, opening(), 0.0)
+        registry.handle_samples(STATION, batch(0), 0.0)
         journal.commit()
         grow_no_more(journal)
-        journal._trouble = JournalError("journal is full")  # as the thread finds it
+        journal._error = JournalError("journal is full")  # as the thread finds it
         for seq in range(1, 10):
-            registry.samples(STATION, batch(seq), 0.0)
-        status = status_of(registry.board.standings()[0])
+            registry.handle_samples(STATION, batch(seq), 0.0)
+        status = status_of(registry.index.all_states()[0])
         assert status.refused == {"overloaded": 9}
         assert status.last_refusal is not None
         assert "journal is full" in status.last_refusal.message
@@ -396,22 +396,22 @@ def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothin
         now = 0.0
         for _ in range(8):
             now += 10.0
-            for out in registry.samples(STATION, heartbeat(9), now):
+            for out in registry.handle_samples(STATION, heartbeat(9), now):
                 if asked([out]):
                     for reply in ring.answer(out):
-                        registry.samples(STATION, reply, now)
+                        registry.handle_samples(STATION, reply, now)
         grow_again(journal)
         journal.commit()
-        session = registry.board.sessions[STATION][0]
+        session = registry.index.sessions[STATION][0]
         ring.feed(session, heartbeat(count - 1), now + 10.0)
-        registry.command(STATION, closing(count - 1), now + 20.0)
-        standing = session.standing
+        registry.handle_command(STATION, closing(count - 1), now + 20.0)
+        standing = session.state
     undisturbed = new_registry()
-    undisturbed.command(STATION, opening(), 0.0)
+    undisturbed.handle_command(STATION, opening(), 0.0)
     for each in batches(count):
-        undisturbed.samples(STATION, each, 0.0)
-    undisturbed.command(STATION, closing(count - 1), 0.0)
-    expected = snapshot_of(undisturbed.board.standings()[0])
+        undisturbed.handle_samples(STATION, each, 0.0)
+    undisturbed.handle_command(STATION, closing(count - 1), 0.0)
+    expected = snapshot_of(undisturbed.index.all_states()[0])
     shown = snapshot_of(standing)
     assert (shown.segments, shown.changepoints, shown.program) == (
         expected.segments,
@@ -424,7 +424,7 @@ def test_while_the_disk_is_full_a_session_says_so_and_afterwards_it_lacks_nothin
 
 def concluded(registry: Registry, name: str) -> Outcome:
     """Of a session that a journal has."""
-    (standing,) = [one for one in registry.board.standings() if one.session == name]
+    (standing,) = [one for one in registry.index.all_states() if one.session == name]
     return Outcome(opening(name), -1, snapshot_of(standing))
 
 
@@ -432,9 +432,9 @@ def test_who_ends_a_session_does_not_wait_until_its_outcome_is_written(tmp_path)
     """An hour of results is megabytes: a close took up to 90 ms of the worker in one turn."""
     with SqliteJournal(tmp_path / "caesura-1.sqlite", NEVER) as journal:
         registry = new_registry(journal)
-        registry.command(STATION, opening(), 0.0)
+        registry.handle_command(STATION, opening(), 0.0)
         outcome = concluded(registry, NAME)
-        ended = threading.Thread(target=journal.conclude, args=(STATION, outcome), daemon=True)
+        ended = threading.Thread(target=journal.store_outcome, args=(STATION, outcome), daemon=True)
         with journal._writing:  # the disk works
             ended.start()
             ended.join(DEADLINE_S)
@@ -447,9 +447,9 @@ def test_who_ends_a_session_does_not_wait_until_its_outcome_is_written(tmp_path)
 def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_of_its_name(tmp_path):
     with SqliteJournal(tmp_path / "caesura-1.sqlite", NEVER) as journal:
         registry = new_registry(journal)
-        registry.command(STATION, opening(), 0.0)
-        journal.conclude(STATION, concluded(registry, NAME))
-        journal.forget(STATION, NAME)
+        registry.handle_command(STATION, opening(), 0.0)
+        journal.store_outcome(STATION, concluded(registry, NAME))
+        journal.delete(STATION, NAME)
         journal.append(record(0), now=True)
         journal.flush()
         assert journal.outcome(STATION, NAME) is None

@@ -21,7 +21,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.monitoring import http_server
-from caesura_service.monitoring.health import STUCK_S, alive
+from caesura_service.monitoring.health import STUCK_AFTER_S, liveness
 from caesura_service.monitoring.http_server import (
     CONNECTIONS,
     SCRAPES,
@@ -52,7 +52,7 @@ def service() -> Iterator[Service]:
 
 
 def observed_of(service: Service) -> MetricsSource:
-    return MetricsSource(service.registry, service.status, lambda: True, Budgets(RateSettings()).of)
+    return MetricsSource(service.registry, service.status, lambda: True, Budgets(RateSettings()).budgets_of)
 
 
 def get(url: str) -> tuple[int, str]:
@@ -133,11 +133,11 @@ def test_it_is_alive_and_not_ready_while_it_waits_for_a_router_and_gone_once_it_
 
 def test_a_worker_that_does_not_come_round_is_not_alive(service):
     observed = observed_of(service)
-    at = service.registry.counting.turned
-    assert alive(observed, clock=lambda: at + STUCK_S).well
-    stuck = alive(observed, clock=lambda: at + 10 * STUCK_S)
-    assert not stuck.well
-    assert "has not come round" in stuck.why
+    at = service.registry.station_counters.stepped_s
+    assert liveness(observed, clock=lambda: at + STUCK_AFTER_S).healthy
+    stuck = liveness(observed, clock=lambda: at + 10 * STUCK_AFTER_S)
+    assert not stuck.healthy
+    assert "has not come round" in stuck.reason
 
 
 def test_an_address_that_is_taken_or_none_is_said():
@@ -181,7 +181,7 @@ def test_the_place_that_is_given_away_is_the_oldest_of_the_address_that_holds_th
     try:
         for name, peer in (("probe", "a"), ("old", "b"), ("new", "b"), ("late", "c")):
             ends[name] = socket.socketpair()
-            places.take(ends[name][0], peer)
+            places.admit(ends[name][0], peer)
         far = {name: pair[1] for name, pair in ends.items()}
         closed = [name for name, end in far.items() if select.select([end], [], [], 0)[0]]
         assert closed == ["old"]

@@ -16,7 +16,7 @@ from caesura_service.journal import MemoryJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.log_throttle import MAX_KEYS, LogThrottle
 from caesura_service.monitoring.registry_calls import Change
-from caesura_service.monitoring.station_counters import BUCKETS_S, Durations, StationCounters
+from caesura_service.monitoring.station_counters import StationCounters, StationCounterSet
 from caesura_service.publishing.events import PipelineFactory, ReplayEnded
 from caesura_service.publishing.session_state import status_of
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
@@ -42,7 +42,7 @@ def watched(
     **limits: Any,
 ) -> InstrumentedRegistry:
     return InstrumentedRegistry(
-        watch=watch or Clock(),
+        monotonic=watch or Clock(),
         owner=OWNER,
         pipeline_factory=factory,
         default_preset="fake",
@@ -63,9 +63,9 @@ class Seldom(FakePipeline):
 
 
 def taught(registry: InstrumentedRegistry, count: int) -> InstrumentedRegistry:
-    registry.command(STATION, opening(), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
     for one in batches(count):
-        registry.samples(STATION, one, 0.0)
+        registry.handle_samples(STATION, one, 0.0)
     return registry
 
 
@@ -80,10 +80,10 @@ def _told(caplog):
 
 def test_what_was_processed_is_counted_by_station():
     registry = taught(watched(), 3)
-    registry.samples(STATION, batch(1), 0.0)
-    counted = registry.counting.of_station[STATION]
+    registry.handle_samples(STATION, batch(1), 0.0)
+    counted = registry.station_counters.of_station[STATION]
     assert (counted.batches, counted.samples, counted.duplicates, counted.gaps) == (3, 60, 1, 0)
-    assert counted.observations == registry.board.current()[0].view.observations > 0
+    assert counted.observations == registry.index.newest_states()[0].view.observations > 0
 
 
 @pytest.mark.parametrize("count", [7, 10])
@@ -94,28 +94,28 @@ def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count)
         return Seldom(fake.preset, fake.wrench)
 
     registry = watched(factory=seldom)
-    registry.command(STATION, opening(), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
     for number, one in enumerate(batches(count), start=1):
-        registry.samples(STATION, one, 0.0)
-        (standing,) = registry.board.current()
-        assert (standing.tally.batches, standing.view.samples) == (number, 20 * number)
-        for ask in (registry.restate, lambda station: registry.dropped(station, 0)):
+        registry.handle_samples(STATION, one, 0.0)
+        (standing,) = registry.index.newest_states()
+        assert (standing.counters.batches, standing.view.samples) == (number, 20 * number)
+        for ask in (registry.republish_status, lambda station: registry.report_dropped(station, 0)):
             (told,) = published(ask(STATION), SessionStatus) or [status_of(standing)]
             assert (told.batches, told.samples) == (number, 20 * number)
         registry.tick(float(number))
-        registry.command(STATION, opening(), 0.0)
-    counted = registry.counting.of_station[STATION]
-    registry.command(STATION, closing(count - 1), 0.0)
+        registry.handle_command(STATION, opening(), 0.0)
+    counted = registry.station_counters.of_station[STATION]
+    registry.handle_command(STATION, closing(count - 1), 0.0)
     assert (counted.batches, counted.samples) == (count, 20 * count)
 
 
 def test_a_hole_is_a_question_then_a_gap(caplog):
     registry = taught(watched(), 3)
-    registry.samples(STATION, batch(9), 1.0)
-    counted = registry.counting.of_station[STATION]
+    registry.handle_samples(STATION, batch(9), 1.0)
+    counted = registry.station_counters.of_station[STATION]
     assert (counted.replays, counted.gaps) == (1, 0)
-    registry.samples(STATION, ReplayEnded(NAME, 3, answered=False, evicted=True, oldest=9), 2.0)
-    counted = registry.counting.of_station[STATION]
+    registry.handle_samples(STATION, ReplayEnded(NAME, 3, answered=False, evicted=True, oldest=9), 2.0)
+    counted = registry.station_counters.of_station[STATION]
     assert counted.gaps == 1
     assert counted.gap_s == pytest.approx(6 * 0.2, abs=0.11)
     assert lines(caplog)[-2] == "cell-1/s1 asks for batches 3 to 8"
@@ -128,8 +128,8 @@ def test_a_hole_is_a_question_then_a_gap(caplog):
 
 def test_a_session_is_told_from_opening_to_close(caplog):
     registry = taught(watched(), 5)
-    registry.command(STATION, closing(4), 1.0)
-    registry.command(STATION, closing(4), 1.1)  # its acknowledgement was lost
+    registry.handle_command(STATION, closing(4), 1.0)
+    registry.handle_command(STATION, closing(4), 1.1)  # its acknowledgement was lost
     first, last = lines(caplog)
     assert first == "cell-1/s1 opened, preset fake, wrench flange_sensor"
     assert last.startswith("cell-1/s1 closed: ")
@@ -137,14 +137,14 @@ def test_a_session_is_told_from_opening_to_close(caplog):
 
 
 def test_an_unstated_wrench_source_is_logged_as_assumed(caplog):
-    watched().command(STATION, opening(wrench_source=None), 0.0)
+    watched().handle_command(STATION, opening(wrench_source=None), 0.0)
     assert lines(caplog) == ["cell-1/s1 opened, preset fake, wrench none (assumed)"]
 
 
 def test_a_station_that_opens_too_many_sessions_is_told_which_were_closed(caplog):
     registry = watched(open_sessions=1)
-    registry.command(STATION, opening("first"), 0.0)
-    registry.command(STATION, opening("second"), 0.0)
+    registry.handle_command(STATION, opening("first"), 0.0)
+    registry.handle_command(STATION, opening("second"), 0.0)
     assert [line.partition(":")[0] for line in lines(caplog)] == [
         "cell-1/first opened, preset fake, wrench flange_sensor",
         "cell-1/first closed",
@@ -156,10 +156,10 @@ def test_a_hostile_sender_is_told_of_once_and_then_by_number(caplog):
     clock = Clock()
     registry = watched(clock)
     for _ in range(100):
-        registry.refuse(STATION, ProtocolError("malformed", "rubbish"))
-    registry.refuse(STATION, ProtocolError("too_large", "much"))
+        registry.reject(STATION, ProtocolError("malformed", "rubbish"))
+    registry.reject(STATION, ProtocolError("too_large", "much"))
     clock.now += 60.0
-    registry.refuse(STATION, ProtocolError("malformed", "rubbish"))
+    registry.reject(STATION, ProtocolError("malformed", "rubbish"))
     assert lines(caplog) == [
         "cell-1 refused: malformed: rubbish",
         "cell-1 refused: too_large: much",
@@ -169,40 +169,40 @@ def test_a_hostile_sender_is_told_of_once_and_then_by_number(caplog):
 
 def test_a_bridge_that_does_not_answer_is_told_of(caplog):
     registry = taught(watched(), 3)
-    registry.samples(STATION, heartbeat(5), 1.0)
-    registry.samples(STATION, ReplayEnded(NAME, 3, answered=False), 2.0)
+    registry.handle_samples(STATION, heartbeat(5), 1.0)
+    registry.handle_samples(STATION, ReplayEnded(NAME, 3, answered=False), 2.0)
     assert lines(caplog)[-1] == "cell-1/s1 its bridge did not answer for batches from 3 on"
 
 
 def test_what_the_queue_had_no_room_for_is_counted():
     registry = taught(watched(), 1)
-    registry.dropped(STATION, 7)
-    assert registry.counting.of_station[STATION].dropped == 7
+    registry.report_dropped(STATION, 7)
+    assert registry.station_counters.of_station[STATION].dropped == 7
 
 
 def test_a_batch_whose_content_is_refused_is_lost():
     registry = taught(watched(), 1)
-    registry.samples(STATION, batch(1, n=7), 0.0)
-    registry.samples(STATION, batch(2), 0.0)
-    counted = registry.counting.of_station[STATION]
+    registry.handle_samples(STATION, batch(1, n=7), 0.0)
+    registry.handle_samples(STATION, batch(2), 0.0)
+    counted = registry.station_counters.of_station[STATION]
     assert (counted.batches, counted.lost) == (2, 1)
 
 
 def test_names_that_nobody_knows_take_no_room():
     registry = taught(watched(), 1)
     for number in range(1000):
-        registry.samples(f"nobody-{number}", Heartbeat(session="x", epoch=0, seq=1), 0.0)
-    assert list(registry.counting.of_station) == [STATION]
+        registry.handle_samples(f"nobody-{number}", Heartbeat(session="x", epoch=0, seq=1), 0.0)
+    assert list(registry.station_counters.of_station) == [STATION]
 
 
 def test_when_a_batch_last_came_is_known_and_a_heartbeat_is_none():
     clock = Clock()
     registry = taught(watched(clock), 1)
     clock.now += 7.0
-    registry.samples(STATION, heartbeat(0), 0.0)
-    assert registry.counting.of_station[STATION].received_s == 100.0
-    registry.samples(STATION, batch(1), 0.0)
-    assert registry.counting.of_station[STATION].received_s == 107.0
+    registry.handle_samples(STATION, heartbeat(0), 0.0)
+    assert registry.station_counters.of_station[STATION].received_s == 100.0
+    registry.handle_samples(STATION, batch(1), 0.0)
+    assert registry.station_counters.of_station[STATION].received_s == 107.0
 
 
 def test_what_a_restart_replays_is_not_counted_again():
@@ -210,23 +210,23 @@ def test_what_a_restart_replays_is_not_counted_again():
     taught(watched(journal=journal), 5)
     after = watched(journal=journal)
     assert after.restore() == []
-    assert after.counting.of_station == {}
-    after.samples(STATION, batch(5), 0.0)
-    assert after.counting.of_station[STATION].batches == 1
+    assert after.station_counters.of_station == {}
+    after.handle_samples(STATION, batch(5), 0.0)
+    assert after.station_counters.of_station[STATION].batches == 1
 
 
 def test_durations_are_a_cumulative_histogram():
-    durations = Durations()
+    durations = StationCounterSet(0.0).durations
     for took_s in (0.0001, 0.001, 0.03, 99.0):
-        durations.add(took_s)
-    found = dict(durations.cumulative())
+        durations.observe(took_s)
+    (family,) = durations.collect()
+    found = {sample.labels.get("le", sample.name): sample.value for sample in family.samples}
     assert (found["0.001"], found["0.025"], found["0.05"], found["+Inf"]) == (2, 2, 3, 4)
-    assert len(found) == len(BUCKETS_S) + 1
-    assert durations.total_s == pytest.approx(99.0311)
+    assert found["caesura_batch_seconds_sum"] == pytest.approx(99.0311)
 
 
 def test_a_change_without_a_before_adds_nothing():
-    standing = taught(watched(), 2).board.current()[0]
+    standing = taught(watched(), 2).index.newest_states()[0]
     counted = StationCounters()
     counted.add(Change(None, standing))
     assert counted == StationCounters()

@@ -28,17 +28,17 @@ OTHER = "cell-2"
 
 def opened(registry, station, *names):
     for name in names:
-        registry.command(station, opening(name), 0.0)
+        registry.handle_command(station, opening(name), 0.0)
     return registry
 
 
 def names(registry, station):
-    return [session.name for session in registry.board.sessions.get(station, ())]
+    return [session.name for session in registry.index.sessions.get(station, ())]
 
 
 def test_an_opening_without_preset_gets_the_services_and_replays_with_it():
     journal = MemoryJournal()
-    new_registry(journal).command(STATION, opening(preset=None), 0.0)
+    new_registry(journal).handle_command(STATION, opening(preset=None), 0.0)
     (record,) = journal.replay(STATION, "s1")
     assert record.message.preset == "fake"
 
@@ -53,99 +53,99 @@ def test_an_opening_without_preset_gets_the_services_and_replays_with_it():
 )
 def test_an_opening_that_cannot_be_served_is_refused_and_leaves_nothing(fields, words):
     registry = new_registry()
-    refusal = answer(registry.command(STATION, opening(**fields), 0.0))
+    refusal = answer(registry.handle_command(STATION, opening(**fields), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "malformed"
     assert words in refusal.message
-    assert registry.board.sessions == {}
-    assert registry.tally.refused == {"malformed": 1}
+    assert registry.index.sessions == {}
+    assert registry.counters.refused == {"malformed": 1}
 
 
 def test_a_pipeline_that_cannot_be_made_refuses_the_opening_only():
     registry = new_registry()
-    registry._builder._pipeline_factory = lambda *_: 1 / 0
-    refusal = answer(registry.command(STATION, opening(), 0.0))
+    registry._factory._pipeline_factory = lambda *_: 1 / 0
+    refusal = answer(registry.handle_command(STATION, opening(), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert "ZeroDivisionError" in refusal.message
 
 
 def test_the_newest_session_of_a_station_is_its_current_one():
     registry = opened(opened(new_registry(), STATION, "s1", "s2"), OTHER, "s1")
-    current = [(standing.station, standing.session) for standing in registry.board.current()]
+    current = [(standing.station, standing.session) for standing in registry.index.newest_states()]
     assert current == [(STATION, "s2"), (OTHER, "s1")]
 
 
 def test_stations_may_use_the_same_session_name():
     registry = opened(opened(new_registry(), STATION, "s1"), OTHER, "s1")
-    registry.samples(OTHER, batch(0), 0.0)
-    samples = [standing.view.samples for standing in registry.board.standings()]
+    registry.handle_samples(OTHER, batch(0), 0.0)
+    samples = [standing.view.samples for standing in registry.index.all_states()]
     assert samples == [0, 20]
 
 
 @pytest.mark.parametrize("message", [batch(0), heartbeat(0), ReplayEnded("s1", 0, answered=False)])
 def test_samples_for_an_unknown_session_are_counted_by_the_service(message):
     registry = opened(new_registry(), STATION, "s2")
-    assert registry.samples(STATION, message, 0.0) == []
-    assert registry.tally.refused == {"unknown_session": 1}
-    assert registry.board.standings()[0].tally.refused == {}
+    assert registry.handle_samples(STATION, message, 0.0) == []
+    assert registry.counters.refused == {"unknown_session": 1}
+    assert registry.index.all_states()[0].counters.refused == {}
 
 
 def test_a_batch_for_another_stations_session_is_forbidden_and_shown_where_it_came_from():
     registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "theirs")
-    said = registry.samples(STATION, batch(0, "theirs"), 0.0)
+    said = registry.handle_samples(STATION, batch(0, "theirs"), 0.0)
     (status,) = published(said, SessionStatus)
     assert (status.station, status.session, status.refused) == (STATION, "mine", {"forbidden": 1})
-    mine, theirs = registry.board.standings()
+    mine, theirs = registry.index.all_states()
     assert theirs.view.samples == 0
-    assert theirs.tally.refused == {}
-    assert registry.tally.refused == {"forbidden": 1}
-    assert mine.tally.last_refusal is not None
+    assert theirs.counters.refused == {}
+    assert registry.counters.refused == {"forbidden": 1}
+    assert mine.counters.last_refusal is not None
 
 
 def test_closing_another_stations_session_is_forbidden():
     registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "theirs")
-    refusal = answer(registry.command(STATION, closing(-1, "theirs"), 0.0))
+    refusal = answer(registry.handle_command(STATION, closing(-1, "theirs"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "forbidden"
-    assert registry.board.standings()[1].is_open
+    assert registry.index.all_states()[1].is_open
 
 
 def test_closing_an_unknown_session_names_those_that_are_known():
-    refusal = answer(opened(new_registry(), STATION, "s1").command(STATION, closing(-1, "s9"), 0.0))
+    refusal = answer(opened(new_registry(), STATION, "s1").handle_command(STATION, closing(-1, "s9"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.value, refusal.expected) == ("unknown_session", "s9", ["s1"])
 
 
 def test_samples_after_the_close_are_a_conflict_in_the_sessions_status():
     registry = opened(new_registry(), STATION, "s1")
-    registry.command(STATION, closing(-1), 0.0)
-    (status,) = published(registry.samples(STATION, batch(0), 0.0), SessionStatus)
+    registry.handle_command(STATION, closing(-1), 0.0)
+    (status,) = published(registry.handle_samples(STATION, batch(0), 0.0), SessionStatus)
     assert (status.state, status.refused) == ("closed", {"conflict": 1})
 
 
 def test_what_cannot_be_read_is_charged_to_the_stations_current_session_and_the_service():
     registry = opened(new_registry(), STATION, "s1", "s2")
-    (status,) = published(registry.refuse(STATION, ProtocolError("malformed", "rubbish")), SessionStatus)
+    (status,) = published(registry.reject(STATION, ProtocolError("malformed", "rubbish")), SessionStatus)
     assert (status.session, status.refused) == ("s2", {"malformed": 1})
-    assert registry.refuse("nowhere", ProtocolError("too_large", "much")) == []
-    assert registry.refuse(None, ProtocolError("malformed", "no key")) == []
-    assert registry.tally.refused == {"malformed": 2, "too_large": 1}
+    assert registry.reject("nowhere", ProtocolError("too_large", "much")) == []
+    assert registry.reject(None, ProtocolError("malformed", "no key")) == []
+    assert registry.counters.refused == {"malformed": 2, "too_large": 1}
 
 
 def test_refused_content_counts_for_the_service_too():
     registry = opened(new_registry(), STATION, "s1")
-    registry.samples(STATION, batch_of([[0.0, float("inf")]], seq=0), 0.0)
-    assert registry.tally.refused == {"malformed": 1}
+    registry.handle_samples(STATION, batch_of([[0.0, float("inf")]], seq=0), 0.0)
+    assert registry.counters.refused == {"malformed": 1}
 
 
 def test_one_more_open_session_closes_the_oldest_of_that_station_as_abandoned():
     registry = new_registry(limits=Limits(open_sessions=2))
     opened(registry, OTHER, "s1")
     opened(registry, STATION, "s1", "s2")
-    registry.samples(STATION, batch(0), 0.0)
-    ack = answer(registry.command(STATION, opening("s3"), 0.0))
+    registry.handle_samples(STATION, batch(0), 0.0)
+    ack = answer(registry.handle_command(STATION, opening("s3"), 0.0))
     assert ack == Ack(session="s3", next_seq=0, state="open")
-    states = {(s.station, s.session): s.is_open for s in registry.board.standings()}
+    states = {(s.station, s.session): s.is_open for s in registry.index.all_states()}
     assert states == {
         (OTHER, "s1"): True,
         (STATION, "s1"): False,
@@ -157,7 +157,7 @@ def test_one_more_open_session_closes_the_oldest_of_that_station_as_abandoned():
 def test_as_many_sessions_as_may_be_open_stay_open():
     # Opening the third of four once closed the first.
     registry = opened(new_registry(limits=Limits(open_sessions=4)), STATION, "s1", "s2", "s3", "s4")
-    assert all(standing.is_open for standing in registry.board.standings())
+    assert all(standing.is_open for standing in registry.index.all_states())
 
 
 def test_closed_sessions_stay_to_be_asked_for_until_there_are_too_many():
@@ -165,7 +165,7 @@ def test_closed_sessions_stay_to_be_asked_for_until_there_are_too_many():
     registry = new_registry(journal, Limits(closed_sessions=2))
     for index in range(4):
         opened(registry, STATION, f"s{index}")
-        registry.command(STATION, closing(-1, f"s{index}"), 0.0)
+        registry.handle_command(STATION, closing(-1, f"s{index}"), 0.0)
     opened(registry, STATION, "s4")
     assert names(registry, STATION) == ["s2", "s3", "s4"]
     assert [name for _, name in journal.sessions()] == ["s2", "s3", "s4"]
@@ -173,7 +173,7 @@ def test_closed_sessions_stay_to_be_asked_for_until_there_are_too_many():
 
 def test_one_station_too_many_is_overloaded():
     registry = opened(new_registry(limits=Limits(stations=1)), STATION, "s1")
-    refusal = answer(registry.command(OTHER, opening(), 0.0))
+    refusal = answer(registry.handle_command(OTHER, opening(), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.limit) == ("overloaded", 1)
 
@@ -181,9 +181,9 @@ def test_one_station_too_many_is_overloaded():
 def test_a_station_whose_sessions_are_all_forgotten_counts_no_longer(tmp_path):
     with SqliteJournal(tmp_path / "a.sqlite", JournalSettings(age_s=100.0)) as journal:
         registry = opened(new_registry(journal, Limits(stations=1)), STATION, "s1")
-        registry.command(STATION, closing(-1), 0.0)
+        registry.handle_command(STATION, closing(-1), 0.0)
         registry.tick(1000.0)
-        assert isinstance(answer(registry.command(OTHER, opening(), 2000.0)), Ack)
+        assert isinstance(answer(registry.handle_command(OTHER, opening(), 2000.0)), Ack)
 
 
 def test_where_an_opening_cannot_be_recorded_nobody_has_made_room_for_it():
@@ -194,36 +194,36 @@ def test_where_an_opening_cannot_be_recorded_nobody_has_made_room_for_it():
             super().append(record, now=now)
 
     registry = opened(new_registry(Full(), Limits(open_sessions=1)), STATION, "s1")
-    refusal = answer(registry.command(STATION, opening("s2"), 0.0))
+    refusal = answer(registry.handle_command(STATION, opening("s2"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "conflict"
-    assert [standing.is_open for standing in registry.board.standings()] == [True]
+    assert [standing.is_open for standing in registry.index.all_states()] == [True]
 
 
 def resumed(journal, batches_after, *, closed):
     """Batches 10 to 12 were lost with the bridge, which came again."""
     registry = opened(new_registry(journal), STATION, "s1")
     for seq in range(10):
-        registry.samples(STATION, batch(seq), 0.0)
-    registry.samples(STATION, heartbeat(12), 0.0)
-    assert answer(registry.command(STATION, opening(epoch=1), 1.0)).next_seq == 13
+        registry.handle_samples(STATION, batch(seq), 0.0)
+    registry.handle_samples(STATION, heartbeat(12), 0.0)
+    assert answer(registry.handle_command(STATION, opening(epoch=1), 1.0)).next_seq == 13
     for seq in range(13, 13 + batches_after):
-        registry.samples(STATION, batch(seq, epoch=1), 2.0)
+        registry.handle_samples(STATION, batch(seq, epoch=1), 2.0)
     if closed:
-        assert answer(registry.command(STATION, closing(12 + batches_after), 3.0)).state == "closed"
+        assert answer(registry.handle_command(STATION, closing(12 + batches_after), 3.0)).state == "closed"
     return registry
 
 
 @pytest.mark.parametrize("closed", [False, True])
 def test_what_a_restarted_bridge_gave_up_stays_given_up(closed):
     journal = MemoryJournal()
-    (before,) = resumed(journal, Limits().held_batches + 50, closed=closed).board.standings()
+    (before,) = resumed(journal, Limits().held_batches + 50, closed=closed).index.all_states()
     journal._outcomes.clear()  # so that the closed one is folded too
     rebuilt = new_registry(journal)
     assert rebuilt.restore() == []
-    (after,) = rebuilt.board.standings()
+    (after,) = rebuilt.index.all_states()
     assert status_of(after).lost == 3
-    assert (after.state, after.view, after.tally) == (before.state, before.view, before.tally)
+    assert (after.lifecycle, after.view, after.counters) == (before.lifecycle, before.view, before.counters)
 
 
 def test_a_session_whose_bridge_was_restarted_can_be_corrected_later():
@@ -232,27 +232,27 @@ def test_a_session_whose_bridge_was_restarted_can_be_corrected_later():
     rebuilt = new_registry(journal)
     rebuilt.restore()
     edit = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.235))
-    assert answer(rebuilt.command(STATION, edit, 4.0)).code == "overloaded"  # it is folded first
-    while rebuilt.is_busy:
-        assert not [out for out in rebuilt.step() if isinstance(out, TakeoverFailed)]
-    assert answer(rebuilt.command(STATION, edit, 5.0)).revision == 1
+    assert answer(rebuilt.handle_command(STATION, edit, 4.0)).code == "overloaded"  # it is folded first
+    while rebuilt.is_rebuilding:
+        assert not [out for out in rebuilt.rebuild_step() if isinstance(out, TakeoverFailed)]
+    assert answer(rebuilt.handle_command(STATION, edit, 5.0)).revision == 1
 
 
 def test_a_board_that_was_read_does_not_change_under_the_reader():
     registry = opened(new_registry(), STATION, "s1")
-    board = registry.board
-    standing = board.standings()[0]
-    registry.samples(STATION, batch(0), 0.0)
+    board = registry.index
+    standing = board.all_states()[0]
+    registry.handle_samples(STATION, batch(0), 0.0)
     opened(registry, STATION, "s2")
-    assert len(board.standings()) == 1
+    assert len(board.all_states()) == 1
     assert standing.view.samples == 0
-    assert status_of(board.standings()[0]).samples == 20
+    assert status_of(board.all_states()[0]).samples == 20
 
 
 def test_ticks_reach_every_open_session():
     registry = opened(opened(new_registry(), STATION, "s1"), OTHER, "s1")
-    registry.samples(STATION, heartbeat(1), 0.0)
-    registry.samples(OTHER, heartbeat(1), 0.0)
+    registry.handle_samples(STATION, heartbeat(1), 0.0)
+    registry.handle_samples(OTHER, heartbeat(1), 0.0)
     assert len([out for out in registry.tick(100.0) if not published([out], SessionStatus)]) == 2
 
 
@@ -276,32 +276,32 @@ def statuses(said: list[Output]) -> list[SessionStatus]:
 
 def test_whoever_sends_rubbish_makes_no_more_than_one_status_a_second_and_the_last_word_is_said():
     registry = new_registry()
-    registry.command("cell-1", opening(), 0.0)
+    registry.handle_command("cell-1", opening(), 0.0)
     rubbish = ProtocolError("malformed", "not a map")
-    said = [output for _ in range(1000) for output in registry.refuse("cell-1", rubbish)]
+    said = [output for _ in range(1000) for output in registry.reject("cell-1", rubbish)]
     assert [status.refused for status in statuses(said)] == [{"malformed": 1}]
     assert statuses(registry.tick(0.1)) == statuses(registry.tick(1.0)) == []
     (last,) = statuses(registry.tick(1.2))
     assert last.refused == {"malformed": 1000}
     assert statuses(registry.tick(1.3)) == statuses(registry.tick(2.4)) == statuses(registry.tick(9.0)) == []
-    assert len(statuses(registry.refuse("cell-1", rubbish))) == 1
+    assert len(statuses(registry.reject("cell-1", rubbish))) == 1
 
 
 def test_what_was_refused_of_a_closed_session_is_said_too():
     registry = new_registry()
-    registry.command("cell-1", opening(), 0.0)
-    registry.command("cell-1", closing(-1), 0.0)
+    registry.handle_command("cell-1", opening(), 0.0)
+    registry.handle_command("cell-1", closing(-1), 0.0)
     for epoch in (1, 2, 3):
-        registry.samples("cell-1", batch(7, epoch=epoch), 0.0)
+        registry.handle_samples("cell-1", batch(7, epoch=epoch), 0.0)
     registry.tick(0.0)
     assert [status.refused for status in statuses(registry.tick(1.1))] == [{"conflict": 3}]
 
 
 def test_a_batch_that_is_refused_in_every_message_is_no_louder():
     registry = new_registry()
-    said = registry.command("cell-1", opening(), 0.0)
+    said = registry.handle_command("cell-1", opening(), 0.0)
     for seq in range(100):
-        said += registry.samples("cell-1", batch(seq, columns=("t", "py")), 0.0)
+        said += registry.handle_samples("cell-1", batch(seq, columns=("t", "py")), 0.0)
     assert len(statuses(said)) == 2  # the first words, and the first refusal
     registry.tick(0.0)
     (last,) = statuses(registry.tick(1.1))
@@ -312,30 +312,30 @@ def test_a_session_that_is_as_long_as_one_may_be_is_closed_and_others_go_on():
     """What a session keeps in memory and in a file grew for as long as its station sent."""
     registry = new_registry(limits=Limits(observations=10))
     for name in ("s1", "s2"):
-        registry.command(STATION, opening(name), 0.0)
-    long, short = registry.board.sessions[STATION]
+        registry.handle_command(STATION, opening(name), 0.0)
+    long, short = registry.index.sessions[STATION]
     said: list[Output] = []
     for each in batches(9, "s1"):
         if long.is_open:
-            said += registry.samples(STATION, each, 0.0)
+            said += registry.handle_samples(STATION, each, 0.0)
     assert (long.is_open, short.is_open) == (False, True)
-    assert 10 <= long.standing.view.observations < 15
-    refusal = long.standing.tally.last_refusal
+    assert 10 <= long.state.view.observations < 15
+    refusal = long.state.counters.last_refusal
     assert refusal is not None
     assert refusal.code == "too_large"
     assert "as long as one may be and is closed: 10 observations; open another" in refusal.message
     assert published(said, SessionStatus)[-1].state == "closed"
-    registry.samples(STATION, batches(1, "s2")[0], 0.0)
-    assert short.standing.tally.batches == 1
+    registry.handle_samples(STATION, batches(1, "s2")[0], 0.0)
+    assert short.state.counters.batches == 1
 
 
 def test_of_long_closed_sessions_fewer_can_be_asked_for():
     registry = new_registry(limits=Limits(observations_held=25))
     for name in ("s1", "s2", "s3", "s4"):
-        registry.command(STATION, opening(name), 0.0)
+        registry.handle_command(STATION, opening(name), 0.0)
         for each in batches(5, name):
-            registry.samples(STATION, each, 0.0)
-        registry.command(STATION, closing(4, name), 0.0)
-    first, *_ = sessions = registry.board.sessions[STATION]
-    assert first.standing.view.observations == 10
+            registry.handle_samples(STATION, each, 0.0)
+        registry.handle_command(STATION, closing(4, name), 0.0)
+    first, *_ = sessions = registry.index.sessions[STATION]
+    assert first.state.view.observations == 10
     assert [session.name for session in sessions] == ["s2", "s3", "s4"]

@@ -8,7 +8,7 @@ import sys
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from caesura_service.ownership.station_assignment import owner_of, share_of
+from caesura_service.ownership.station_assignment import owner_of, stations_of
 
 names = st.from_regex(r"[a-z0-9][a-z0-9_-]{0,20}", fullmatch=True)
 groups = st.lists(names, min_size=2, max_size=8, unique=True)
@@ -24,7 +24,7 @@ def test_the_order_in_which_they_were_met_does_not_matter(instances, station, ra
 
 @given(groups, st.sets(names))
 def test_every_station_has_exactly_one_owner(instances, stations):
-    shares = [share_of(instance, instances, stations) for instance in instances]
+    shares = [stations_of(instance, instances, stations) for instance in instances]
     assert sum(len(share) for share in shares) == len(stations)
     assert frozenset().union(*shares) == stations
 
@@ -42,7 +42,7 @@ def test_who_leaves_gives_only_its_own_away_and_who_comes_takes_only_for_itself(
 def test_shares_are_nearly_even(instances):
     fair = len(STATIONS) / len(instances)
     for instance in instances:
-        assert 0.5 * fair < len(share_of(instance, instances, STATIONS)) < 1.6 * fair
+        assert 0.5 * fair < len(stations_of(instance, instances, STATIONS)) < 1.6 * fair
 
 
 def test_another_process_comes_to_the_same_answer():

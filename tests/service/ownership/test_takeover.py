@@ -64,7 +64,7 @@ class Instance:
             default_preset="fake",
             journal=self.journal,
             limits=self.limits,
-            siblings=PeerJournals(self.path),
+            peers=PeerJournals(self.path),
         )
 
     def kill(self) -> None:
@@ -74,28 +74,28 @@ class Instance:
         self.start()
 
     def take(self, now: float = 0.0, *, renew: bool = True) -> list[Output]:
-        return [out for said in self.registry.take(STATION, now, renew=renew) for out in said]
+        return [out for said in self.registry.take_over(STATION, now, renew=renew) for out in said]
 
     def feed(self, *numbers: int) -> None:
         for seq in numbers:
-            self.registry.samples(STATION, BATCHES[seq], 0.0)
+            self.registry.handle_samples(STATION, BATCHES[seq], 0.0)
 
     def open(self) -> Ack | ProtocolError:
-        return answer(self.registry.command(STATION, opening(), 0.0))
+        return answer(self.registry.handle_command(STATION, opening(), 0.0))
 
     def close(self) -> Ack | ProtocolError:
-        ended = answer(self.registry.command(STATION, closing(COUNT - 1), 0.0))
+        ended = answer(self.registry.handle_command(STATION, closing(COUNT - 1), 0.0))
         self.journal.flush()  # as its thread does soon
         return ended
 
     @property
     def standing(self) -> SessionState:
-        (standing,) = self.registry.board.standings()
+        (standing,) = self.registry.index.all_states()
         return standing
 
     @property
     def next_seq(self) -> int:
-        return self.registry.board.sessions[STATION][0].next_seq
+        return self.registry.index.sessions[STATION][0].next_seq
 
 
 @pytest.fixture
@@ -113,11 +113,11 @@ def told(standing: SessionState) -> tuple[object, ...]:
 
 def undisturbed() -> tuple[object, ...]:
     registry = new_registry()
-    registry.command(STATION, opening(), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
     for each in BATCHES:
-        registry.samples(STATION, each, 0.0)
-    registry.command(STATION, closing(COUNT - 1), 0.0)
-    return told(registry.board.standings()[0])
+        registry.handle_samples(STATION, each, 0.0)
+    registry.handle_command(STATION, closing(COUNT - 1), 0.0)
+    return told(registry.index.all_states()[0])
 
 
 EXPECTED = undisturbed()
@@ -127,8 +127,8 @@ def test_what_the_owner_has_recorded_is_gone_on_with(pair):
     a, b = pair
     a.open()
     a.feed(*range(9))
-    a.registry.leave(STATION)
-    assert a.registry.board.sessions == {}
+    a.registry.release(STATION)
+    assert a.registry.index.sessions == {}
     said = b.take()
     assert [out for out in said if isinstance(out, StationTakenOver)] == [StationTakenOver(STATION, 2, 1, 1)]
     assert [status.epoch for status in published(said, SessionStatus)] == [2]
@@ -148,7 +148,7 @@ def test_what_it_had_not_written_when_it_was_killed_is_asked_of_the_bridge(pair)
     a.kill()
     b.take()
     assert b.next_seq == 5
-    session = b.registry.board.sessions[STATION][0]
+    session = b.registry.index.sessions[STATION][0]
     Ring(BATCHES).feed(session, heartbeat(COUNT - 1), 1.0)
     b.close()
     assert told(b.standing) == EXPECTED
@@ -158,10 +158,10 @@ def test_it_is_kept_so_that_the_next_owner_need_not_know_the_one_before(pair, tm
     a, b = pair
     a.open()
     a.feed(*range(9))
-    a.registry.leave(STATION)
+    a.registry.release(STATION)
     b.take()
     b.feed(*range(9, 12))
-    b.registry.leave(STATION)
+    b.registry.release(STATION)
     a.path.rename(tmp_path / "gone")
     with ExitStack() as stack:
         c = Instance(tmp_path, "c", stack)
@@ -176,7 +176,7 @@ def test_a_session_that_ended_is_answered_for_without_being_replayed(pair):
     a.open()
     a.feed(*range(COUNT))
     a.close()
-    b.registry._builder._pipeline_factory = lambda *_: pytest.fail("a closed session needs no mathematics")
+    b.registry._factory._pipeline_factory = lambda *_: pytest.fail("a closed session needs no mathematics")
     b.take()
     assert told(b.standing) == EXPECTED
     assert b.standing.owner.instance == "b"
@@ -188,11 +188,11 @@ def test_a_session_that_ended_elsewhere_is_no_longer_open_at_its_first_owner(pai
     a, b = pair
     a.open()
     a.feed(*range(9))
-    a.registry.leave(STATION)
+    a.registry.release(STATION)
     b.take()
     b.feed(*range(9, COUNT))
     b.close()
-    b.registry.leave(STATION)
+    b.registry.release(STATION)
     a.take()
     assert told(a.standing) == EXPECTED
     assert a.journal.sessions() == ()
@@ -206,7 +206,7 @@ def test_a_close_that_the_owner_took_at_the_last_moment_is_found_when_one_looks_
     b.take()
     assert b.take(renew=False) == []
     a.close()
-    a.registry.leave(STATION)
+    a.registry.release(STATION)
     said = b.take(renew=False)
     assert [status.state for status in published(said, SessionStatus)] == ["closed"]
     assert told(b.standing) == EXPECTED
@@ -219,7 +219,7 @@ def test_an_owner_that_was_frozen_takes_up_what_was_taught_meanwhile(pair):
     a.journal.commit()
     b.take()
     b.feed(*range(5, 12))
-    b.registry.leave(STATION)
+    b.registry.release(STATION)
     said = a.take()
     assert a.next_seq == 12
     assert [status.epoch for status in published(said, SessionStatus)] == [3]
@@ -246,15 +246,17 @@ def test_while_a_station_is_taken_its_bridge_is_told_to_come_again_and_others_ar
     a, b = pair
     a.open()
     a.feed(*range(9))
-    a.registry.leave(STATION)
-    taking = b.registry.take(STATION, 0.0)
+    a.registry.release(STATION)
+    taking = b.registry.take_over(STATION, 0.0)
     assert next(taking) == []
     refusal = b.open()
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "overloaded"
     b.feed(9)
-    assert b.registry.tally.refused == {}
-    assert answer(b.registry.command("cell-2", opening(), 0.0)) == Ack(session=NAME, next_seq=0, state="open")
+    assert b.registry.counters.refused == {}
+    assert answer(b.registry.handle_command("cell-2", opening(), 0.0)) == Ack(
+        session=NAME, next_seq=0, state="open"
+    )
     assert len([*taking]) > 5
     assert b.open() == Ack(session=NAME, next_seq=9, state="open")
 
@@ -263,24 +265,24 @@ def test_a_taking_that_is_given_up_leaves_the_station_as_it_was(pair):
     a, b = pair
     a.open()
     a.feed(*range(9))
-    a.registry.leave(STATION)
-    taking = b.registry.take(STATION, 0.0)
+    a.registry.release(STATION)
+    taking = b.registry.take_over(STATION, 0.0)
     next(taking)
     taking.close()
-    assert b.registry.board.sessions == {}
+    assert b.registry.index.sessions == {}
     b.take()
     assert b.next_seq == 9
 
 
 def test_what_another_instance_serves_is_neither_taken_nor_refused_for_good():
     registry = new_registry()
-    registry.custody.served = frozenset({"cell-2"})
-    (said,) = registry.command(STATION, opening(), 0.0)
+    registry.ownership.served = frozenset({"cell-2"})
+    (said,) = registry.handle_command(STATION, opening(), 0.0)
     assert isinstance(said, Reply)
     assert isinstance(said.reply, ProtocolError)
-    assert (said.reply.code, registry.tally.refused) == ("overloaded", {})
-    assert registry.samples(STATION, batch(0), 0.0) == []
-    assert isinstance(answer(registry.command("cell-2", opening(), 0.0)), Ack)
+    assert (said.reply.code, registry.counters.refused) == ("overloaded", {})
+    assert registry.handle_samples(STATION, batch(0), 0.0) == []
+    assert isinstance(answer(registry.handle_command("cell-2", opening(), 0.0)), Ack)
 
 
 def test_a_name_that_another_instance_has_used_is_taken(pair):
@@ -300,8 +302,8 @@ def test_a_session_of_the_same_name_that_is_another_one_is_not_mixed_in(pair, mo
     a.journal.commit()
     other = opening(columns=("t", "py"))
     with monkeypatch.context() as strangers:  # the two do not know each other
-        strangers.setattr(b.registry._journals, "_siblings", PeerJournals(None))
-        b.registry.command(STATION, other, 0.0)
+        strangers.setattr(b.registry._journals, "_peers", PeerJournals(None))
+        b.registry.handle_command(STATION, other, 0.0)
     said = b.take()
     (failed,) = [out for out in said if isinstance(out, TakeoverFailed)]
     assert "open as something else" in str(failed.error)
@@ -312,10 +314,10 @@ def test_a_closed_session_beyond_those_that_can_be_asked_for_is_left_where_it_is
     with ExitStack() as stack:
         a, b = (Instance(tmp_path, name, stack, closed_sessions=2) for name in "ab")
         for number in range(4):
-            a.registry.command(STATION, opening(f"s{number}"), float(number))
-            a.registry.command(STATION, closing(-1, f"s{number}"), float(number))
+            a.registry.handle_command(STATION, opening(f"s{number}"), float(number))
+            a.registry.handle_command(STATION, closing(-1, f"s{number}"), float(number))
         b.take()
-        assert [session.name for session in b.registry.board.sessions[STATION]] == ["s2", "s3"]
+        assert [session.name for session in b.registry.index.sessions[STATION]] == ["s2", "s3"]
 
 
 def test_a_sibling_that_cannot_be_read_does_not_stop_anything(pair):
@@ -334,16 +336,16 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     a.close()
     b.take()
     assert b.registry.tick(1e6) == []
-    a.journal.forget(STATION, NAME)
+    a.journal.delete(STATION, NAME)
     assert b.registry.tick(1e6 + 100.0) == [SessionDeleted(STATION, NAME, "deleted by another process")]
-    assert b.registry.board.sessions == {}
+    assert b.registry.index.sessions == {}
 
 
 def test_a_session_that_could_not_be_taken_is_when_its_bridge_comes_again(pair, monkeypatch):
     a, b = pair
     a.open()
     a.feed(*range(5))
-    a.registry.leave(STATION)
+    a.registry.release(STATION)
 
     def full(*_: object, **__: object) -> None:
         raise JournalError("the disk is full")
@@ -364,7 +366,7 @@ def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair, monkeypatc
     a, _ = pair
     for each in pair:
         with monkeypatch.context() as strangers:  # the two do not know each other
-            strangers.setattr(each.registry._journals, "_siblings", PeerJournals(None))
+            strangers.setattr(each.registry._journals, "_peers", PeerJournals(None))
             each.open()
             each.feed(*range(COUNT))
             each.close()
@@ -398,7 +400,7 @@ def test_whatever_happens_between_two_instances_the_session_ends_like_an_undistu
                     owner.take(renew=False)
                 case _:
                     if step == "hand":
-                        owner.registry.leave(STATION)
+                        owner.registry.release(STATION)
                     elif step == "kill":
                         owner.kill()
                     owner, other = other, owner  # the frozen one keeps what it has
@@ -406,7 +408,7 @@ def test_whatever_happens_between_two_instances_the_session_ends_like_an_undistu
                     assert owner.standing.owner.epoch > epoch
                     epoch = owner.standing.owner.epoch
         assert owner.open() == Ack(session=NAME, next_seq=owner.next_seq, state="open")
-        session = owner.registry.board.sessions[STATION][0]
+        session = owner.registry.index.sessions[STATION][0]
         Ring(BATCHES).feed(session, heartbeat(COUNT - 1), 1e6)
         assert owner.close() == Ack(session=NAME, next_seq=COUNT, state="closed")
         assert told(owner.standing) == EXPECTED
@@ -420,9 +422,9 @@ def test_what_the_other_gave_up_is_no_longer_held(pair):
     a.feed(7)  # ahead of its turn, and not written yet: then it hangs
     b.take()
     b.feed(9)
-    b.registry.samples(STATION, ReplayEnded(NAME, 5, answered=False, evicted=True, oldest=9), 1.0)
+    b.registry.handle_samples(STATION, ReplayEnded(NAME, 5, answered=False, evicted=True, oldest=9), 1.0)
     b.journal.commit()
-    b.registry.leave(STATION)
+    b.registry.release(STATION)
     a.take()
     a.feed(10, 12)
     assert a.next_seq == 11

@@ -43,13 +43,13 @@ def test_the_limits_on_the_page_are_those_of_the_code():
     for what, rate in (
         ("messages of a station", rates.samples),
         ("commands of a station", rates.commands),
-        ("questions to an instance", rates.questions),
+        ("questions to an instance", rates.queries),
     ):
         per_s, burst = (part.split()[0].replace(",", "") for part in row(what).split(", "))
         assert (float(per_s), float(burst)) == rate
     assert (
         row("bytes of a station")
-        == f"{rates.volume.per_s / 1e6:g} MB a second, {rates.volume.burst / 1e6:g} MB at once"
+        == f"{rates.bytes.per_s / 1e6:g} MB a second, {rates.bytes.burst / 1e6:g} MB at once"
     )
     assert (MAX_MESSAGE_BYTES, ROUTER_MAX_BYTES) == (1 << 20, 2 << 20)
     assert row("a message") == "1 MiB"

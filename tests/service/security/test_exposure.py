@@ -100,11 +100,11 @@ def test_what_an_endpoint_demands(endpoint, settings, demanded, tmp_path):
     if content := settings.get("transport/auth/usrpwd/dictionary_file"):
         (tmp_path / "users.txt").write_text(content)
         settings["transport/auth/usrpwd/dictionary_file"] = str(tmp_path / "users.txt")
-    assert exposure.demanded(endpoint, settings.get) == demanded
+    assert exposure.required_credentials(endpoint, settings.get) == demanded
 
 
 def test_a_dictionary_that_cannot_be_read_is_no_credential():
-    assert exposure.demanded("tls/0.0.0.0:1", {**PASSWORDS}.get) == "nothing"
+    assert exposure.required_credentials("tls/0.0.0.0:1", {**PASSWORDS}.get) == "nothing"
 
 
 def joined(**settings) -> str:

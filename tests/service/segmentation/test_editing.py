@@ -82,7 +82,7 @@ def refused(replied: Ack | ProtocolError) -> ProtocolError:
 def test_an_edit_is_acknowledged_with_its_revision_and_told_from_the_first_difference_on():
     session, _ = open_session()
     run(session, 14)
-    before = snapshot_of(session.standing)
+    before = snapshot_of(session.state)
     said = session.receive(edit(), 77.5)
     assert answer(said) == Ack(session=NAME, next_seq=14, state="open", revision=1)
     (changes,) = published(said, Changepoints)
@@ -108,27 +108,27 @@ def test_an_edit_that_changes_nothing_is_a_version_of_the_program_nevertheless()
 def test_undo_and_redo_are_edits_too():
     session, _ = open_session()
     run(session, 14)
-    plain = session.standing.view
+    plain = session.state.view
     session.receive(edit(), 0.0)
-    corrected = session.standing.view
+    corrected = session.state.view
     said = session.receive(edit(1, Undo(), author="Bob"), 1.0)
-    assert session.standing.view == plain
+    assert session.state.view == plain
     (status,) = published(said, SessionStatus)
     assert (status.revision, status.undoable, status.redoable) == (2, False, True)
     assert published(said, Program)[0].author == "Bob"
     session.receive(edit(2, Redo()), 2.0)
-    assert session.standing.view == corrected
+    assert session.state.view == corrected
 
 
 def test_of_two_editors_the_slower_one_is_told_the_revision_that_there_is():
     session, _ = open_session()
     run(session, 14)
     session.receive(edit(), 0.0)
-    standing = session.standing
+    standing = session.state
     with pytest.raises(ProtocolError) as caught:
         session.receive(edit(author="Bob"), 0.0)
     assert (caught.value.code, caught.value.value, caught.value.limit) == ("conflict", 0, 1)
-    assert session.standing is standing
+    assert session.state is standing
 
 
 def test_an_edit_that_makes_no_sense_is_neither_recorded_nor_counted():
@@ -151,10 +151,10 @@ def test_what_cannot_be_recorded_is_not_corrected():
 
     session, _ = open_session(Full())
     run(session, 14)
-    standing = session.standing
+    standing = session.state
     with pytest.raises(JournalError):
         session.receive(edit(), 0.0)
-    assert session.standing is standing
+    assert session.state is standing
 
 
 def test_samples_go_on_under_the_corrections():
@@ -162,8 +162,8 @@ def test_samples_go_on_under_the_corrections():
     run(session, 14)
     session.receive(edit(), 0.0)
     run(session, 20, first=14)
-    assert T in [one.t for one in session.standing.view.changepoints]
-    assert len(session.standing.view.changepoints) > 3
+    assert T in [one.t for one in session.state.view.changepoints]
+    assert len(session.state.view.changepoints) > 3
 
 
 def test_a_closed_session_is_corrected_and_its_outcome_kept_anew():
@@ -172,7 +172,7 @@ def test_a_closed_session_is_corrected_and_its_outcome_kept_anew():
     run(session, 14)
     session.receive(closing(13), 0.0)
     assert answer(session.receive(edit(), 5.0)) == Ack(session=NAME, next_seq=14, state="closed", revision=1)
-    assert journal.outcome(STATION, NAME).snapshot == snapshot_of(session.standing)
+    assert journal.outcome(STATION, NAME).snapshot == snapshot_of(session.state)
 
 
 def test_a_session_that_failed_takes_no_edit():
@@ -188,7 +188,7 @@ def test_a_closed_session_whose_records_are_gone_is_not_corrected():
     session, _ = open_session(journal)
     run(session, 14)
     session.receive(closing(13), 0.0)
-    journal.forget(STATION, NAME)
+    journal.delete(STATION, NAME)
     with pytest.raises(ProtocolError, match="the journal no longer has"):
         session.receive(edit(), 0.0)
     assert journal.sessions() == ()
@@ -197,24 +197,24 @@ def test_a_closed_session_whose_records_are_gone_is_not_corrected():
 def test_an_error_of_ours_changes_nothing_and_the_demonstration_goes_on(monkeypatch):
     session, _ = open_session()
     run(session, 14)
-    standing = session.standing
-    pipeline = session._demonstration._pipeline
+    standing = session.state
+    pipeline = session._host._pipeline
     monkeypatch.setattr(type(pipeline), "corrected", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         session.receive(edit(), 0.0)
-    assert session.standing is standing
+    assert session.state is standing
     run(session, 20, first=14)
     assert session.is_open
 
 
 def test_a_refused_edit_is_told_to_its_author_and_not_held_against_the_bridge():
     registry = new_registry()
-    registry.command(STATION, opening(), 0.0)
-    said = registry.command(STATION, edit(revision=7), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
+    said = registry.handle_command(STATION, edit(revision=7), 0.0)
     assert refused(answer(said)).code == "conflict"
     assert len(said) == 1
-    assert registry.tally.refused == {"conflict": 1}
-    assert registry.board.standings()[0].tally.refused == {}
+    assert registry.counters.refused == {"conflict": 1}
+    assert registry.index.all_states()[0].counters.refused == {}
 
 
 # --- folded again ---------------------------------------------------------------------------------------
@@ -237,25 +237,25 @@ class Real:
         )
 
     def open(self) -> None:
-        self.registry.command(STATION, self.opening, 0.0)
+        self.registry.handle_command(STATION, self.opening, 0.0)
 
     def feed(self, first: int, stop: int) -> None:
         for seq, samples in enumerate(batches_of(self.recording)):
             if first <= seq < stop:
                 batch = pack_samples(samples, self.opening.columns, session=NAME, epoch=0, seq=seq)
-                self.registry.samples(STATION, batch, 0.01 * seq)
+                self.registry.handle_samples(STATION, batch, 0.01 * seq)
 
     def edit(self, action: Any, at: float = 0.0) -> Ack | ProtocolError:
-        return answer(self.registry.command(STATION, edit(self.standing.revision, action), at))
+        return answer(self.registry.handle_command(STATION, edit(self.standing.revision, action), at))
 
     @property
     def standing(self) -> SessionState:
-        return self.registry.board.standings()[0]
+        return self.registry.index.all_states()[0]
 
 
 def compared(standing: SessionState) -> tuple[object, ...]:
     program = program_of(unowned(standing))
-    return standing.view, program, standing.state, standing.revision, standing.undoable, standing.redoable
+    return standing.view, program, standing.lifecycle, standing.revision, standing.undoable, standing.redoable
 
 
 @settings(max_examples=6, deadline=None, derandomize=True)
@@ -273,7 +273,7 @@ def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):
         for action in actions:
             real.edit(action, at=100.0 + number)
     close = Close(session=NAME, last_seq=real.count - 1)
-    assert rng.integers(2) or isinstance(answer(real.registry.command(STATION, close, 0.0)), Ack)
+    assert rng.integers(2) or isinstance(answer(real.registry.handle_command(STATION, close, 0.0)), Ack)
     real.edit(Insert(t=2.5))
     assert real.standing.revision > 3
     journal._outcomes.clear()
@@ -297,7 +297,7 @@ def test_an_edit_that_makes_no_sense_any_more_costs_neither_the_samples_nor_the_
     assert blind.registry.restore() == []
     assert blind.standing.revision == 2
     assert [one.corrected for one in blind.standing.view.changepoints].count(True) == 1
-    assert "no such kind" in blind.standing.tally.last_refusal.message
+    assert "no such kind" in blind.standing.counters.last_refusal.message
     assert isinstance(blind.edit(LimitForce(t=1.0, newton=1.0)), ProtocolError)
     assert blind.edit(Undo()).revision == 3
 
@@ -337,7 +337,7 @@ def test_a_restart_filters_no_observation_twice_however_many_edits_there_are(mon
     assert sum(counts) == 0
     assert compared(again.standing) == compared(real.standing)
     for one in (real, again):
-        one.registry.command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
+        one.registry.handle_command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
     assert compared(again.standing) == compared(real.standing)
 
 
@@ -352,7 +352,7 @@ def test_edits_that_were_not_known_beforehand_are_filtered_once_at_the_end(monke
     divided = [[(one.t0, one.kind) for one in each.standing.view.segments] for each in (real, again)]
     assert divided[0] == divided[1]
     for one in (real, again):
-        one.registry.command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
+        one.registry.handle_command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
     assert again.standing.view == real.standing.view
 
 
@@ -366,13 +366,13 @@ def test_the_edits_of_an_older_journal_are_resolved_at_their_place_which_log_and
             records[place] = record._replace(message=old)
     again = Real(journal)
     assert again.registry.restore() == []
-    *before, note = again.standing.heading.notes
-    assert tuple(before) == real.standing.heading.notes
+    *before, note = again.standing.program_header.notes
+    assert tuple(before) == real.standing.program_header.notes
     assert "corrections were resolved anew at a restart, from a journal of an older version" in note
     assert f"{STATION}/{NAME}: the journal has no result of the edit of revision 0" in caplog.messages[0]
     quiet = again.standing._replace(
         view=again.standing.view._replace(notes=tuple(before)),
-        heading=again.standing.heading.model_copy(update={"notes": tuple(before)}),
+        program_header=again.standing.program_header.model_copy(update={"notes": tuple(before)}),
     )
     assert compared(quiet) == compared(real.standing)
 
@@ -391,52 +391,52 @@ def test_what_an_edit_came_to_is_recorded_in_a_few_bytes_however_long_the_segmen
 
 def stepped(registry: Registry) -> list[Output]:
     said = []
-    while registry.is_busy:
-        said += registry.step()
+    while registry.is_rebuilding:
+        said += registry.rebuild_step()
     return said
 
 
 def closed_and_taken_up(journal: MemoryJournal) -> tuple[Registry, SessionState]:
     before = new_registry(journal)
-    before.command(STATION, opening(), 0.0)
+    before.handle_command(STATION, opening(), 0.0)
     for each in BATCHES:
-        before.samples(STATION, each, 0.0)
-    before.command(STATION, closing(COUNT - 1), 0.0)
-    before.command(STATION, edit(), 3.0)
+        before.handle_samples(STATION, each, 0.0)
+    before.handle_command(STATION, closing(COUNT - 1), 0.0)
+    before.handle_command(STATION, edit(), 3.0)
     registry = new_registry(journal)
     registry.restore()
-    return registry, before.board.standings()[0]
+    return registry, before.index.all_states()[0]
 
 
 def test_what_was_taken_up_from_its_outcome_shows_its_revision():
     registry, before = closed_and_taken_up(MemoryJournal())
-    assert compared(registry.board.standings()[0]) == compared(before)
+    assert compared(registry.index.all_states()[0]) == compared(before)
 
 
 def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     registry, before = closed_and_taken_up(MemoryJournal())
-    assert refused(answer(registry.command(STATION, edit(0), 4.0))).limit == 1
-    assert (registry.is_busy, registry.tally.refused) == (False, {"conflict": 1})
-    told = refused(answer(registry.command(STATION, edit(1, Undo()), 4.0)))
-    assert (told.code, registry.tally.refused) == ("overloaded", {"conflict": 1})
-    assert registry.step() == []  # a record at a time: others are served meanwhile
-    assert isinstance(answer(registry.command("cell-2", opening(), 0.0)), Ack)
-    assert refused(answer(registry.command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"
+    assert refused(answer(registry.handle_command(STATION, edit(0), 4.0))).limit == 1
+    assert (registry.is_rebuilding, registry.counters.refused) == (False, {"conflict": 1})
+    told = refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0)))
+    assert (told.code, registry.counters.refused) == ("overloaded", {"conflict": 1})
+    assert registry.rebuild_step() == []  # a record at a time: others are served meanwhile
+    assert isinstance(answer(registry.handle_command("cell-2", opening(), 0.0)), Ack)
+    assert refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"
     assert stepped(registry) == []
-    said = registry.command(STATION, edit(1, Undo()), 4.0)
+    said = registry.handle_command(STATION, edit(1, Undo()), 4.0)
     assert answer(said) == Ack(session=NAME, next_seq=COUNT, state="closed", revision=2)
-    (standing, _) = registry.board.standings()
+    (standing, _) = registry.index.all_states()
     assert T not in [one.t for one in standing.view.changepoints]
     assert [one.seq for one in published(said, Changepoints)] == [before.last_seq["changepoints"] + 1]
-    assert [one.version for one in published(said, Program)] == [before.heading.version + 1]
+    assert [one.version for one in published(said, Program)] == [before.program_header.version + 1]
 
 
 def test_where_the_records_are_gone_a_correction_says_so():
     journal = MemoryJournal()
     registry, _ = closed_and_taken_up(journal)
-    journal.forget(STATION, NAME)
-    told = refused(answer(registry.command(STATION, edit(1), 0.0)))
-    assert (told.code, registry.is_busy) == ("conflict", False)
+    journal.delete(STATION, NAME)
+    told = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
+    assert (told.code, registry.is_rebuilding) == ("conflict", False)
     assert "no longer has the session's samples" in str(told)
 
 
@@ -444,9 +444,9 @@ def test_records_that_cannot_be_folded_are_named_once_and_to_whoever_asks_again(
     journal = MemoryJournal()
     registry, _ = closed_and_taken_up(journal)
     del journal._records[STATION, NAME][0]
-    registry.command(STATION, edit(1), 0.0)
+    registry.handle_command(STATION, edit(1), 0.0)
     assert [type(said) for said in stepped(registry)] == [TakeoverFailed]
-    told = refused(answer(registry.command(STATION, edit(1), 0.0)))
+    told = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
     assert told.code == "conflict"
     assert "cannot be corrected" in str(told)
 
@@ -454,16 +454,16 @@ def test_records_that_cannot_be_folded_are_named_once_and_to_whoever_asks_again(
 def test_a_crash_between_an_edit_and_its_outcome_loses_nothing(monkeypatch):
     journal = MemoryJournal()
     registry = new_registry(journal)
-    registry.command(STATION, opening(), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
     for each in BATCHES:
-        registry.samples(STATION, each, 0.0)
-    registry.command(STATION, closing(COUNT - 1), 0.0)
+        registry.handle_samples(STATION, each, 0.0)
+    registry.handle_command(STATION, closing(COUNT - 1), 0.0)
     with monkeypatch.context() as crash:
-        crash.setattr(journal, "conclude", lambda *_: None)
-        registry.command(STATION, edit(), 3.0)
+        crash.setattr(journal, "store_outcome", lambda *_: None)
+        registry.handle_command(STATION, edit(), 3.0)
     again = new_registry(journal)
     again.restore()
-    assert compared(again.board.standings()[0]) == compared(registry.board.standings()[0])
+    assert compared(again.index.all_states()[0]) == compared(registry.index.all_states()[0])
     assert journal.outcome(STATION, NAME).snapshot.status.revision == 1
 
 
@@ -477,7 +477,7 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
 
 
 def corrected(instance: Instance, revision: int = 0, action: Any = None) -> Ack | ProtocolError:
-    return answer(instance.registry.command(STATION, edit(revision, action), 9.0))
+    return answer(instance.registry.handle_command(STATION, edit(revision, action), 9.0))
 
 
 def test_whoever_takes_a_station_over_has_its_corrections(pair):
@@ -487,7 +487,7 @@ def test_whoever_takes_a_station_over_has_its_corrections(pair):
     assert corrected(a).revision == 1
     a.kill()
     b.take()
-    assert (b.standing.revision, b.standing.heading.author) == (1, "Ann")
+    assert (b.standing.revision, b.standing.program_header.author) == (1, "Ann")
     b.feed(*range(9, COUNT))
     b.close()
     assert corrected(b, 1, Insert(t=0.5)).revision == 2
@@ -500,7 +500,7 @@ def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_a
     a.open()
     a.feed(*range(COUNT))
     a.close()
-    a.registry.leave(STATION)
+    a.registry.release(STATION)
     b.take()
     assert refused(corrected(b)).code == "overloaded"
     stepped(b.registry)
@@ -508,7 +508,7 @@ def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_a
     a.path.unlink()
     b.kill()
     b.take()
-    assert (b.standing.revision, b.standing.state) == (1, "closed")
+    assert (b.standing.revision, b.standing.lifecycle) == (1, "closed")
     assert T in [one.t for one in b.standing.view.changepoints]
 
 
@@ -536,7 +536,7 @@ def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair
     b.take(renew=False)
     assert b.standing.revision == 1
     b.feed(*range(9, COUNT))
-    a.registry.leave(STATION)
+    a.registry.release(STATION)
     b.close()
     assert T in [one.t for one in b.standing.view.changepoints]
 
@@ -595,10 +595,10 @@ def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(ste
                     owner.take(renew=False)
                 case "close":
                     close = closing(owner.next_seq - 1)
-                    owner.registry.command(STATION, close, 0.0)
+                    owner.registry.handle_command(STATION, close, 0.0)
                 case str():
                     if step == "hand":
-                        owner.registry.leave(STATION)
+                        owner.registry.release(STATION)
                     elif step == "kill":
                         owner.kill()
                     owner, other = other, owner

@@ -155,8 +155,8 @@ def in_slices(
 
 
 def standing(registry: Registry) -> SessionState:
-    (only,) = registry.board.sessions[STATION]
-    return only.standing
+    (only,) = registry.index.sessions[STATION]
+    return only.state
 
 
 def messages(said: list[Output]) -> list[Any]:
@@ -168,11 +168,11 @@ def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_nobod
     insert = Edit(session=NAME, revision=0, author="Ann", action=Insert(t=20.4))
     whole, sliced = registry(60.0), registry(0.0)
     for made in (whole, sliced):
-        made.command(STATION, opening, 0.0)
+        made.handle_command(STATION, opening, 0.0)
     for act in (
-        lambda made: made.samples(STATION, sent[0], 1.0),
-        lambda made: made.command(STATION, insert, 2.0),
-        lambda made: made.samples(STATION, sent[1], 3.0),
+        lambda made: made.handle_samples(STATION, sent[0], 1.0),
+        lambda made: made.handle_command(STATION, insert, 2.0),
+        lambda made: made.handle_samples(STATION, sent[1], 3.0),
     ):
         before, seen = standing(sliced), list[SessionState]()
         expected = act(whole)
@@ -182,7 +182,7 @@ def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_nobod
         assert count > 100, "observations, each a slice of its own"
         assert all(one == before for one in seen)
         assert messages(said) == messages(expected)
-    assert isinstance(answer(sliced.command(STATION, opening, 4.0)), Ack)
+    assert isinstance(answer(sliced.handle_command(STATION, opening, 4.0)), Ack)
 
 
 def test_no_piece_of_a_batch_in_which_everything_is_a_segment_is_a_large_part_of_it():
@@ -201,12 +201,14 @@ def test_no_piece_of_a_batch_in_which_everything_is_a_segment_is_a_large_part_of
         for seq, half in enumerate(np.array_split(rows, 2))
     )
     made, at = registry(0.0), list[float]()
-    made.command(STATION, opening, 0.0)
-    made.samples(STATION, first, 1.0)
+    made.handle_command(STATION, opening, 0.0)
+    made.handle_samples(STATION, first, 1.0)
     gc.disable()  # what others have left behind is no part of it
     try:
         at.append(time.thread_time())
-        in_slices(made, lambda: made.samples(STATION, second, 2.0), lambda: at.append(time.thread_time()))
+        in_slices(
+            made, lambda: made.handle_samples(STATION, second, 2.0), lambda: at.append(time.thread_time())
+        )
         at.append(time.thread_time())
     finally:
         gc.enable()
@@ -218,21 +220,23 @@ def test_no_piece_of_a_batch_in_which_everything_is_a_segment_is_a_large_part_of
 def test_what_is_said_of_a_session_between_two_slices_is_not_taken_back():
     opening, sent = sparse()
     made = registry(0.0)
-    made.command(STATION, opening, 0.0)
-    said, _ = in_slices(made, lambda: made.samples(STATION, sent[0], 1.0), lambda: made.dropped(STATION, 1))
+    made.handle_command(STATION, opening, 0.0)
+    said, _ = in_slices(
+        made, lambda: made.handle_samples(STATION, sent[0], 1.0), lambda: made.report_dropped(STATION, 1)
+    )
     assert said
-    assert standing(made).tally.dropped > 100
-    assert standing(made).tally.batches == 1
+    assert standing(made).counters.dropped > 100
+    assert standing(made).counters.batches == 1
 
 
 def test_before_a_station_changes_hands_its_work_is_done():
     opening, sent = sparse()
     made = registry(0.0)
-    made.command(STATION, opening, 0.0)
+    made.handle_command(STATION, opening, 0.0)
     said: list[Output] = []
-    assert not made.slices.begin(STATION, lambda: said.extend(made.samples(STATION, sent[0], 1.0)))
-    for _ in made.take(STATION, 2.0):
+    assert not made.slices.begin(STATION, lambda: said.extend(made.handle_samples(STATION, sent[0], 1.0)))
+    for _ in made.take_over(STATION, 2.0):
         pass
     assert messages(said)
-    assert standing(made).tally.batches == 1
+    assert standing(made).counters.batches == 1
     assert made.slices.go_on(STATION)

@@ -118,7 +118,7 @@ def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(conf
         )
         assert status.refused["overloaded"] >= 2, "the command, and that batches are dropped for that reason"
         assert "used up its budget of work" in peer.snapshot().status.last_refusal.message
-        assert service.registry.counting.of_station["cell-1"].work_s > 0.0
+        assert service.registry.station_counters.of_station["cell-1"].work_s > 0.0
         assert not peer.snapshot("s2", "cell-2").status.refused
 
 
@@ -132,7 +132,7 @@ def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gat
 
 def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(config, gate, begun, monkeypatch):
     """The worker waited in it until Zenoh closed the link, five seconds later."""
-    sent = result_publisher.answer
+    sent = result_publisher.reply_message
 
     def blocked(query: zenoh.Query, key: str, message: Message) -> None:
         if "slow" in key:
@@ -140,7 +140,7 @@ def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(confi
             gate.wait(5.0)
         sent(query, key, message)
 
-    monkeypatch.setattr(result_publisher, "answer", blocked)
+    monkeypatch.setattr(result_publisher, "reply_message", blocked)
     with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
         late = threading.Thread(target=peer.command, args=(opening("s1"), "slow"), daemon=True)
         late.start()

@@ -16,7 +16,7 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.rates import Rate, RateLimit, RateSettings, WorkBudget
+from caesura_service.server.rates import Rate, RateLimit, RateSettings
 from harness.peer import Peer
 from harness.sessions import batches, heartbeat, opening
 
@@ -145,7 +145,7 @@ def test_what_was_above_the_rate_is_asked_for_again():
 
 
 def test_bytes_above_the_rate_are_dropped_and_counted():
-    with serving(RateSettings(volume=Rate(0.001, 5000.0))) as peer:
+    with serving(RateSettings(bytes=Rate(0.001, 5000.0))) as peer:
         peer.command(opening("s1"))
         for size in (4000, 4000, 1001):
             peer.put(station_key("cell-1", "samples"), bytes(size), "zenoh/bytes")
@@ -162,7 +162,7 @@ def test_commands_above_the_rate_are_refused_to_the_station_that_sends_them(tigh
 
 
 def test_questions_above_the_rate_are_refused():
-    with serving(RateSettings(questions=FEW)) as peer:
+    with serving(RateSettings(queries=FEW)) as peer:
         for _ in range(20):
             peer.ask(station_key("*", "program"), Program)
         (reply,) = peer.network.get(station_key("*", "program"))
@@ -178,25 +178,25 @@ def test_a_heartbeat_counts_as_a_message(tight):
 
 def test_work_is_paid_for_afterwards_and_comes_back_with_time():
     now = [0.0]
-    budget = WorkBudget(Rate(0.5, 2.0), clock=lambda: now[0])
+    budget = RateLimit(Rate(0.5, 2.0), clock=lambda: now[0])
     assert not budget.is_spent("a"), "nothing is known of it"
-    budget.spend("a", 1.0)
+    budget.charge("a", 1.0)
     assert not budget.is_spent("a")
-    budget.spend("a", 3.0)
+    budget.charge("a", 3.0)
     assert budget.is_spent("a")
     assert not budget.is_spent("b")
     now[0] = 4.1
     assert not budget.is_spent("a")
     now[0] = 1000.0
-    budget.spend("a", 1.9)
+    budget.charge("a", 1.9)
     assert not budget.is_spent("a"), "never more than the burst, and no less"
-    assert budget.used("a") == pytest.approx(1.9)
+    assert budget.used("a") == [pytest.approx(1.9)]
 
 
 def test_so_many_stations_are_remembered_and_no_more():
-    budget = WorkBudget(Rate(0.5, 1.0), stations=2)
+    budget = RateLimit(Rate(0.5, 1.0), senders=2)
     for station in ("a", "b", "c"):
-        budget.spend(station, 5.0)
+        budget.charge(station, 5.0)
     assert [budget.is_spent(station) for station in "abc"] == [False, True, True]
 
 
@@ -205,25 +205,28 @@ def test_what_a_station_has_used_and_what_was_refused_for_it_is_known_by_budget(
     budgets = Budgets(
         RateSettings(samples=Rate(10.0, 4.0), commands=Rate(1.0, 2.0), work=Rate(0.5, 2.0)), clock=clock
     )
-    assert [budgets.refuse_put("a", 100) is None for _ in range(6)] == [True] * 4 + [False] * 2
-    assert [budgets.refuse_command("b") is None for _ in range(3)] == [True, True, False]
-    budgets.spend("c", 3.0)
-    assert budgets.refuse_put("c", 1).value == 3.0
-    first = budgets.of("a")
+    assert [budgets.reject_put("a", 100) is None for _ in range(6)] == [True] * 4 + [False] * 2
+    assert [budgets.reject_command("b") is None for _ in range(3)] == [True, True, False]
+    budgets.charge_work("c", 3.0)
+    assert budgets.reject_put("c", 1).value == 3.0
+    first = budgets.budgets_of("a")
     assert (first.messages, first.bytes.used) == (Budget(per_s=10.0, at_once=4.0, used=4.0, refused=2), 400.0)
     clock.now = 0.1
-    assert budgets.of("a").messages.used == pytest.approx(3.0)
-    assert budgets.of("b").commands == Budget(per_s=1.0, at_once=2.0, used=1.9, refused=1)
-    assert (budgets.of("c").work.used, budgets.of("c").work.refused) == (pytest.approx(2.95), 1)
+    assert budgets.budgets_of("a").messages.used == pytest.approx(3.0)
+    assert budgets.budgets_of("b").commands == Budget(per_s=1.0, at_once=2.0, used=1.9, refused=1)
+    assert (budgets.budgets_of("c").work.used, budgets.budgets_of("c").work.refused) == (
+        pytest.approx(2.95),
+        1,
+    )
     assert [one.station for one in budgets.busiest()] == ["c", "b", "a"], "nearest to a limit first"
-    assert budgets.of("d").work == Budget(per_s=0.5, at_once=2.0, used=0.0, refused=0)
+    assert budgets.budgets_of("d").work == Budget(per_s=0.5, at_once=2.0, used=0.0, refused=0)
 
 
 def test_a_list_of_busy_stations_has_a_bound_and_no_names_that_are_none():
     budgets = Budgets(RateSettings(), clock=Clock())
     for number in range(100):
-        budgets.refuse_put(f"cell-{number}", 10 * number)
-    budgets.refuse_put("?", 1_000_000)
+        budgets.reject_put(f"cell-{number}", 10 * number)
+    budgets.reject_put("?", 1_000_000)
     listed = budgets.busiest()
     assert len(listed) == MAX_BUDGETS
     assert "?" not in {one.station for one in listed}

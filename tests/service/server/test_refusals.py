@@ -207,8 +207,8 @@ def test_errors_of_ours_that_a_station_causes_are_logged_once_in_a_while(peer, s
     def fail(*_: object) -> None:
         raise RecursionError("a mistake of ours")
 
-    monkeypatch.setattr(service.registry, "samples", fail)
-    monkeypatch.setattr(service.registry, "refuse", fail)
+    monkeypatch.setattr(service.registry, "handle_samples", fail)
+    monkeypatch.setattr(service.registry, "reject", fail)
     for seq in range(200):
         peer.send(batch(seq))
     for _ in range(3):

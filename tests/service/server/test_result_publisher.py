@@ -13,11 +13,11 @@ from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, ReplayFinished
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.rates import RateSettings
-from caesura_service.server.result_publisher import QUESTIONS, ResultPublisher
+from caesura_service.server.result_publisher import REPLAYS, ResultPublisher
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 
 DEADLINE_S = 5.0
-ASKED = 3 * QUESTIONS
+ASKED = 3 * REPLAYS
 
 
 class Broken:
@@ -44,10 +44,10 @@ def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[
     with Lanes() as lanes:
         outgoing = ResultPublisher(network(), inbox, Budgets(RateSettings()), lanes)
         for number in range(ASKED):
-            outgoing.ask(RequestReplay(f"cell-{number}", "s1", 0, 9))
+            outgoing.request_replay(RequestReplay(f"cell-{number}", "s1", 0, 9))
         ended: list[str] = []
         while len(ended) < ASKED and isinstance(arrival := inbox.get(DEADLINE_S), ReplayFinished):
-            ended.append(arrival.asked.ask.station)
-            outgoing.ended()
+            ended.append(arrival.replay.request.station)
+            outgoing.replay_finished()
     assert sorted(ended) == sorted(f"cell-{number}" for number in range(ASKED))
     assert not len(inbox), "each has ended once"

@@ -82,7 +82,7 @@ def opens(peer: Peer, station: str) -> Ack:
 
 
 def holds(service: Service, *stations: str) -> bool:
-    return set(service.registry.board.sessions) == set(stations)
+    return set(service.registry.index.sessions) == set(stations)
 
 
 def test_alone_everybody_is_served_though_nobody_knows_of_a_bridge(floor, peer):
@@ -171,14 +171,14 @@ def test_when_the_router_goes_and_comes_back_everybody_keeps_what_it_has(floor, 
             for each in station.values():
                 stack.enter_context(bridge_at(peer, each))
                 assert opens(peer, each).next_seq == 0
-        boards = (east.registry.board, west.registry.board)
-        epochs = [board.current()[0].owner.epoch for board in boards]
+        boards = (east.registry.index, west.registry.index)
+        epochs = [board.newest_states()[0].owner.epoch for board in boards]
         router.stop()
         router.start()
         with Peer(router.endpoint) as peer:
             for each in station.values():
                 assert opens(peer, each).next_seq == 0
         for service, before, epoch in zip((east, west), boards, epochs, strict=True):
-            eventually(lambda s=service, e=epoch: s.registry.board.current()[0].owner.epoch > e)
+            eventually(lambda s=service, e=epoch: s.registry.index.newest_states()[0].owner.epoch > e)
             # The very session, not one that somebody else had meanwhile.
-            assert service.registry.board.sessions == before.sessions
+            assert service.registry.index.sessions == before.sessions

@@ -65,7 +65,7 @@ def test_a_command_finds_all_that_was_put_before_it(floor):
     found: SimpleQueue[int] = SimpleQueue()
 
     def command(query: zenoh.Query) -> None:
-        floor.gathering.gather()
+        floor.gathering.drain()
         with query:
             found.put(len(floor.taken))
 
@@ -86,5 +86,5 @@ def test_what_was_put_before_the_end_is_handed_over(floor):
     floor.gathering.undeclare(KEY)
     assert floor.taken == numbers(5)
     floor.put(b"later")
-    floor.gathering.gather()
+    floor.gathering.drain()
     assert floor.taken == numbers(5)

@@ -14,7 +14,7 @@ def inbox_of(capacity: int = 10, capacity_bytes: int = 1000, shares: int = 1) ->
 def test_items_come_out_in_the_order_in_which_they_went_in():
     inbox = inbox_of()
     assert inbox.offer(1, "a")
-    assert inbox.insist(2)
+    assert inbox.put(2)
     assert inbox.offer(3, "b")
     assert [inbox.get(0.0) for _ in range(4)] == [1, 2, 3, None]
 
@@ -44,8 +44,8 @@ def test_one_source_cannot_take_more_than_its_share_of_items_or_of_bytes():
 def test_commands_are_taken_when_samples_are_not_until_their_own_room_is_used_up():
     inbox = inbox_of(2)
     assert [inbox.offer(item, "a") for item in range(3)] == [True, True, False]
-    assert [inbox.insist(item) for item in range(3)] == [True, True, False]
-    inbox.deliver(9)
+    assert [inbox.put(item) for item in range(3)] == [True, True, False]
+    inbox.put_unbounded(9)
     assert inbox.dropped == 1
     assert len(inbox) == 5
 
@@ -57,7 +57,7 @@ def test_what_was_taken_out_leaves_nothing_behind():
     while inbox.get(0.0):
         pass
     assert {(load.items, load.size) for load in inbox._of_source.values()} == {(0, 0)}
-    assert (inbox._total.size, inbox.fill(), inbox.pressed) == (0, 0.0, frozenset())
+    assert (inbox._total.size, inbox.fill_ratio(), inbox.overloaded_sources) == (0, 0.0, frozenset())
 
 
 def test_a_waiting_reader_can_be_woken():
@@ -71,7 +71,7 @@ def taken(inbox: WorkQueue[int], *, spent_s: dict[int, float]) -> list[int]:
     order = []
     while (item := inbox.get(0.0)) is not None:
         order.append(item)
-        inbox.spent(spent_s.get(item, 0.001))
+        inbox.charge(spent_s.get(item, 0.001))
     return order
 
 
@@ -99,7 +99,7 @@ def test_a_lane_that_was_idle_waits_for_no_work_that_was_done_before_and_has_no_
     assert taken(inbox, spent_s={10: 5.0}) == [10]
     inbox.offer(11, "dense")
     inbox.get(0.0)
-    inbox.spent(5.0)
+    inbox.charge(5.0)
     for item in (20, 21, 22):
         inbox.offer(item, "late", lane="late")
     inbox.offer(12, "dense")
@@ -110,7 +110,7 @@ def test_samples_and_commands_of_a_station_share_a_lane_and_what_is_put_back_is_
     inbox = inbox_of()
     inbox.offer(1, "a/samples", lane="a")
     inbox.offer(2, "a", lane="a")
-    assert inbox.command(3, "a")
+    assert inbox.put_command(3, "a")
     assert inbox.get(0.0) == 1
     inbox.put_back(9)
     assert (len(inbox), taken(inbox, spent_s={})) == (3, [9, 2, 3])
@@ -118,10 +118,10 @@ def test_samples_and_commands_of_a_station_share_a_lane_and_what_is_put_back_is_
 
 def test_so_many_commands_of_one_station_wait_and_those_of_another_have_their_own_room():
     inbox: WorkQueue[int] = WorkQueue(QueueSettings(10, commands=2))
-    assert [inbox.command(item, "a") for item in range(3)] == [True, True, False]
-    assert inbox.command(4, "b")
+    assert [inbox.put_command(item, "a") for item in range(3)] == [True, True, False]
+    assert inbox.put_command(4, "b")
     inbox.get(0.0)
-    assert inbox.command(5, "a")
+    assert inbox.put_command(5, "a")
 
 
 # --- overload -------------------------------------------------------------------------------------------
@@ -136,27 +136,27 @@ def test_a_source_that_fills_its_share_is_pressed_until_most_of_it_is_gone():
     inbox = pressed_inbox()
     for item in range(4):
         inbox.offer(item, "a")
-    assert not inbox.pressed
-    assert not inbox.changed.is_set()
+    assert not inbox.overloaded_sources
+    assert not inbox.overload_changed.is_set()
     inbox.offer(4, "a")
-    assert inbox.is_pressed("a", "a/samples")
-    assert not inbox.is_pressed("b")
-    assert inbox.changed.is_set()
+    assert inbox.is_overloaded("a", "a/samples")
+    assert not inbox.is_overloaded("b")
+    assert inbox.overload_changed.is_set()
     for left in (4, 3):
         inbox.get(0.0)
-        assert inbox.is_pressed("a"), left
+        assert inbox.is_overloaded("a"), left
     inbox.get(0.0)
-    assert not inbox.pressed
-    assert inbox.news == 2
+    assert not inbox.overloaded_sources
+    assert inbox.revision == 2
 
 
 def test_bytes_press_like_items():
     inbox = pressed_inbox()
     inbox.offer(1, "a", 499)
-    assert not inbox.pressed
+    assert not inbox.overloaded_sources
     inbox.offer(2, "a", 1)
-    assert inbox.pressed == {"a"}
-    assert inbox.fill() == pytest.approx(500 / 800)
+    assert inbox.overloaded_sources == {"a"}
+    assert inbox.fill_ratio() == pytest.approx(500 / 800)
 
 
 def test_a_queue_that_ends_in_commands_is_relieved_too():
@@ -164,11 +164,11 @@ def test_a_queue_that_ends_in_commands_is_relieved_too():
     for source in "aaaabbbbcc":
         inbox.offer(0, source)
     for item in range(6):
-        assert inbox.insist(item)
-    assert inbox.pressed == {WHOLE}
+        assert inbox.put(item)
+    assert inbox.overloaded_sources == {WHOLE}
     while inbox.get(0.0) is not None:
         pass
-    assert not inbox.pressed
+    assert not inbox.overloaded_sources
 
 
 def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_everybody():
@@ -176,10 +176,10 @@ def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_everybody():
     for source in ("a", "b", "c"):
         for item in range(3):
             inbox.offer(item, source)
-    assert not inbox.is_pressed("a")
+    assert not inbox.is_overloaded("a")
     inbox.offer(9, "d")
-    assert inbox.pressed == {WHOLE}
-    assert inbox.is_pressed("z")
+    assert inbox.overloaded_sources == {WHOLE}
+    assert inbox.is_overloaded("z")
 
 
 def test_nothing_is_dropped_before_the_overload_is_announced_and_then_what_is_too_much():
@@ -189,7 +189,7 @@ def test_nothing_is_dropped_before_the_overload_is_announced_and_then_what_is_to
     assert not inbox.offer(99, "a")  # but no more than that
     for _ in range(8):
         inbox.get(0.0)
-    inbox.has_announced()
+    inbox.confirm_announced()
     assert not inbox.offer(99, "a")
     assert inbox.offer(0, "b")
     assert inbox.dropped == 2
@@ -199,7 +199,7 @@ def test_every_overload_is_announced_anew():
     inbox = pressed_inbox(announced=True)
     for _ in range(2):
         assert all(inbox.offer(item, "a") for item in range(9))
-        inbox.has_announced()
+        inbox.confirm_announced()
         assert not inbox.offer(9, "a")
         while inbox.get(0.0) is not None:
             pass
@@ -220,11 +220,11 @@ def test_what_was_dropped_is_told_by_source_once_and_bounded():
         inbox.offer(item, "a")
     for index in range(2 * SOURCES):
         inbox.offer(1, f"big-{index}", 10_000)
-    drops = inbox.take_drops()
+    drops = inbox.pop_drops()
     assert drops["a"] == 3
     assert len(drops) == SOURCES
     assert inbox.dropped == 3 + 2 * SOURCES
-    assert inbox.take_drops() == {}
+    assert inbox.pop_drops() == {}
 
 
 @pytest.mark.parametrize("marks", [(0.5, 0.5), (0.2, 0.4), (1.1, 0.5), (0.5, -0.1)])

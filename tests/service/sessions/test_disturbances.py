@@ -76,7 +76,7 @@ def test_duplication_reordering_and_loss_with_replay_change_no_result(fate, held
     closed = ring.feed(session, closing(COUNT - 1), 2000.0)
     assert answer(closed) == Ack(session="s1", next_seq=COUNT, state="closed")
     assert results(said + closed) == EXPECTED
-    assert (session.standing.view.samples, session.standing.view.repeats) == (COUNT * BATCH, 0)
+    assert (session.state.view.samples, session.state.view.repeats) == (COUNT * BATCH, 0)
 
 
 @settings(deadline=None, max_examples=60)
@@ -84,38 +84,38 @@ def test_duplication_reordering_and_loss_with_replay_change_no_result(fate, held
 def test_a_session_rebuilt_from_its_journal_equals_the_original(fate, oldest):
     journal = MemoryJournal()
     registry = new_registry(journal)
-    registry.command(STATION, opening(), 0.0)
-    session = registry.board.sessions[STATION][0]
+    registry.handle_command(STATION, opening(), 0.0)
+    session = registry.index.sessions[STATION][0]
     ring = Ring(BATCHES, oldest=oldest)
     for step, batch in enumerate(delivered(fate)):
         ring.feed(session, batch, float(step))
     rebuilt = new_registry(journal)
     rebuilt.restore()
-    (standing,) = rebuilt.board.standings()
-    assert uncounted(standing) == uncounted(session.standing)
-    assert rebuilt.board.sessions[STATION][0].next_seq == session.next_seq
+    (standing,) = rebuilt.index.all_states()
+    assert uncounted(standing) == uncounted(session.state)
+    assert rebuilt.index.sessions[STATION][0].next_seq == session.next_seq
 
 
 def uncounted(standing: SessionState) -> SessionState:
     """Without what counts for the process: what came twice or was asked for, and how often it was said."""
-    tally = SessionCounters(batches=standing.tally.batches)
+    tally = SessionCounters(batches=standing.counters.batches)
     numbered = {**standing.last_seq, "status": 0}
-    return unowned(standing)._replace(tally=tally, waiting_for=None, last_seq=numbered)
+    return unowned(standing)._replace(counters=tally, waiting_for=None, last_seq=numbered)
 
 
 def test_a_rebuilt_session_goes_on_like_the_original():
     journal = MemoryJournal()
     registry = new_registry(journal)
-    registry.command(STATION, opening(), 0.0)
+    registry.handle_command(STATION, opening(), 0.0)
     for batch in BATCHES[:12]:
-        registry.samples(STATION, batch, 0.0)
+        registry.handle_samples(STATION, batch, 0.0)
     rebuilt = new_registry(journal)
     rebuilt.restore()
     for each in (registry, rebuilt):
         for batch in BATCHES[12:]:
-            each.samples(STATION, batch, 0.0)
-        each.command(STATION, closing(COUNT - 1), 0.0)
-    first, second = (each.board.standings()[0] for each in (registry, rebuilt))
+            each.handle_samples(STATION, batch, 0.0)
+        each.handle_command(STATION, closing(COUNT - 1), 0.0)
+    first, second = (each.index.all_states()[0] for each in (registry, rebuilt))
     assert snapshot_of(unowned(first)) == snapshot_of(unowned(second))
 
 
@@ -124,11 +124,13 @@ def test_a_rebuilt_session_goes_on_like_the_original():
 def test_two_interleaved_sessions_equal_the_same_two_alone(turns):
     registry = new_registry()
     waiting = {name: batches(COUNT, name) for name in ("left", "right")}
-    said: dict[str, list[Output]] = {name: registry.command(STATION, opening(name), 0.0) for name in waiting}
+    said: dict[str, list[Output]] = {
+        name: registry.handle_command(STATION, opening(name), 0.0) for name in waiting
+    }
     for left in turns:
         name = "left" if (left and waiting["left"]) or not waiting["right"] else "right"
-        said[name] += registry.samples(STATION, waiting[name].pop(0), 0.0)
+        said[name] += registry.handle_samples(STATION, waiting[name].pop(0), 0.0)
     for name, outputs in said.items():
-        outputs += registry.command(STATION, closing(COUNT - 1, name), 0.0)
+        outputs += registry.handle_command(STATION, closing(COUNT - 1, name), 0.0)
         renamed = [message.model_copy(update={"session": "s1"}) for message in results(outputs)]
         assert renamed == EXPECTED

@@ -10,7 +10,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_GAPS, Ack, Changepoints, Posterior, Program, Segments, SessionStatus
 from caesura_service.publishing.events import BatchRejected, Output, ReplayEnded, Reply, SessionFailed
 from caesura_service.publishing.session_state import snapshot_of, status_of
-from caesura_service.sessions.closed_pipeline import standing_of
+from caesura_service.sessions.closed_pipeline import state_from_snapshot
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 from harness.sessions import (
@@ -44,7 +44,7 @@ def test_a_session_says_at_once_what_it_is_and_every_stream_begins_at_zero():
     assert [message.seq for message in published(said, Changepoints | Segments | SessionStatus)] == [0, 0, 0]
     assert published(said, Program)[0].version == 0
     assert published(said, SessionStatus)[0].state == "open"
-    assert session.standing.is_open
+    assert session.state.is_open
 
 
 def test_results_carry_their_owner_and_number_without_holes():
@@ -67,7 +67,7 @@ def test_following_the_changes_gives_the_same_as_asking_for_everything():
     segments: tuple = ()
     for message in published(said, Segments):
         segments = segments[: message.first] + message.segments
-    snapshot = snapshot_of(session.standing)
+    snapshot = snapshot_of(session.state)
     assert (changepoints, segments) == (snapshot.changepoints.changepoints, snapshot.segments.segments)
     assert len(changepoints) == 6
     assert snapshot.changepoints.seq == published(said, Changepoints)[-1].seq
@@ -107,7 +107,7 @@ def test_a_status_comes_once_a_second_of_session_time():
 
 def test_a_snapshot_before_the_first_observation_is_complete_and_has_no_posterior():
     session, _ = open_session()
-    snapshot = snapshot_of(session.standing)
+    snapshot = snapshot_of(session.state)
     assert snapshot.posterior is None
     assert snapshot.status.t == 0.0
 
@@ -118,10 +118,10 @@ def test_a_snapshot_before_the_first_observation_is_complete_and_has_no_posterio
 def test_a_batch_that_comes_twice_is_counted_and_ignored():
     session, _ = open_session()
     session.receive(batch(0), 0.0)
-    before = session.standing.view
+    before = session.state.view
     assert session.receive(batch(0), 0.0) == []
-    assert session.standing.view == before
-    assert session.standing.tally.duplicates == 1
+    assert session.state.view == before
+    assert session.state.counters.duplicates == 1
 
 
 def test_a_hole_is_asked_for_once_and_filled_in_order():
@@ -129,12 +129,12 @@ def test_a_hole_is_asked_for_once_and_filled_in_order():
     session.receive(batch(0), 0.0)
     assert asked(session.receive(batch(3), 0.0)) == [(1, 2)]
     assert asked(session.receive(batch(4), 0.1)) == []
-    assert session.standing.waiting_for == 1
+    assert session.state.waiting_for == 1
     session.receive(batch(2), 0.2)
     session.receive(batch(1), 0.2)
     assert session.next_seq == 5
-    assert session.standing.waiting_for is None
-    assert session.standing.view.samples == 100
+    assert session.state.waiting_for is None
+    assert session.state.view.samples == 100
 
 
 def test_a_heartbeat_shows_a_lost_tail():
@@ -149,17 +149,17 @@ def test_an_unanswered_question_is_repeated_after_an_interval_and_shown():
     session, _ = open_session(limits=limits)
     session.receive(heartbeat(3), 0.0)
     assert asked(session.receive(ReplayEnded("s1", 0, answered=False), 2.0)) == []
-    assert session.tick(2.4) == []
-    again = session.tick(2.5)
+    assert session.request_missing(2.4) == []
+    again = session.request_missing(2.5)
     assert asked(again) == [(0, 3)]
     assert published(again, SessionStatus)[0].waiting_for == 0
 
 
 def test_a_question_whose_answer_never_ends_is_repeated_in_the_end():
-    session, _ = open_session(limits=Limits(replay_patience_s=5.0))
+    session, _ = open_session(limits=Limits(replay_timeout_s=5.0))
     session.receive(heartbeat(3), 0.0)
-    assert session.tick(4.9) == []
-    assert asked(session.tick(5.0)) == [(0, 3)]
+    assert session.request_missing(4.9) == []
+    assert asked(session.request_missing(5.0)) == [(0, 3)]
 
 
 def test_a_long_hole_is_asked_for_in_stretches_one_after_the_other():
@@ -174,7 +174,7 @@ def test_batches_beyond_what_can_be_held_are_asked_for_again():
     ring = Ring(batches(10))
     for seq in (3, 4, 5, 6):
         session.receive(batch(seq), 0.0)
-    assert session.standing.tally.batches == 0
+    assert session.state.counters.batches == 0
     session.receive(ReplayEnded("s1", 0, answered=False), 0.0)
     said = ring.feed(session, heartbeat(6), 10.0)
     assert asked(said)[-1] == (5, 6)
@@ -188,7 +188,7 @@ def test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on():
     said = ring.feed(session, batch(8), 0.0)
     assert session.next_seq == 9
     assert [gap.reason for gap in published(said, SessionStatus)[-1].gaps] == ["evicted"]
-    gap = session.standing.view.gaps[0]
+    gap = session.state.view.gaps[0]
     assert (gap.t0, gap.tn) == (pytest.approx(0.19), pytest.approx(0.8))
 
 
@@ -196,9 +196,9 @@ def test_a_lost_beginning_is_skipped_and_told():
     session, _ = open_session()
     Ring(batches(10), oldest=4).feed(session, batch(6), 0.0)
     assert session.next_seq == 7
-    (gap,) = session.standing.view.gaps
+    (gap,) = session.state.view.gaps
     assert gap.t0 == gap.tn == pytest.approx(0.8)
-    assert status_of(session.standing).lost == 4
+    assert status_of(session.state).lost == 4
 
 
 def test_a_lost_end_is_told():
@@ -227,7 +227,7 @@ def test_a_late_eviction_of_what_has_come_meanwhile_changes_nothing():
     session.receive(batch(1), 0.0)
     session.receive(ReplayEnded("s1", 1, answered=False, evicted=True, oldest=2), 0.0)
     assert session.next_seq == 3
-    assert session.standing.view.gaps == ()
+    assert session.state.view.gaps == ()
 
 
 def test_a_batch_that_no_answer_brings_is_given_up_after_a_few():
@@ -238,7 +238,7 @@ def test_a_batch_that_no_answer_brings_is_given_up_after_a_few():
         assert session.next_seq == 1
         session.receive(ReplayEnded("s1", 1, answered=True), float(attempt))
     assert session.next_seq == 3
-    assert len(session.standing.view.gaps) == 1
+    assert len(session.state.view.gaps) == 1
 
 
 def test_a_bridge_that_is_away_is_waited_for():
@@ -246,7 +246,7 @@ def test_a_bridge_that_is_away_is_waited_for():
     session.receive(batch(1), 0.0)
     for attempt in range(10):
         session.receive(ReplayEnded("s1", 0, answered=False), float(attempt))
-        session.tick(attempt + 0.9)
+        session.request_missing(attempt + 0.9)
     assert session.next_seq == 0
 
 
@@ -271,7 +271,7 @@ def test_a_restarted_bridge_opens_with_a_higher_epoch_and_continues_the_numbers(
     session.receive(batch(3), 0.0)
     ack = answer(session.receive(opening(epoch=2), 0.0))
     assert ack == Ack(session="s1", next_seq=4, state="open")
-    assert [gap.reason for gap in session.standing.view.gaps] == ["evicted"]
+    assert [gap.reason for gap in session.state.view.gaps] == ["evicted"]
     session.receive(batch(4, epoch=2), 0.0)
     assert session.next_seq == 5
 
@@ -281,7 +281,7 @@ def test_what_a_bridge_took_with_it_is_a_gap_though_nobody_knew_of_it():
     session.receive(batch(0), 0.0)
     session.receive(opening(epoch=1), 0.0)
     session.receive(batch(1, epoch=1), 0.0)
-    (gap,) = session.standing.view.gaps
+    (gap,) = session.state.view.gaps
     assert gap.reason == "evicted"
 
 
@@ -302,13 +302,13 @@ FIRST, SECOND = "robot-1-17-aaaa", "robot-2-18-bbbb"
 def test_a_second_bridge_is_refused_with_the_name_of_the_first_and_changes_nothing(message):
     session, _ = open_session(bridge=FIRST)
     session.receive(batch(0, bridge=FIRST), 0.0)
-    before = session.standing
+    before = session.state
     with pytest.raises(
         ProtocolError, match=f"conflict.*bridge {FIRST} publishes this session, 1 batches"
     ) as no:
         session.receive(message, 0.0)
     assert (no.value.value, no.value.expected) == (SECOND, FIRST)
-    assert session.standing == before
+    assert session.state == before
     session.receive(batch(1, bridge=FIRST), 0.0)
     assert answer(session.receive(closing(1).model_copy(update={"bridge": FIRST}), 0.0)).state == "closed"
 
@@ -320,7 +320,7 @@ def test_another_bridge_takes_a_session_over_by_a_higher_epoch_and_one_without_a
     session.receive(batch(1, epoch=1, bridge=SECOND), 0.0)
     with pytest.raises(ProtocolError, match=r"conflict.*newer epoch"):
         session.receive(batch(2, bridge=FIRST), 0.0)
-    assert session.standing.tally.batches == 2
+    assert session.state.counters.batches == 2
 
 
 @pytest.mark.parametrize("message", [batch(1, epoch=1), heartbeat(1, epoch=1), opening(epoch=1)])
@@ -371,7 +371,7 @@ def test_a_batch_with_refused_content_is_counted_reported_and_leaves_a_gap(bad, 
     assert status.last_refusal is not None
     assert words in status.last_refusal.message
     assert session.next_seq == 3
-    assert len(session.standing.view.gaps) == 1
+    assert len(session.state.view.gaps) == 1
 
 
 def test_refused_content_ahead_of_its_turn_leaves_its_gap_in_its_place():
@@ -381,16 +381,16 @@ def test_refused_content_ahead_of_its_turn_leaves_its_gap_in_its_place():
     assert session.next_seq == 0
     session.receive(batch(0), 0.0)
     assert session.next_seq == 3
-    assert [(gap.t0, gap.tn) for gap in session.standing.view.gaps] == [(0.19, 0.4)]
+    assert [(gap.t0, gap.tn) for gap in session.state.view.gaps] == [(0.19, 0.4)]
 
 
 @pytest.mark.parametrize("message", [batch(2_000_000), heartbeat(2_000_000), closing(2_000_000)])
 def test_a_sequence_number_that_leaps_is_malformed_and_changes_nothing(message):
     session, _ = open_session()
-    before = session.standing
+    before = session.state
     with pytest.raises(ProtocolError, match=r"leaps ahead.*limit 1000000"):
         session.receive(message, 0.0)
-    assert session.standing == before
+    assert session.state == before
 
 
 def test_an_error_in_the_pipeline_closes_the_session_and_says_so():
@@ -435,7 +435,7 @@ def test_closing_before_everything_is_there_asks_for_the_rest_and_is_no_refusal(
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.value) == ("conflict", 1)
     assert asked(said) == [(1, 3)]
-    assert status_of(session.standing).refused == {}
+    assert status_of(session.state).refused == {}
     for seq in (1, 2, 3):
         session.receive(batch(seq), 0.0)
     assert answer(session.receive(closing(3), 0.0)).state == "closed"
@@ -482,10 +482,10 @@ def test_a_closed_session_takes_nothing_and_stays_as_it_is(message):
     session, _ = open_session()
     run(session, 2)
     session.receive(closing(1), 0.0)
-    before = session.standing
+    before = session.state
     with pytest.raises(ProtocolError, match="conflict: the session is closed"):
         session.receive(message, 0.0)
-    assert session.standing == before
+    assert session.state == before
 
 
 def test_a_batch_that_was_sent_again_may_trail_behind_the_close():
@@ -494,18 +494,18 @@ def test_a_batch_that_was_sent_again_may_trail_behind_the_close():
     run(session, 2)
     session.receive(closing(1), 0.0)
     assert session.receive(batch(1), 0.0) == []
-    assert (session.standing.tally.duplicates, session.standing.tally.refused) == (1, {})
+    assert (session.state.counters.duplicates, session.state.counters.refused) == (1, {})
 
 
 def test_the_same_opening_behind_the_close_is_refused_and_not_counted():
     # A bridge tells a service that came back its session again; the close once overtook that.
     session, _ = open_session()
     session.receive(closing(-1), 0.0)
-    before = session.standing
+    before = session.state
     refusal = answer(session.receive(opening(), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert "the session is closed" in refusal.message
-    assert session.standing == before
+    assert session.state == before
 
 
 def test_heartbeats_and_late_answers_after_the_close_are_harmless():
@@ -536,8 +536,8 @@ def test_a_status_lists_the_newest_gaps_and_counts_the_others():
         session.receive(batch_of([[2.0 * seq, 0.0], [2.0 * seq + 0.01, 0.0]], seq=2 * seq), 0.0)
         session.receive(batch_of([[2.0 * seq, float("nan")]], seq=2 * seq + 1), 0.0)
     session.receive(batch_of([[4.0 * MAX_GAPS, 0.0]], seq=4 * MAX_GAPS), 0.0)
-    status = status_of(session.standing)
+    status = status_of(session.state)
     assert (len(status.gaps), status.gaps_before) == (MAX_GAPS, MAX_GAPS)
     assert status.gaps[-1].tn == 4.0 * MAX_GAPS
-    ended = standing_of(snapshot_of(session.standing), OWNER)
+    ended = state_from_snapshot(snapshot_of(session.state), OWNER)
     assert (status_of(ended).gaps_before, status_of(ended).lost) == (MAX_GAPS, 2 * MAX_GAPS)

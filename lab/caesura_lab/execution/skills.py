@@ -16,9 +16,9 @@ from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, Simula
 from caesura_lab.execution.trajectories import ASTRAY_M, course, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
-from caesura_protocol.messages import App, AppKind, ScrewMotion
+from caesura_protocol.app_kinds import APP_KINDS, AppKind
+from caesura_protocol.messages import App, ScrewMotion
 from caesura_protocol.paths import Curve
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, turning_of
 from caesura_protocol.screw_motion import tight_nm

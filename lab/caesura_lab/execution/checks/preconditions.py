@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_lab.execution.findings import Finding
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
-from caesura_protocol.programs.app_kinds import APP_KINDS
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:

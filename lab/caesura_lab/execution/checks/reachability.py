@@ -13,10 +13,10 @@ from caesura_lab.execution.trajectories import course, press_direction
 from caesura_lab.teacher.guided_arm import POSTURE
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.robot import Robot

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from caesura_protocol.messages import AppKind
-
+AppKind = Literal[
+    "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
+]
 Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
 
 

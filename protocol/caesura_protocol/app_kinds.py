@@ -33,6 +33,11 @@ class AppKindFacts(NamedTuple):
         return "target" in self.needs
 
     @property
+    def presses(self) -> bool:
+        """Whether it exerts a force on what it touches."""
+        return "force" in self.needs
+
+    @property
     def carries(self) -> bool:
         """Whether something is held while it runs."""
         return "holding" in self.preconditions

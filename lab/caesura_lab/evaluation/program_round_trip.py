@@ -21,6 +21,7 @@ from rich.text import Text
 from scipy.spatial import cKDTree
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
@@ -148,7 +149,7 @@ def compared(case: RoundTripCase, taught: Sequence[App], executed: Sequence[App]
         return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
     targets = tuple(_target_error(a, b) for a, b in zip(taught, executed, strict=True))
     forces = tuple(
-        _force_error(a, b) for a, b in zip(taught, executed, strict=True) if a.kind == "apply_force"
+        _force_error(a, b) for a, b in zip(taught, executed, strict=True) if APP_KINDS[a.kind].presses
     )
     return RoundTripResult(case, *kinds, targets, forces, _too_far(taught, targets, forces))
 

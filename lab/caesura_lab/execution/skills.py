@@ -291,7 +291,7 @@ def _move(acting: SkillController, app: App, following: App | None) -> None:
 
 def _touch(acting: SkillController, app: App, following: App | None) -> None:
     _, rotation = target_of(acting, app)
-    force = following.force if following is not None and following.kind == "apply_force" else None
+    force = following.force if following is not None and APP_KINDS[following.kind].presses else None
     until = press_direction(rotation, None if force is None else np.array(force))
     acting.go(app, until=until)
 

@@ -106,7 +106,7 @@ def _effort(app: App) -> Iterator[Reason]:
     if app.force is None and app.force_taught is not None:
         newtons = float(np.linalg.norm(app.force_taught))
         yield (f"was taught with a press of {newtons:.1f} N, which it does not reproduce", newtons, None)
-    if app.kind == "apply_force" and app.screw is not None and app.screw.torque is None:
+    if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
         yield (f"turns by {degrees:.0f}° in contact, with a torque that was not measured", None, None)
     if app.load_kg is not None and app.load_sd_kg is not None and app.load_kg < SURE_SDS * app.load_sd_kg:

@@ -31,7 +31,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
 
 
 def _wrong(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
-    if app.kind == "apply_force" and not touching:
+    if APP_KINDS[app.kind].presses and not touching:
         return "presses without a contact: a Move To Contact must come before it"
     if app.kind == "grasp" and holds:
         return "grasps, but something is held already: a Gripper Move must come before it"

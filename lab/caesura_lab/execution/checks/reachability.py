@@ -84,7 +84,7 @@ class _Looking:
             after = replace(after, place=None)  # where it would be is not known
         elif app.target is not None and here.place is not None and APP_KINDS[app.kind].needs:
             path = _path(app, here)
-        if app.kind == "apply_force":
+        if APP_KINDS[app.kind].presses:
             reasons += self._press(app, here, path)
         elif path is not None:
             reasons += self._way(path, here, joints, ends=ends)

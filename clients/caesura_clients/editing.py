@@ -36,7 +36,7 @@ def edit(
 
     revision: that the author has seen; by default the current one, which is asked first. Raises ProtocolError
     where the service refuses (`conflict` with the current revision as its limit if another edit came first),
-    Absent, or Unreachable where no service answers: the revision then shows whether the edit was applied.
+    NotFound, or Unreachable where no service answers: the revision then shows whether the edit was applied.
     """
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision

@@ -49,7 +49,7 @@ def snapshots(
 def snapshot(transport: Transport, station: str, session: str | None = None) -> Snapshot:
     """Everything about one session; without a name the one that `program` speaks of, the newest.
 
-    Raises Absent, which names what there is, or Unreachable.
+    Raises NotFound, which names what there is, or Unreachable.
     """
     name = session or _current_session(transport, station)
     found = snapshots(transport, station, name or "*")
@@ -60,7 +60,7 @@ def snapshot(transport: Transport, station: str, session: str | None = None) -> 
 
 
 def program(transport: Transport, station: str) -> Program:
-    """The current task program of a station. Raises Absent, which names what there is, or Unreachable."""
+    """The current task program of a station. Raises NotFound, which names what there is, or Unreachable."""
     found = _current_program(transport, station)
     if found is None:
         raise _nothing(transport, f"station {station!r} has no program")

@@ -175,7 +175,7 @@ def named(station: str | None) -> str | None:
 
 
 def only_station(caesura: Caesura, station: str | None) -> str:
-    """The station that was named, or the only one that has a session. Raises Absent, which names all."""
+    """The station that was named, or the only one that has a session. Raises NotFound, which names all."""
     if station is not None:
         return station
     known = sorted({info.station for info in caesura.sessions()})

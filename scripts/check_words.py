@@ -1,7 +1,7 @@
 """Check the words of docs and source: ruled-out words, long sentences, class names twice, missing docstrings.
 
     python scripts/check_words.py             # every finding, and exit status 1 if there is one
-    python scripts/check_words.py --count     # how many findings each room has, by rule
+    python scripts/check_words.py --count     # findings by room and rule, and words a sentence by page
 
 Words are checked in docs, in docstrings, in comments and in every string of the source: help texts, errors,
 log lines and status texts are strings. Names in the source and `code` in the docs are not words.
@@ -182,6 +182,12 @@ def findings(top: Path) -> list[Finding]:
     return sorted([*found, *twice(classes)])
 
 
+def mean_sentence_words(text: str) -> float:
+    """Return the mean number of words of a document's sentences; 0 where it has none."""
+    counts = [len(sentence.split()) for _, sentence in _sentences(_without_code(text)) if sentence]
+    return sum(counts) / len(counts) if counts else 0.0
+
+
 def _is_excused(path: str, word: str) -> bool:
     return any(path == file and word.lower() == excused.lower() for file, excused, _ in EXCUSED)
 
@@ -243,6 +249,9 @@ def main(arguments: Sequence[str]) -> int:
         rooms: Counter[str] = Counter("/".join(Path(one.path).parts[:3]) for one in found)
         for name, count in [*Counter(one.rule for one in found).most_common(), *rooms.most_common()]:
             print(f"{count:5d}  {name}")
+        for path, text in files(TOP):
+            if path.endswith(".md") and path != "CHANGELOG.md":
+                print(f"{mean_sentence_words(text):5.1f}  words a sentence in {path}")
     else:
         print(*found, sep="\n", end="\n" if found else "")
     print(f"{len(found)} findings", file=sys.stderr)

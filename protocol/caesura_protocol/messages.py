@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import NAME_PATTERN
 
@@ -38,9 +39,6 @@ Contact = Literal["free", "contact", "transport"]
 PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
 PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
 Certainty = Literal["provisional", "final"]
-AppKind = Literal[
-    "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
-]
 
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)

@@ -65,7 +65,7 @@ def test_the_table_imports_nothing_of_the_extras(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
-    assert {"file", "mcap", "rosbag2", "teacher", "franky", "panda", "ros2"} == set(SOURCES)
+    assert {"file", "mcap", "rosbag2", "teacher", "franky", "panda", "ros2"} <= set(SOURCES)
 
 
 WHEEL = "caesura_teaching-0.1.0-py3-none-any.whl"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from caesura_clients.dashboard.apps import card, timeline, vector
-from caesura_protocol.messages import App, AppKind, Program
-from caesura_protocol.programs.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, AppKind
+from caesura_protocol.messages import App, Program
 from clients.examples import example
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from caesura_protocol.messages import App, AppKind, Vector
+from caesura_protocol.app_kinds import AppKind
+from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
 
 DOWN = (-0.70710678, 0.70710678, 0.0, 0.0)  # fingers down, the hand turned to -y

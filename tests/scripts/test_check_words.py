@@ -116,3 +116,9 @@ def test_an_excuse_names_a_word_that_is_there(words):
 def test_every_room_is_there(words):
     assert [room for room in [*words.ROOMS, *words.LEFT_OUT] if not (TOP / room).exists()] == []
     assert all(len(reason.split()) >= 3 for reason in words.LEFT_OUT.values())
+
+
+def test_the_mean_length_of_sentences_leaves_out_code_tables_and_headings(words):
+    page = "# A title of many words\n\nOne two three. Four\nfive.\n\n    code in a block\n\n| a | b c d |\n"
+    assert words.mean_sentence_words(page) == 2.5
+    assert words.mean_sentence_words("# Only a title\n") == 0.0

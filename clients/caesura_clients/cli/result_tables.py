@@ -14,10 +14,10 @@ from rich.text import Text
 
 from caesura_clients.budget_texts import budgets_in_words
 from caesura_clients.query import SessionInfo
+from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
 from caesura_protocol.paths import path_in_words
-from caesura_protocol.programs.app_kinds import app_number, app_title
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
 

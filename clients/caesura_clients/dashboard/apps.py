@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.screw_motion import screw_in_words
 

@@ -12,8 +12,8 @@ import typer
 from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, safety_of
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
+from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
-from caesura_protocol.programs.app_kinds import app_name
 from caesura_protocol.programs.document import ProgramFile, read_document
 
 ProgramPath = Annotated[

@@ -19,8 +19,8 @@ from rich.text import Text
 
 from caesura_lab.evaluation.program_round_trip import LIMITS_N
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_service.constants import JOINTS
 

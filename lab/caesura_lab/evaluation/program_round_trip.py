@@ -21,8 +21,8 @@ from rich.text import Text
 from scipy.spatial import cKDTree
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
 from caesura_protocol.messages import App
-from caesura_protocol.programs.app_kinds import app_name, app_number, app_title
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
@@ -149,7 +149,7 @@ def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Seque
         return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
     targets = tuple(_target_error(a, b) for a, b in zip(taught, executed, strict=True))
     forces = tuple(
-        _force_error(a, b) for a, b in zip(taught, executed, strict=True) if a.kind == "apply_force"
+        _force_error(a, b) for a, b in zip(taught, executed, strict=True) if APP_KINDS[a.kind].presses
     )
     return RoundTripResult(case, *kinds, targets, forces, _target_or_force_error(taught, targets, forces))
 

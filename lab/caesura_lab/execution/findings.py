@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from caesura_protocol.programs.app_kinds import app_name
+from caesura_protocol.app_kinds import app_name
 
 Severity = Literal["error", "warning"]
 

@@ -16,9 +16,9 @@ from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, Simula
 from caesura_lab.execution.trajectories import ASTRAY_M, app_path, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
-from caesura_protocol.messages import App, AppKind, ScrewMotion
+from caesura_protocol.app_kinds import APP_KINDS, AppKind
+from caesura_protocol.messages import App, ScrewMotion
 from caesura_protocol.paths import Curve
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, turning_of
 from caesura_protocol.screw_motion import stop_torque_nm
@@ -311,7 +311,7 @@ def _move(controller: SkillController, app: App, following: App | None) -> None:
 
 def _move_to_contact(controller: SkillController, app: App, following: App | None) -> None:
     _, rotation = target_pose(controller, app)
-    force = following.force if following is not None and following.kind == "apply_force" else None
+    force = following.force if following is not None and APP_KINDS[following.kind].presses else None
     approach = press_direction(rotation, None if force is None else np.array(force))
     controller.follow_path(app, approach=approach)
 

@@ -18,8 +18,8 @@ from matplotlib.transforms import Bbox
 from caesura_lab.report.figures import path_page, run_length_page, signals_page, style
 from caesura_lab.report.report_data import ReportData
 from caesura_lab.report.tables import Table, TableColumn, notes, program_table, segments_table
+from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.paths import path_in_words
-from caesura_protocol.programs.app_kinds import app_number, app_title
 from caesura_protocol.programs.path_drawing import path_svg
 
 SPARED = 0.55  # [inch] at the top of a page, where its heading was

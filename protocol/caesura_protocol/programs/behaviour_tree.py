@@ -14,10 +14,10 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, app_title
 from caesura_protocol.force_limit import is_limited
-from caesura_protocol.messages import AppKind, AppPath
+from caesura_protocol.messages import AppPath
 from caesura_protocol.paths import turning_at_points
-from caesura_protocol.programs.app_kinds import APP_KINDS, app_number, app_title
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.screw_motion import torque_about_axis
 

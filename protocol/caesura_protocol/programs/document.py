@@ -15,10 +15,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, WrenchReport
-from caesura_protocol.programs.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.safety import DEFAULT, Safety
 

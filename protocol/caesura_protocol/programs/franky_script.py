@@ -11,10 +11,10 @@ from importlib.resources import files
 from pprint import pformat
 from typing import Any
 
+from caesura_protocol.app_kinds import app_title
 from caesura_protocol.force_limit import is_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
-from caesura_protocol.programs.app_kinds import app_title
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.screw_motion import stop_torque_nm

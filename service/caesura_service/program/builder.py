@@ -22,7 +22,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from caesura_protocol.messages import App, AppKind, Contact, Gap, Segment, Vector
+from caesura_protocol.app_kinds import AppKind
+from caesura_protocol.messages import App, Contact, Gap, Segment, Vector
 from caesura_protocol.screw_motion import exerted
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths

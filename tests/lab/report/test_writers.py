@@ -21,7 +21,7 @@ from caesura_lab.report.figures.tables import table_pages
 from caesura_lab.report.report_data import ReportData, collect
 from caesura_lab.report.tables import program_table, segments_table
 from caesura_lab.report.writers import UnknownFormatError, write_report
-from caesura_protocol.programs.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.recording import Recording
 from harness.demonstrations import guided
 

@@ -6,8 +6,8 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, ViaPoint
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.behaviour_tree import PORTS, action_name, behaviour_tree
 from harness.programs import DOWN, app, as_file, pick_and_place, press
 

@@ -11,8 +11,8 @@ from typing import Any
 import jsonschema
 import pytest
 
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import Phase, Program
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import (
     UNITS,
     BadProgramError,

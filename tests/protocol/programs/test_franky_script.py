@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from caesura_protocol.messages import App, AppKind, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.app_kinds import APP_KINDS, AppKind
+from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.programs import franky_script as writer
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_lab.execution.findings import Finding
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import angle_between
 
@@ -108,7 +108,7 @@ def _force_limits(app: App) -> Iterator[Reason]:
     if app.force is None and app.force_taught is not None:
         newtons = float(np.linalg.norm(app.force_taught))
         yield (f"was taught with a press of {newtons:.1f} N, which it does not reproduce", newtons, None)
-    if app.kind == "apply_force" and app.screw is not None and app.screw.torque is None:
+    if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
         yield (f"turns by {degrees:.0f}° in contact, with a torque that was not measured", None, None)
     if app.load_kg is not None and app.load_sd_kg is not None and app.load_kg < SURE_SDS * app.load_sd_kg:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_lab.execution.findings import Finding
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
-from caesura_protocol.programs.app_kinds import APP_KINDS
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:
@@ -31,7 +31,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
 
 
 def _violations(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:
-    if app.kind == "apply_force" and not touching:
+    if APP_KINDS[app.kind].presses and not touching:
         return "presses without a contact: an app 'move to contact' must come before it"
     if app.kind == "grasp" and holds:
         return "grasps, but something is held already: an app 'move gripper' must come before it"

@@ -13,10 +13,10 @@ from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.guided_arm import POSTURE
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.robot import Robot
@@ -89,7 +89,7 @@ class _ReachabilityChecker:
             after = replace(after, place=None)  # where it would be is not known
         elif app.target is not None and state.place is not None and APP_KINDS[app.kind].needs:
             path = _planned_path(app, state)
-        if app.kind == "apply_force":
+        if APP_KINDS[app.kind].presses:
             reasons += self._check_press(app, state, path)
         elif path is not None:
             reasons += self._check_path(path, state, joints, ends=ends)

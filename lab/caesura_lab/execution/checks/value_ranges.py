@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_lab.execution.findings import Finding
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
-from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
 
 NUMBERS = (
@@ -134,7 +134,7 @@ def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
 
 def _press_ranges(app: App, safety: Safety) -> Iterator[_Range]:
     if app.force is not None:
-        least_n = LEAST_PRESS_N if app.kind == "apply_force" else 0.0
+        least_n = LEAST_PRESS_N if APP_KINDS[app.kind].presses else 0.0
         newtons = float(np.linalg.norm(app.force))
         if abs(newtons - safety.most_force_n) > FORCE_TOLERANCE_N:
             yield _Range("force", newtons, least_n, safety.most_force_n, "N")

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from caesura_protocol.messages import AppKind
-
+AppKind = Literal[
+    "cartesian_motion", "move_to_contact", "apply_force", "grasp", "gripper_move", "transport", "hold"
+]
 Precondition = Literal["reachable", "in_contact", "holding", "not_holding"]
 
 
@@ -34,6 +35,11 @@ class AppKindFacts(NamedTuple):
     def has_target(self) -> bool:
         """Whether it is run towards a target."""
         return "target" in self.needs
+
+    @property
+    def presses(self) -> bool:
+        """Whether it exerts a force on what it touches."""
+        return "force" in self.needs
 
     @property
     def carries(self) -> bool:

@@ -120,3 +120,25 @@ def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
     assert caesura(*command, "--name-group", "1=polish").exit_code == 0
     assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["wipe", "polish"]
     assert "needs --format json" in caesura("program", "--file", file, "--name-group", "0=a").output
+
+
+def test_a_program_at_half_its_speed_is_written_checked_and_refused_out_of_range(tmp_path: Path) -> None:
+    taught, slow = tmp_path / "taught.json", tmp_path / "slow.json"
+    done = caesura("segment", Path(__file__).parents[2] / "data" / "dispenser.npz", "--json", taught)
+    assert done.exit_code == 0, done.output
+    done = caesura("program", "--file", taught, "--speed", "0.5", "--format", "json", "-o", slow)
+    assert done.exit_code == 0, done.output
+    for output_format in ("franky", "bt", "table"):
+        words = ("program", "--file", taught, "--speed", "0.5", "--format", output_format)
+        assert caesura(*words).output == caesura("program", "--file", slow, *words[-2:]).output
+        assert caesura(*words).output != caesura("program", "--file", taught, *words[-2:]).output
+    said = caesura("check", slow, "--scenario", "dispenser").output
+    assert "warning: program: re-timed (speed 0.5): apps 0, 2, 3, 5; 10.20 s taught, 15.80 s now" in said
+    content = json.loads(slow.read_text("utf-8"))
+    content["timing"]["speed"] = 9.0
+    slow.write_text(json.dumps(content), encoding="utf-8")
+    done = caesura("check", slow)
+    assert done.exit_code == 1
+    assert "error: program: speed 9, expected optimal or a factor from 0.1 to 2" in done.output
+    done = caesura("execute", slow, "--simulated", "--scenario", "dispenser")
+    assert "speed 9, expected" in done.output

@@ -13,7 +13,7 @@ import numpy as np
 
 from caesura_lab.execution.safety_monitor import SafetyMonitor, Stopped
 from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
-from caesura_lab.execution.trajectories import ASTRAY_M, course, press_direction
+from caesura_lab.execution.trajectories import ASTRAY_M, arrival_speed, course, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.messages import App, AppKind, ScrewMotion
@@ -23,8 +23,6 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, turning_of
 from caesura_protocol.screw_motion import tight_nm
 
-ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
-LEAST_SEARCH_M_PER_S = 0.01
 RISE_S, LET_GO_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 YIELDING_M_PER_S = 0.003  # what gives way faster says nothing yet of the force at rest
@@ -230,10 +228,9 @@ class SkillController:
         return setpoint
 
     def _search_speed(self, app: App, until: Array | None) -> float:
-        """Speed [m/s] with which a contact is met: slow, and no faster than the way there asks for."""
+        """Speed [m/s] with which a contact is met in a direction (3,); that of no way without one."""
         way = target_of(self, app)[0] - self.setpoint.position
-        fits = 0.0 if until is None else ARRIVING_SHARE * float(until @ way) / _seconds(app)
-        return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
+        return arrival_speed(0.0 if until is None else float(until @ way), _seconds(app), self.safety)
 
     def _weigh(self, felt: ArmMeasurement) -> None:
         """Compare what hangs on the arm with what the program says; what is off would pass for a contact."""

@@ -1,9 +1,9 @@
 """A program at another speed: by a factor, or with movements that another package has timed.
 
 Rules: only movements in free space and movements that carry are re-timed, along the same path. Presses,
-slides, turns, holds and the fingers stay as they were taught. An app that begins earlier than taught keeps
-every duration to the last bit: its times are shifted by a multiple of `SHIFT_S`, and a float that gets smaller
-by that is exact.
+slides, turns, holds and the fingers stay as they were taught. An app that begins earlier than taught
+keeps every duration to the last bit. Its times are shifted by a multiple of `SHIFT_S`, and a float that
+gets smaller by that is exact.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from caesura_protocol.messages import App, AppPath
 from caesura_protocol.paths import turn_of
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, Speed, Timing
+from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, ProgramTiming, Speed
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres
@@ -89,7 +89,7 @@ def retimed(
             return t
         return float(np.interp(t, taught_t, new_t)) + max(t - taught_t[-1], 0.0)
 
-    timing = Timing(
+    timing = ProgramTiming(
         speed=speed,
         retimed=tuple(sorted(steps)),
         keeps_pause=tuple(sorted(keeps_pause)),
@@ -98,7 +98,7 @@ def retimed(
     )
     gaps = [gap.model_copy(update={"t0": when(gap.t0), "tn": when(gap.tn)}) for gap in program.gaps]
     update = {"apps": tuple(made), "gaps": tuple(gaps), "t": when(program.t), "timing": timing}
-    return program.model_copy(update=update | {"units": program.units | UNITS})
+    return program.model_copy(update=update | {"units": {**program.units, **UNITS}})
 
 
 def _check(program: ProgramFile, keeps_pause: Collection[int]) -> None:

@@ -12,7 +12,7 @@ AppNumber = Annotated[int, Field(ge=0)]
 Speed = Annotated[float, Field(gt=0.0)] | Literal["optimal"]
 
 
-class Timing(BaseModel):
+class ProgramTiming(BaseModel):
     """How a program is timed; a program without it is as taught. Apps are counted from 0.
 
     speed: a factor of the taught speed, or `optimal`: as fast as the limits of the robot allow.

@@ -10,7 +10,7 @@ from caesura_protocol.messages import AppPath, Gap, ScrewMotion, ViaPoint
 from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.retiming import at_factor, factor_of, may_retime
-from caesura_protocol.programs.timing import Timing
+from caesura_protocol.programs.timing import ProgramTiming
 from harness.programs import DOWN, app, as_file
 
 HOME, DEEP = (-0.02, -0.6, 0.3), (-0.02, -0.52, 0.165)
@@ -48,7 +48,7 @@ def test_a_movement_at_half_its_speed_takes_twice_its_time_along_the_same_path()
             mapped = one.t0 + 2 * (at - other.t0)
             np.testing.assert_allclose(here.at(mapped)[0], there.at(at)[0], atol=1e-9)
             np.testing.assert_allclose(2 * here.at(mapped)[1], there.at(at)[1], atol=1e-8)
-    assert slow.timing == Timing(speed=0.5, retimed=(0, 2), taught_s=7.25, seconds=slow.timing.seconds)
+    assert slow.timing == ProgramTiming(speed=0.5, retimed=(0, 2), taught_s=7.25, seconds=slow.timing.seconds)
     assert slow.timing.seconds == pytest.approx(7.25 + 1.75 + 2.1)
 
 

@@ -1,8 +1,8 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
-Five looks, one module each: `timing` at what was re-timed, `values` at every app for itself, `order` at what
-holds before each app; once the numbers are sane, `reach` at the arm (joints, inverse kinematics along the way,
-what stands in it), and `fidelity` at what was taught and is not reproduced.
+Five looks, one module each: `timing` at what was re-timed, `values` at every app for itself, `order` at
+what holds before each app. Once the numbers are sane, `reach` looks at the arm (joints, inverse
+kinematics along the way, what stands in it), and `fidelity` at what was taught and is not reproduced.
 """
 
 from __future__ import annotations

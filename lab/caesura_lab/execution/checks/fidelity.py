@@ -17,7 +17,7 @@ from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.programs.app_kinds import APP_KINDS
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.timing import Timing
+from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
@@ -34,7 +34,7 @@ class Taught:
 
     gaps: Sequence[Gap] = ()
     wrench: WrenchReport | None = None
-    timing: Timing | None = None
+    timing: ProgramTiming | None = None
 
 
 def fidelity_findings(apps: Sequence[App], taught: Taught | None, safety: Safety) -> list[Finding]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from caesura_lab.execution.findings import Finding
-from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, Timing
+from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, ProgramTiming
 
 
-def timing_findings(timing: Timing | None) -> Iterator[Finding]:
+def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
     """What was re-timed, as a warning; an error for a factor out of its range. Nothing for taught times."""
     if timing is None:
         return

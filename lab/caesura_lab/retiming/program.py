@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 FINE = 200  # looks at a leg of the taught path
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
 VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
-ROUNDS, EVEN = 8, 0.02  # of scaling a movement that a contact ends; by which it may be slower than need be
+ROUNDS, EVEN = 5, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
 REACH_M = 1e-3
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
 CREPT_M = 2e-4  # a hand at rest moves by that much in any case
@@ -97,14 +97,18 @@ def _fastest(
     made, until = _lasting(made, least_s), _until(app, following)
     if until is None:
         return made
+    best: ProgramStep | None = None
     for _ in range(ROUNDS):
-        seconds = made.tn - made.t0
         curve = _towards_contact(made, until, safety)
         factor = hurry(curve, still, robot, way.joints[0], limits)
-        if factor <= 1.0 and (factor > 1.0 - EVEN or seconds <= least_s + 1.0 / TICKS_PER_S):
-            return made
-        made = _lasting(made, max(factor * seconds / (1.0 - 0.5 * EVEN), least_s))
-    raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
+        if factor <= 1.0 and (best is None or made.tn < best.tn):
+            best = made
+        if 1.0 - EVEN < factor <= 1.0 or (factor <= 1.0 and made.tn <= made.t0 + least_s + EVEN):
+            break
+        made = _lasting(made, max(factor * (made.tn - made.t0) / (1.0 - 0.5 * EVEN), least_s))
+    if best is None:
+        raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
+    return best
 
 
 def _from_zero(curve: Curve) -> Curve:

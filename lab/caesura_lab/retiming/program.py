@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
 from caesura_lab.execution.skills import CREEP_M_PER_S
 from caesura_lab.execution.trajectories import arrival_speed, course, press_direction
@@ -37,10 +38,11 @@ from caesura_service.robot import ReachError, Robot, load_panda
 Array = NDArray[np.float64]
 
 FINE = 200  # looks at a leg of the taught path
+PLACES = 2000  # at which two paths are compared
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
 VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
 ROUNDS, EVEN = 5, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
-REACH_M = 1e-3
+REACH_M, OFF_M = 1e-3, 1e-3  # from the start of the path; from the taught path to the re-timed one
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
 CREPT_M = 2e-4  # a hand at rest moves by that much in any case
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
@@ -92,7 +94,7 @@ def _fastest(
 ) -> ProgramStep:
     """The app at its fastest, from its taught start on. Raises ValueError where there is none."""
     way = _way(app, still, robot)
-    made = _timed(app, way, *fastest(way.along, *_with_flange(way, limits)))
+    made = _on_its_path(app, _timed(app, way, *fastest(way.along, *_with_flange(way, limits))))
     least_s = (made.tn - made.t0) * hurry(_from_zero(curve_of(made)), still, robot, way.joints[0], limits)
     made, until = _lasting(made, least_s), _until(app, following)
     if until is None:
@@ -109,6 +111,24 @@ def _fastest(
     if best is None:
         raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
     return best
+
+
+def _on_its_path(app: App, made: ProgramStep) -> ProgramStep:
+    """The re-timed app, with what its path is off the taught one added to its deviation [m].
+
+    Raises TimeLawError where that is more than `OFF_M`.
+    """
+    assert made.path is not None, "is timed by its path"
+    curves = curve_of(app), curve_of(made)
+    taught, reproduced = (one.sampled(math.ceil(PLACES / (len(one.t) - 1)))[:, :3] for one in curves)
+    pairs = (taught, reproduced), (reproduced, taught)
+    off_m = max(float(np.max(cKDTree(one).query(other)[0])) for one, other in pairs)
+    if off_m > OFF_M:
+        raise TimeLawError(
+            f"its path would be {1000 * off_m:.1f} mm off, at most {1000 * OFF_M:g} mm are allowed"
+        )
+    path = made.path.model_copy(update={"deviation_m": made.path.deviation_m + off_m})
+    return made.model_copy(update={"path": path})
 
 
 def _from_zero(curve: Curve) -> Curve:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -120,3 +121,51 @@ def test_groups_are_named_by_their_number_or_name(tmp_path: Path) -> None:
     assert caesura(*command, "--name-group", "2=polish").exit_code == 0
     assert [one["name"] for one in json.loads(out.read_text("utf-8"))["groups"]] == ["wipe", "polish"]
     assert "needs --format json" in caesura("program", "--file", file, "--name-group", "1=a").output
+
+
+def test_a_program_at_half_its_speed_is_written_checked_and_refused_out_of_range(tmp_path: Path) -> None:
+    taught, slow = tmp_path / "taught.json", tmp_path / "slow.json"
+    done = caesura("segment", Path(__file__).parents[2] / "data" / "dispenser.npz", "--json", taught)
+    assert done.exit_code == 0, done.output
+    done = caesura("program", "--file", taught, "--speed", "0.5", "--format", "json", "-o", slow)
+    assert done.exit_code == 0, done.output
+    for output_format in ("franky", "bt", "table"):
+        words = ("program", "--file", taught, "--speed", "0.5", "--format", output_format)
+        assert caesura(*words).output == caesura("program", "--file", slow, *words[-2:]).output
+        assert caesura(*words).output != caesura("program", "--file", taught, *words[-2:]).output
+    said = caesura("check", slow, "--scenario", "dispenser").output
+    assert "warning: program: re-timed (speed 0.5): apps 1, 3, 4, 6; 10.20 s taught, 15.80 s now" in said
+    content = json.loads(slow.read_text("utf-8"))
+    content["timing"]["speed"] = 9.0
+    slow.write_text(json.dumps(content), encoding="utf-8")
+    done = caesura("check", slow)
+    assert done.exit_code == 1
+    assert "error: program: speed 9, expected optimal or a factor from 0.1 to 2" in done.output
+    done = caesura("execute", slow, "--simulated", "--scenario", "dispenser")
+    assert "speed 9, expected" in done.output
+
+
+def test_optimal_without_its_extra_says_in_one_line_what_is_missing(
+    program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(("toppra", "caesura_lab.retiming"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "toppra", None)
+    done = caesura("program", "--file", program, "--speed", "optimal")
+    assert done.exit_code != 0
+    missing = "error: the speed optimal needs toppra: pip install '.[retiming]' in a clone of Caesura"
+    assert done.output.strip() == missing
+
+
+def test_the_fastest_program_is_written_checked_and_run(tmp_path: Path) -> None:
+    taught, fast = tmp_path / "taught.json", tmp_path / "fast.json"
+    caesura("segment", Path(__file__).parents[2] / "data" / "pick_and_place.npz", "--json", taught)
+    words = ("--speed", "optimal", "--keep-pause", 3, "--format", "json", "-o", fast)
+    assert caesura("program", "--file", taught, *words).exit_code == 0
+    timing = json.loads(fast.read_text("utf-8"))["timing"]
+    assert (timing["speed"], timing["retimed"], timing["keeps_pause"]) == ("optimal", [0, 2, 3, 5], [2])
+    assert "re-timed (speed optimal): apps 1, 3, 4, 6" in caesura("check", fast).output
+    done = caesura("execute", fast, "--simulated", "--scenario", "pick_and_place")
+    assert done.exit_code == 0, done.output
+    done = caesura("program", "--file", fast, "--speed", "0.5")
+    assert "is re-timed already (speed optimal): begin with the program as it was taught" in done.output

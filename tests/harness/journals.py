@@ -51,7 +51,7 @@ def written(
             journal.append(Record(station, session, 1e9 + seq, batch))
         if closed is not None:
             journal.append(Record(station, session, 2e9, Close(session=session, last_seq=count - 1)))
-            journal.conclude(station, Outcome(opening, count - 1, closed))
+            journal.store_outcome(station, Outcome(opening, count - 1, closed))
 
 
 def ended(*kinds: str, t: float, station: str = "cell-1", session: str = "s1") -> Snapshot:

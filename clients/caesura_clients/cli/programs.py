@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,7 @@ from caesura_clients.cli.options import (
     reported,
     safety_of,
 )
+from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, doubtful_apps, program_view
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Phase
@@ -70,6 +72,8 @@ def program(
             "repeated. A session keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,
+    speed: Speed = TAUGHT,
+    keep_pause: KeepPause = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -79,9 +83,12 @@ def program(
     --json prints the message as on the wire, --format json a document of its own (docs/programs.md).
     """
     with reported():
+        timed = partial(at_speed, speed=speed, keeps_pause=[number - 1 for number in keep_pause or ()])
+        if as_json and speed != TAUGHT:
+            raise CaesuraError("--json prints the message as it was taught: use --format json with --speed")
         if file is not None:
-            made = _named(_in_cell(read_document(file), cell, force_limit), name_group, output_format)
-            write_program(made, output_format, out)
+            made = timed(_in_cell(read_document(file), cell, force_limit))
+            write_program(_named(made, name_group, output_format), output_format, out)
             return
         phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
@@ -93,10 +100,10 @@ def program(
                 found = caesura.program(name)
         if as_json:
             typer.echo(found.model_dump_json(indent=2))
-        elif output_format is ProgramFormat.TABLE and out is None and cell is None and force_limit is None:
+        elif output_format is ProgramFormat.TABLE and speed == TAUGHT and not (out or cell or force_limit):
             Console().print(program_view(found))
         else:
-            made = _in_cell(document(found, phases=phases), cell, force_limit)
+            made = timed(_in_cell(document(found, phases=phases), cell, force_limit))
             write_program(_named(made, name_group, output_format), output_format, out)
 
 

@@ -47,7 +47,9 @@ def check(
             if scenario is None
             else CellSimulation(_scenario(scenario), THESIS.load_kg).cell(safety)
         )
-        report = check_program(program.apps, cell, DemonstrationQuality(program.gaps, program.wrench))
+        report = check_program(
+            program.apps, cell, DemonstrationQuality(program.gaps, program.wrench, program.timing)
+        )
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:
@@ -87,13 +89,16 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
     """Whether it was stopped."""
     import numpy as np  # noqa: PLC0415
 
+    from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
     try:
-        done = run(program.apps, SimulatedCell(_scenario(scenario), person, seed), program.safety)
+        cell = SimulatedCell(_scenario(scenario), person, seed)
+        quality = DemonstrationQuality(timing=program.timing)
+        done = run(program.apps, cell, program.safety, quality=quality)
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
         raise SourceError(f"{program.station}/{program.session} is refused:\n{lines}") from refused

@@ -13,7 +13,7 @@ import numpy as np
 
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
-from caesura_lab.execution.trajectories import ASTRAY_M, app_path, press_direction
+from caesura_lab.execution.trajectories import ASTRAY_M, app_path, arrival_speed, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
@@ -23,8 +23,6 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, turning_of
 from caesura_protocol.screw_motion import stop_torque_nm
 
-ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
-LEAST_SEARCH_M_PER_S = 0.01
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
 COMPLIANT_M_PER_S = 0.003  # a surface that yields faster has no force at rest yet
@@ -246,8 +244,7 @@ class SkillController:
         Slow, and no faster than the taught approach.
         """
         way = target_pose(self, app)[0] - self.setpoint.position
-        fits = 0.0 if approach is None else ARRIVING_SHARE * float(approach @ way) / _seconds(app)
-        return min(max(fits, LEAST_SEARCH_M_PER_S), self.safety.contact_speed_m_per_s)
+        return arrival_speed(0.0 if approach is None else float(approach @ way), _seconds(app), self.safety)
 
     def _check_load(self, measured: ArmMeasurement) -> None:
         """Check the carried weight against the load of the program.

@@ -7,11 +7,15 @@ import numpy as np
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.messages import App
 from caesura_protocol.paths import Curve, knots_of
+from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import angle_of_matrices, matrix_of, quaternion_of, turned_along
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start
 LEAST_S = 1e-3
+ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
+LEAST_SEARCH_M_PER_S = 0.01
+EARLY_S, BLEND_S = 0.09, 0.3  # a via point sooner than that is no taught one; time to get onto such a path
 FINE, PACE_M, TURNED_M = 40, 0.01, 0.1  # looks at a leg; between two knots of the pace; a radian of a turn
 
 
@@ -45,12 +49,24 @@ def app_path(
             passing = np.vstack([passing[:1], passing])
         slower = seconds / (times[-1] - times[0])
         times, passing = (times - times[0]) * slower, passing / slower
+    if times[1] < EARLY_S:
+        _blend(times, values, passing, position)
     values[0, :3] = position
     if values.shape[1] == 7:
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
         values[0, 3:] = quaternion_of(rotation)
     curve = Curve.through(times, values, passing=passing, arriving=arriving)
     return curve if arriving is None or len(times) == 2 else _paced(curve, arriving)
+
+
+def _blend(times: Array, values: Array, passing: Array, position: Array) -> None:
+    """Begin a path at a position, and get onto it within `BLEND_S` in place of before its first via point."""
+    aside = position - values[0, :3]
+    back = Curve.through([0.0, min(BLEND_S, float(times[-1]))], [aside, np.zeros(3)])
+    for knot in range(1, int(np.searchsorted(times, back.t[-1]))):
+        offset, velocity, _ = back.at(float(times[knot]))
+        values[knot, :3] += offset
+        passing[knot] += velocity
 
 
 def _paced(curve: Curve, arriving: Array) -> Curve:
@@ -77,6 +93,12 @@ def _paced(curve: Curve, arriving: Array) -> Curve:
     speeds = np.array([law.at(t)[1][0] for t in times])
     times[0], times[-1] = 0.0, seconds
     return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
+
+
+def arrival_speed(way_m: float, seconds: float, safety: Safety) -> float:
+    """Speed [m/s] with which a contact is met: slow, and no faster than the way to it [m] asks for."""
+    fits = ARRIVING_SHARE * way_m / seconds
+    return min(max(fits, LEAST_SEARCH_M_PER_S), safety.contact_speed_m_per_s)
 
 
 def press_direction(rotation: Array, force: Array | None) -> Array:

@@ -21,6 +21,7 @@ from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, WrenchReport
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.safety import DEFAULT, Safety
+from caesura_protocol.programs.timing import ProgramTiming
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[2] = 2
@@ -71,6 +72,7 @@ class ProgramFile(BaseModel):
     gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
     wrench: WrenchReport | None = None
     groups: tuple[Group, ...] = ()  # the apps of each phase
+    timing: ProgramTiming | None = None  # None: as it was taught
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""

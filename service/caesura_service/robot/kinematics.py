@@ -33,9 +33,16 @@ REFLECTED_INERTIA = (
     0.205544064,
 )
 
+# Joint accelerations [rad/s²] and jerks [rad/s³] that a Panda never exceeds; of its flange [m/s², m/s³].
+# Franka's FCI documentation, "Limits for Panda" (https://frankaemika.github.io/docs/control_parameters.html).
+ACCELERATION_LIMITS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+JERK_LIMITS = (7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0)
+FLANGE_ACCELERATION_LIMIT, FLANGE_JERK_LIMIT = 13.0, 6500.0
+
 # Singular values of the Jacobian below this are damped: far from singularities the smallest is above 0.1.
 SINGULAR_BELOW = 0.05
 
+ALONG_STEPS, ALONG_TOLERANCE = 12, 1e-9  # [m], [rad]
 IK_STEPS = 200
 IK_TOLERANCE = 1e-6  # [m], [rad]
 IK_STEP_LIMIT = 0.3  # [rad] norm of one joint step
@@ -92,6 +99,16 @@ class Robot:
     def velocity_limits(self) -> Array:
         """Joint speeds that the robot never exceeds, (7,) [rad/s]."""
         return np.array(self._model.velocityLimit)
+
+    @property
+    def acceleration_limits(self) -> Array:
+        """Joint accelerations that the robot never exceeds, (7,) [rad/s²]."""
+        return np.array(ACCELERATION_LIMITS)
+
+    @property
+    def jerk_limits(self) -> Array:
+        """Joint jerks that the robot never exceeds, (7,) [rad/s³]."""
+        return np.array(JERK_LIMITS)
 
     @property
     def torque_limits(self) -> Array:
@@ -204,6 +221,29 @@ class Robot:
                 break
             q = np.clip(q + self._ik_step(q, error, home), self.lower_limits, self.upper_limits)
         return q, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+
+    def joints_along(self, poses: ArrayLike, q_start: ArrayLike) -> Array:
+        """Joints (n, 7) [rad] along poses (n, 7), position [m] and quaternion, each by the least motion.
+
+        q_start: near the first pose. Joint limits are not looked at. Raises ReachError where a pose is out of
+        reach, or where the step to it is too long for `ALONG_STEPS` Newton steps q ← q + J⁺ error.
+        """
+        q = _joints(q_start).copy()
+        found = np.empty((len(rows := _rows(poses)), JOINTS))
+        for k, pose in enumerate(rows):
+            goal = pin.XYZQUATToSE3(pose)
+            for _ in range(ALONG_STEPS):
+                error = self._pose_error(q, goal)
+                if error @ error < ALONG_TOLERANCE**2:
+                    break
+                jacobian = self._flange_jacobian(q)
+                q = q + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T, error)
+            else:
+                raise ReachError(
+                    f"flange position {np.round(pose[:3], 3).tolist()} m cannot be reached on its way"
+                )
+            found[k] = q
+        return found
 
     def _pose_error(self, q: Array, goal: pin.SE3) -> Array:
         pin.forwardKinematics(self._model, self._data, q)

@@ -1,8 +1,8 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
-Four looks, one module each: `values` at every app for itself, `order` at what holds before each app; once the
-numbers are sane, `reach` at the arm (joints, inverse kinematics along the way, what stands in it), and
-`fidelity` at what was taught and is not reproduced.
+Five looks, one module each: `timing` at what was re-timed, `values` at every app for itself, `order` at
+what holds before each app. Once the numbers are sane, `reach` looks at the arm (joints, inverse
+kinematics along the way, what stands in it), and `fidelity` at what was taught and is not reproduced.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_lab.execution.checks.preconditions import order_findings
 from caesura_lab.execution.checks.reachability import reach_findings
+from caesura_lab.execution.checks.timing import timing_findings
 from caesura_lab.execution.checks.value_ranges import value_findings
 from caesura_lab.execution.findings import CheckReport, Finding
 from caesura_protocol.messages import App
@@ -29,12 +30,15 @@ def check(
 ) -> CheckReport:
     """Return everything that is wrong with a program, app by app; deterministic.
 
-    cell: limits, what stands there and where the robot begins; taught: what is known of the demonstration.
+    cell: limits, what stands there and where the robot begins; quality: what is known of the demonstration.
     """
     cell = cell or Cell()
     if not apps:
         return CheckReport((Finding("error", None, None, "has no apps, there is nothing to run"),))
-    found = value_findings(apps, cell.safety)
+    found = [
+        *timing_findings(None if quality is None else quality.timing),
+        *value_findings(apps, cell.safety),
+    ]
     broken = any(one.severity == "error" for one in found)
     found += order_findings(apps)
     if not broken:

@@ -17,6 +17,7 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
@@ -26,10 +27,14 @@ STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by les
 
 @dataclass(frozen=True)
 class DemonstrationQuality:
-    """Gaps of a demonstration, and what its wrench source can show."""
+    """Gaps of a demonstration, and what its wrench source can show.
+
+    timing: how the apps were re-timed since.
+    """
 
     gaps: Sequence[Gap] = ()
     wrench: WrenchReport | None = None
+    timing: ProgramTiming | None = None
 
 
 def fidelity_findings(

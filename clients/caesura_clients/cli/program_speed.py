@@ -1,0 +1,45 @@
+"""`--speed` of a program: as taught, a factor of it, or the name of an entry point that times programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from importlib.metadata import entry_points
+from typing import Annotated
+
+import typer
+
+from caesura_protocol.distribution import import_extra
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.retiming import at_factor, factor_of
+from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED
+
+GROUP = "caesura.retiming"  # entry points, each a function of a program and the apps that keep their pause
+TAUGHT = "taught"
+
+Retiming = Callable[[ProgramFile, Collection[int]], ProgramFile]
+Speed = Annotated[
+    str,
+    typer.Option(
+        metavar="SPEED",
+        help="Of movements that touch nothing: taught, optimal (within the robot's limits, without pauses), "
+        f"or a factor from {LEAST_SPEED:g} to {MOST_SPEED:g}.",
+    ),
+]
+KeepPause = Annotated[
+    list[int] | None,
+    typer.Option(metavar="APP", help="Keep the pause before this app, by its number in the table; may be repeated."),
+]
+
+
+def at_speed(program: ProgramFile, speed: str, keeps_pause: Collection[int]) -> ProgramFile:
+    """The program at a speed. Raises CaesuraError where there is no such speed or its extra is missing."""
+    if speed == TAUGHT:
+        if keeps_pause:
+            raise CaesuraError("--keep-pause needs --speed optimal: as taught, every pause is kept")
+        return program
+    for found in entry_points(group=GROUP, name=speed):
+        with import_extra("retiming", f"the speed {speed}"):
+            time_it: Retiming = found.load()
+        return time_it(program, keeps_pause)
+    return at_factor(program, factor_of(speed), keeps_pause)

@@ -1,0 +1,24 @@
+"""How a program is timed: which apps were re-timed, and a factor that no program may have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from caesura_lab.execution.findings import Finding
+from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, ProgramTiming
+
+
+def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
+    """What was re-timed, as a warning; an error for a factor out of its range. Nothing for taught times."""
+    if timing is None:
+        return
+    if not timing.is_sane:
+        reason = (
+            f"speed {timing.speed:g}, expected optimal or a factor from {LEAST_SPEED:g} to {MOST_SPEED:g}"
+        )
+        limit = LEAST_SPEED if float(timing.speed) < LEAST_SPEED else MOST_SPEED
+        yield Finding("error", None, None, reason, float(timing.speed), limit)
+        return
+    apps = ", ".join(str(index + 1) for index in timing.retimed) or "none"
+    durations = f"{timing.taught_s:.2f} s taught, {timing.seconds:.2f} s now"
+    yield Finding("warning", None, None, f"re-timed (speed {timing.speed}): apps {apps}; {durations}")

@@ -1,0 +1,94 @@
+"""What a movement asks of the robot, beside the limits: looked at every millisecond.
+
+A load derates the acceleration: its inertia exerts at most `LOAD_N` on the fingers. So the flange
+accelerates by `LOAD_N` over the load at most. More would pass for a contact (4 N), or for a load of
+another weight (3.5 N).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from caesura_lab.execution.skills import JOINT_SHARE
+from caesura_protocol.paths import Curve
+from caesura_protocol.programs.safety import PLANNED_SHARE, Safety
+from caesura_service.robot import Robot
+from caesura_service.robot.kinematics import FLANGE_ACCELERATION_LIMIT, FLANGE_JERK_LIMIT
+
+Array = NDArray[np.float64]
+
+LOAD_N = 2.0
+SHARE = 0.88  # of an acceleration or a jerk that is planned with: the arm does not follow exactly
+SPEED_SHARE = 0.97  # of the speeds from which on the executor slows a movement down
+LOOK_S, TICK_S = 8e-3, 1e-3  # between two inverse kinematics; between two looks
+FEWEST = 24  # inverse kinematics of a movement
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Limits of the joints, (7,) each [rad/s, rad/s², rad/s³], and of the flange [m/s, rad/s, m/s², m/s³].
+
+    lower, upper: positions of the joints [rad].
+    """
+
+    lower: Array
+    upper: Array
+    joints: tuple[Array, Array, Array]
+    speed: float
+    turn: float
+    acceleration: float
+    jerk: float
+
+
+def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
+    """The limits that a movement with a load is planned with."""
+    carried = FLANGE_ACCELERATION_LIMIT if load_kg <= 0.0 else LOAD_N / load_kg
+    velocity = SPEED_SHARE * JOINT_SHARE * robot.velocity_limits
+    return MotionLimits(
+        robot.lower_limits,
+        robot.upper_limits,
+        (velocity, SHARE * robot.acceleration_limits, SHARE * robot.jerk_limits),
+        SPEED_SHARE * PLANNED_SHARE * safety.speed_m_per_s,
+        SPEED_SHARE * PLANNED_SHARE * safety.turn_rad_per_s,
+        SHARE * min(FLANGE_ACCELERATION_LIMIT, carried),
+        SHARE * FLANGE_JERK_LIMIT,
+    )
+
+
+def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimits) -> float:
+    """Factor of time with which a movement keeps to the limits just so; above 1 it is too fast.
+
+    still: (4,) quaternion where the curve has none; q: (7,) joints at its start. Raises ReachError, and
+    ValueError where a joint passes the limits of its position.
+    """
+    seconds = float(curve.t[-1])
+    t = np.linspace(0.0, seconds, max(round(seconds / LOOK_S), FEWEST) + 1)
+    poses = poses_at(curve, t, still)
+    joints = robot.joints_along(poses, q)
+    if (joints < limits.lower).any() or (joints > limits.upper).any():
+        raise ValueError("a joint passes the limits of its position on the way")
+    motion = make_interp_spline(t, np.column_stack([joints, poses[:, :3]]), k=5)
+    ticks = np.arange(0.0, seconds, TICK_S)
+    flange = (limits.speed, limits.acceleration, limits.jerk)
+    most = curve.peaks()[1] / limits.turn
+    for order in (1, 2, 3):
+        rates = motion.derivative(order)(ticks)
+        share = float((np.abs(rates[:, :7]) / limits.joints[order - 1]).max())
+        share = max(share, float(np.linalg.norm(rates[:, 7:], axis=1).max()) / flange[order - 1])
+        most = max(most, share ** (1.0 / order))
+    return most
+
+
+def poses_at(curve: Curve, t: Array, still: Array) -> Array:
+    """Poses (n, 7) of a curve at times (n,) [s] since 0; still: (4,) the quaternion where it has none."""
+    leg = np.clip(np.searchsorted(curve.t, t, side="right") - 1, 0, len(curve.t) - 2)
+    share = (np.minimum(t, curve.t[-1]) - curve.t[leg]) / np.diff(curve.t)[leg]
+    values = np.einsum("np,npc->nc", share[:, None] ** np.arange(6), curve.coefficients[leg])
+    if values.shape[1] == 3:
+        return np.column_stack([values, np.tile(still, (len(t), 1))])
+    values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
+    return np.asarray(values)

@@ -1,0 +1,223 @@
+"""A program whose movements are as fast as the limits of the robot allow, along the paths that were taught.
+
+For each movement: the way along its path (a turn by a radian counts as `TURNED_M`), joints along the way,
+the fastest time law (`time_law`), and via points so close that the reproduced path is the same. Then the
+reproduced path itself is looked at every millisecond, and its time scaled until it keeps to the limits. A
+movement that a contact ends is scaled until what the executor makes of it keeps to the limits too. A
+movement that cannot be timed stays as taught, and a note says so.
+
+A pause is removed where it is not marked. Where a hand crept on in it, it lasts as long as the executor
+takes to creep there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
+
+from caesura_lab.execution.skills import CREEP_M_PER_S
+from caesura_lab.execution.trajectories import app_path, arrival_speed, press_direction
+from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
+from caesura_lab.retiming.time_law import TimeLawError, fastest
+from caesura_lab.teacher.guided_arm import POSTURE
+from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.messages import App, ViaPoint
+from caesura_protocol.paths import Curve, curve_of
+from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.programs.retiming import TURNED_M, may_retime, moved, retimed
+from caesura_protocol.programs.safety import Safety
+from caesura_protocol.rotations import matrix_of
+from caesura_service.robot import ReachError, Robot, load_panda
+
+Array = NDArray[np.float64]
+
+FINE = 200  # looks at a leg of the taught path
+PLACES = 2000  # at which two paths are compared
+KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
+VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
+ROUNDS, EVEN = 5, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
+REACH_M, OFF_M = 1e-3, 1e-3  # from the start of the path; from the taught path to the re-timed one
+FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
+CREPT_M = 2e-4  # a hand at rest moves by that much in any case
+TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The taught path by its length: (k,) [m], poses (k, 7) and joints (k, 7) there."""
+
+    along: Array
+    poses: Array
+    joints: Array
+
+
+def optimal(
+    program: ProgramFile, keeps_pause: Collection[int] = (), robot: Robot | None = None
+) -> ProgramFile:
+    """The program at the fastest times that its robot's limits allow. Raises CaesuraError as `retimed`.
+
+    keeps_pause: apps before which the taught pause is kept. A movement that cannot be timed stays as taught.
+    """
+    robot, steps, notes = robot or load_panda(), dict[int, ProgramStep](), list[str]()
+    still = FINGERS_DOWN
+    for index, app in enumerate(program.apps):
+        following = program.apps[index + 1] if index + 1 < len(program.apps) else None
+        if may_retime(app):
+            limits = limits_of(robot, program.safety, app.load_kg or 0.0)
+            try:
+                steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)
+            except ValueError as error:
+                notes.append(f"App {index} ({app.kind}) is not re-timed: {error}.")
+        still = app.orientation or still
+    noted = program.model_copy(update={"notes": (*program.notes, *notes)})
+    return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program.apps, index), keeps_pause)
+
+
+def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
+    """How long [s] the executor creeps to where the path of an app begins; 0 where no hand crept there."""
+    path, before = apps[index].path, apps[index - 1]
+    if path is None or before.target is None or not APP_KINDS[before.kind].travels:
+        return 0.0
+    crept_m, pause_s = math.dist(path.start.position, before.target), apps[index].t0 - before.tn
+    seconds = math.ceil(TICKS_PER_S * crept_m / CREEP_M_PER_S) / TICKS_PER_S + 1.0 / TICKS_PER_S
+    return seconds if crept_m > CREPT_M and seconds < pause_s else 0.0
+
+
+def _fastest(
+    app: ProgramStep, following: App | None, still: Array, robot: Robot, limits: MotionLimits, safety: Safety
+) -> ProgramStep:
+    """The app at its fastest, from its taught start on. Raises ValueError where there is none."""
+    way = _way(app, still, robot)
+    made = _on_its_path(app, _timed(app, way, *fastest(way.along, *_with_flange(way, limits))))
+    least_s = (made.tn - made.t0) * hurry(_from_zero(curve_of(made)), still, robot, way.joints[0], limits)
+    made, until = _lasting(made, least_s), _until(app, following)
+    if until is None:
+        return made
+    best: ProgramStep | None = None
+    for _ in range(ROUNDS):
+        curve = _towards_contact(made, until, safety)
+        factor = hurry(curve, still, robot, way.joints[0], limits)
+        if factor <= 1.0 and (best is None or made.tn < best.tn):
+            best = made
+        if 1.0 - EVEN < factor <= 1.0 or (factor <= 1.0 and made.tn <= made.t0 + least_s + EVEN):
+            break
+        made = _lasting(made, max(factor * (made.tn - made.t0) / (1.0 - 0.5 * EVEN), least_s))
+    if best is None:
+        raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
+    return best
+
+
+def _on_its_path(app: App, made: ProgramStep) -> ProgramStep:
+    """The re-timed app, with what its path is off the taught one added to its deviation [m].
+
+    Raises TimeLawError where that is more than `OFF_M`.
+    """
+    assert made.path is not None, "is timed by its path"
+    curves = curve_of(app), curve_of(made)
+    taught, reproduced = (one.sampled(math.ceil(PLACES / (len(one.t) - 1)))[:, :3] for one in curves)
+    pairs = (taught, reproduced), (reproduced, taught)
+    off_m = max(float(np.max(cKDTree(one).query(other)[0])) for one, other in pairs)
+    if off_m > OFF_M:
+        raise TimeLawError(
+            f"its path would be {1000 * off_m:.1f} mm off, at most {1000 * OFF_M:g} mm are allowed"
+        )
+    path = made.path.model_copy(update={"deviation_m": made.path.deviation_m + off_m})
+    return made.model_copy(update={"path": path})
+
+
+def _from_zero(curve: Curve) -> Curve:
+    return Curve(curve.t - curve.t[0], curve.values, curve.velocities, curve.accelerations)
+
+
+def _until(app: App, following: App | None) -> Array | None:
+    """Direction (3,) in which a contact ends the app; None where none does."""
+    carries_into = (
+        APP_KINDS[app.kind].carries and following is not None and APP_KINDS[following.kind].in_contact
+    )
+    if app.kind != "move_to_contact" and not carries_into:
+        return None
+    force = following.force if following is not None and following.kind == "apply_force" else None
+    return press_direction(
+        matrix_of(app.orientation or FINGERS_DOWN), None if force is None else np.array(force)
+    )
+
+
+def _towards_contact(app: App, until: Array, safety: Safety) -> Curve:
+    """What the executor makes of the path of an app that a contact ends."""
+    start = curve_of(app).values[0]
+    way = float(until @ (np.array(app.target) - start[:3]))
+    rotation = matrix_of(start[3:] if len(start) == 7 else np.array(FINGERS_DOWN))
+    seconds = app.tn - app.t0
+    return app_path(app, start[:3], rotation, seconds, arrival_speed(way, seconds, safety) * until)
+
+
+def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
+    curve = curve_of(app)
+    fine = curve.sampled(FINE)
+    step = np.diff(fine, axis=0)
+    size = np.linalg.norm(step[:, :3], axis=1) + 2.0 * TURNED_M * np.linalg.norm(step[:, 3:], axis=1)
+    along = np.concatenate([[0.0], np.cumsum(size)])
+    legs = np.linspace(0.0, 1.0, FINE, endpoint=False)
+    times = np.append((curve.t[:-1, None] + np.diff(curve.t)[:, None] * legs).ravel(), curve.t[-1])
+    count = int(np.clip(along[-1] / KNOT_M, FEWEST, MOST))
+    places = np.linspace(0.0, along[-1], count + 1)
+    poses = poses_at(curve, np.interp(places, along, times), still)
+    seed = np.array(POSTURE if app.joints is None else app.joints)
+    q, left, turn = robot.nearest_joints(poses[0, :3], poses[0, 3:], seed)
+    if left > REACH_M or turn > REACH_M:
+        raise ReachError(f"{1000 * left:.1f} mm and {turn:.3f} rad are left to the start of the path")
+    return _Way(places, poses, robot.joints_along(poses, q))
+
+
+def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
+    """Joints, way and turn of the flange (k, 9), and their limits of velocity and acceleration (9,)."""
+    step = np.diff(way.poses, axis=0)
+    moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1))])
+    turned = np.concatenate([[0.0], np.cumsum(2.0 * np.linalg.norm(step[:, 3:], axis=1))])
+    velocity = np.append(limits.joints[0], (limits.speed, limits.turn))
+    acceleration = np.append(limits.joints[1], (limits.acceleration, limits.acceleration / TURNED_M))
+    return np.column_stack([way.joints, moved, turned]), velocity, acceleration
+
+
+def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep:
+    """The app with via points at the times of a law: even in time and along the way."""
+    assert app.path is not None, "is timed by its path"
+    seconds, t0 = float(t[-1]), app.t0
+    count = int(np.clip(seconds / VIA_S, FEWEST_VIA, MOST_VIA))
+    even = 0.5 * t / seconds + 0.5 * covered / covered[-1]
+    times = np.interp(np.linspace(0.0, 1.0, count + 2)[1:-1], even, t)
+    taught = curve_of(app)
+    turns = taught.values.shape[1] == 7
+    geometry = CubicSpline(way.along, way.poses)
+    speeds = np.gradient(covered, t)
+    via = []
+    for when in times:
+        place = float(np.interp(when, t, covered))
+        pose, velocity = geometry(place), geometry(place, 1)[:3] * np.interp(when, t, speeds)
+        quaternion = pose[3:] / np.linalg.norm(pose[3:])
+        via.append(
+            ViaPoint(
+                t=t0 + float(when),
+                position=tuple(pose[:3].tolist()),
+                orientation=tuple(quaternion.tolist()) if turns else None,
+                velocity=tuple(velocity.tolist()),
+            )
+        )
+    start = app.path.start.model_copy(update={"t": t0})
+    path = app.path.model_copy(update={"start": start, "via": tuple(via), "tn": t0 + seconds})
+    return app.model_copy(update={"tn": t0 + seconds, "path": path})
+
+
+def _lasting(app: ProgramStep, seconds: float) -> ProgramStep:
+    """The app with all its times scaled to some seconds, which are rounded up to whole ticks."""
+    assert app.path is not None, "is timed by its path"
+    seconds = math.ceil(TICKS_PER_S * seconds) / TICKS_PER_S
+    factor = seconds / (app.tn - app.t0)
+    path = moved(app.path, lambda t: app.t0 + factor * (t - app.t0), 1.0 / factor)
+    return app.model_copy(update={"tn": app.t0 + seconds, "path": path})

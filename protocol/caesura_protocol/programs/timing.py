@@ -1,0 +1,32 @@
+"""How a program is timed, as its document states it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that a program may have
+
+AppNumber = Annotated[int, Field(ge=0)]
+Speed = Annotated[float, Field(gt=0.0)] | Literal["optimal"]
+
+
+class ProgramTiming(BaseModel):
+    """How a program is timed; a program without it is as taught. Apps are counted from 0.
+
+    speed: a factor of the taught speed, or `optimal`: as fast as the limits of the robot allow.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    speed: Speed
+    retimed: tuple[AppNumber, ...] = ()  # apps whose durations changed
+    keeps_pause: tuple[AppNumber, ...] = ()  # apps before which the taught pause is kept
+    taught_s: float = 0.0  # [s] the whole program as it was taught
+    seconds: float = 0.0  # [s] the whole program as it is timed
+
+    @property
+    def is_sane(self) -> bool:
+        """Whether the factor lies in the range that a program may have."""
+        return self.speed == "optimal" or LEAST_SPEED <= float(self.speed) <= MOST_SPEED

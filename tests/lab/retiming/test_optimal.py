@@ -1,0 +1,148 @@
+"""Programs of simulated demonstrations at their fastest: within every limit, on the same path, much shorter.
+
+Joint velocities, accelerations and jerks are finite differences at 1 kHz, against Franka's own numbers.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from caesura_lab.execution.executor import SimulatedCell, run
+from caesura_lab.retiming import optimal
+from caesura_lab.teacher.person import THESIS
+from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.paths import curve_of
+from caesura_protocol.programs.document import ProgramFile, document_of_apps
+from caesura_service.offline_segmentation import segment_recording
+from caesura_service.robot import Robot, load_panda
+from harness.joint_motion import followed, joints_followed, shares
+
+DATA = Path(__file__).parents[3] / "data"
+NAMES = ("pick_and_place", "dispenser", "three_point")
+TIMES = {"t0", "tn", "path"}
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_panda()
+
+
+@pytest.fixture(scope="module")
+def programs(robot: Robot) -> dict[str, tuple[ProgramFile, ProgramFile]]:
+    """As taught, and at its fastest."""
+    taught = {
+        name: document_of_apps(tuple(segment_recording(load_recording(DATA / f"{name}.npz")).apps), name)
+        for name in NAMES
+    }
+    return {name: (one, optimal(one, robot=robot)) for name, one in taught.items()}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_joint_keeps_to_its_limits_at_1_khz(
+    name: str, programs: dict[str, tuple[ProgramFile, ProgramFile]], robot: Robot
+) -> None:
+    _, fast = programs[name]
+    assert fast.timing is not None
+    for index in fast.timing.retimed:
+        app, following = fast.apps[index], fast.apps[index + 1] if index + 1 < len(fast.apps) else None
+        assert app.path is not None
+        assert app.path.start.orientation is not None
+        near = np.array(app.joints)
+        q, *_ = robot.nearest_joints(app.path.start.position, app.path.start.orientation, near)
+        joints = joints_followed(robot, followed(app, following), q)
+        assert max(shares(joints)) < 1.0, (index, app.kind)
+        assert ((joints > robot.lower_limits) & (joints < robot.upper_limits)).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_path_is_that_of_the_program_as_taught(
+    name: str, programs: dict[str, tuple[ProgramFile, ProgramFile]]
+) -> None:
+    taught, fast = programs[name]
+    assert fast.timing is not None
+    assert fast.timing.retimed == tuple(i for i, app in enumerate(taught.apps) if app.path is not None)
+    for index in fast.timing.retimed:
+        before, after = (curve_of(p.apps[index]).sampled(500)[:, :3] for p in (taught, fast))
+        assert cKDTree(before).query(after)[0].max() < 1e-3
+        assert cKDTree(after).query(before)[0].max() < 1e-3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_takes_at_least_40_percent_less_time(
+    name: str, programs: dict[str, tuple[ProgramFile, ProgramFile]]
+) -> None:
+    spans = [program.apps[-1].tn - program.apps[0].t0 for program in programs[name]]
+    assert spans[1] <= 0.6 * spans[0]
+
+
+def test_what_is_in_contact_keeps_its_bits(programs: dict[str, tuple[ProgramFile, ProgramFile]]) -> None:
+    kinds = []
+    for taught, fast in programs.values():
+        assert fast.timing is not None
+        for index, (before, after) in enumerate(zip(taught.apps, fast.apps, strict=True)):
+            if index not in fast.timing.retimed:
+                kinds.append(before.kind)
+                assert after.tn - after.t0 == before.tn - before.t0
+                assert after.model_dump(exclude=TIMES) == before.model_dump(exclude=TIMES)
+    assert sorted(kinds) == ["apply_force", "apply_force", "grasp", "gripper_move"]
+
+
+def test_pauses_are_removed_unless_marked(
+    programs: dict[str, tuple[ProgramFile, ProgramFile]], robot: Robot
+) -> None:
+    taught, fast = programs["dispenser"]
+    pauses = [b.t0 - a.tn for a, b in zip(fast.apps, fast.apps[1:], strict=False)]
+    assert max(pauses) < 2e-6 * len(pauses) + 0.05  # a hand that crept by a fifth of a millimetre
+    kept = optimal(taught, keeps_pause=[3], robot=robot)
+    assert kept.apps[3].t0 - kept.apps[2].tn == pytest.approx(taught.apps[3].t0 - taught.apps[2].tn, abs=1e-5)
+    assert kept.timing is not None
+    assert kept.timing.keeps_pause == (3,)
+
+
+def test_a_load_derates_the_acceleration(
+    programs: dict[str, tuple[ProgramFile, ProgramFile]], robot: Robot
+) -> None:
+    taught, _ = programs["pick_and_place"]
+    heavy = taught.model_copy(
+        update={
+            "apps": tuple(
+                app.model_copy(update={"load_kg": 1.0}) if app.kind == "transport" else app
+                for app in taught.apps
+            )
+        }
+    )
+    made = optimal(heavy, robot=robot)
+    curve = followed(made.apps[2], made.apps[3])
+    places = np.array([curve.at(t)[0][:3] for t in np.arange(0.0, float(curve.t[-1]), 1e-3)])
+    most = np.linalg.norm(np.diff(places, 2, axis=0), axis=1).max() / 1e-6
+    assert 1.0 < most <= 2.0  # m/s² that exert 2 N on 1 kg
+
+
+def test_it_is_computed_in_less_than_200_ms(
+    programs: dict[str, tuple[ProgramFile, ProgramFile]], robot: Robot
+) -> None:
+    for taught, _ in programs.values():
+        took = []
+        for _ in range(3):
+            began = time.thread_time()
+            optimal(taught, robot=robot)
+            took.append(time.thread_time() - began)
+        assert min(took) < 0.2
+
+
+def test_the_simulated_robot_runs_it_within_its_joints_limits(
+    programs: dict[str, tuple[ProgramFile, ProgramFile]], robot: Robot
+) -> None:
+    _, fast = programs["dispenser"]
+    done = run(fast.apps, SimulatedCell(SCENARIOS["dispenser"], THESIS), fast.safety, robot)
+    assert done.stopped is None
+    free = [done.spans[i] for i, app in enumerate(fast.apps) if app.kind == "cartesian_motion"]
+    for begins, ends in free:
+        q = done.trace.q[round(1000 * begins) : round(1000 * ends)]
+        assert max(shares(q, at_rest=False)) < 1.0

@@ -97,7 +97,7 @@ def test_a_speed_out_of_its_range_is_refused(text: str) -> None:
 def test_a_program_is_retimed_once() -> None:
     with pytest.raises(CaesuraError, match=r"re-timed already \(speed 0.5\)"):
         at_factor(at_factor(taught(), 0.5), 0.5)
-    with pytest.raises(CaesuraError, match="no pause before app 4, expected an app from 1 to 3"):
+    with pytest.raises(CaesuraError, match="no pause before app 5, expected an app from 2 to 4"):
         at_factor(taught(), 0.5, keeps_pause=[4])
 
 

@@ -28,7 +28,7 @@ Speed = Annotated[
 ]
 KeepPause = Annotated[
     list[int] | None,
-    typer.Option(metavar="APP", help="Keep the pause before this app, by its number in the table; may be repeated."),
+    typer.Option(metavar="APP", help="Keep the pause before this app of the table; may be repeated."),
 ]
 
 

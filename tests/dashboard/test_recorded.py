@@ -26,7 +26,6 @@ expect.set_options(timeout=PATIENCE_MS)
 
 HOUR_S = 3600.0
 HOLE = (1000.0, 1300.0)  # [s] about: samples that no bridge ever sent
-FIRST_PICTURE_MS, ZOOM_MS = 1000.0, 200.0
 KINDS = ("motion", "contact", "transport", "steady")
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 # Of a panel the times and values that it draws, by column.
@@ -35,7 +34,7 @@ DRAWN = """(name) => {
   return values.map((column) => [...times].map((t, i) => [t, column[i]]).filter(([, v]) => v !== undefined));
 }"""
 REQUESTS = """() => performance.getEntriesByType("resource").filter((one) => one.name.includes("/samples/"))
-  .map((one) => one.duration)"""
+  .length"""
 
 
 @pytest.fixture(scope="module")
@@ -136,16 +135,14 @@ def test_no_line_leads_across_a_hole(visitor: Visitor):
             assert inside == [None], "a break, and nothing else"
 
 
-def test_the_first_picture_and_a_zoom_are_quick(visitor: Visitor):
-    """From the request to the last byte of its answer; median of five zooms. Drawing takes milliseconds."""
+def test_a_zoom_asks_for_its_range_once(visitor: Visitor):
+    """How long the first picture and a zoom take, `tests/bench/samples_cost.py` measures."""
     page = visitor.page
-    assert page.evaluate(REQUESTS)[0] < FIRST_PICTURE_MS
+    before = page.evaluate(REQUESTS)
     for _ in range(5):
         page.get_by_role("button", name="Zoom in").click()
         settled(page)
-    took = page.evaluate(REQUESTS)
-    assert len(took) >= 3
-    assert np.median(took[1:]) < ZOOM_MS
+    assert 1 <= page.evaluate(REQUESTS) - before <= 5
 
 
 def test_wheel_drag_buttons_and_keys_move_what_is_in_sight(visitor: Visitor):

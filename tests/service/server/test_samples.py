@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from harness.sessions import batch, batches, closing, opening
 from service.decimation.oracle import check
 
 HOUR_S = 3600.0
-FIRST_PICTURE_S, ZOOM_S = 1.0, 0.2
 
 
 @pytest.fixture(scope="module")
@@ -179,16 +177,3 @@ def test_the_overview_of_a_session_is_made_when_it_ends(tmp_path):
         peer.command(closing(19))
         source = FileBatches(tmp_path)
         eventually(lambda: source.overview(source.find(("cell-1", "s1"))) is not None)
-
-
-def test_the_first_picture_of_an_hour_and_a_zoom_are_quick(reader):
-    """Median of five zooms; the hour has been read by the test above, or is read here once."""
-    began = time.monotonic()
-    query.samples(reader.transport, "cell-1", "s1", SampleRange(0.0, HOUR_S, 1200))
-    assert time.monotonic() - began < FIRST_PICTURE_S
-    took = []
-    for t0 in (100.0, 700.0, 1500.0, 2500.0, 3500.0):
-        began = time.monotonic()
-        query.samples(reader.transport, "cell-1", "s1", SampleRange(t0, t0 + 60.0, 1200))
-        took.append(time.monotonic() - began)
-    assert np.median(took) < ZOOM_S

@@ -3,7 +3,8 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from random import SystemRandom
 
 import pytest
 import zenoh
@@ -12,11 +13,16 @@ from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 
+BELOW_EPHEMERAL = range(10_240, 32_768)  # no outgoing connection of another test takes a port of these
+
 
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a port that nothing listens on, drawn at random, so that parallel tests seldom meet."""
+    while True:
+        port = SystemRandom().choice(BELOW_EPHEMERAL)
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("", port))
+            return port
 
 
 def open_router(port: int) -> zenoh.Session:

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,9 @@ struct Opening {
     std::string force_frame = "base";       // flange
     std::string length_unit = "m";          // cm, mm
     std::string bridge;                     // names this one among all, [a-z0-9][a-z0-9_-]*; empty: not named
+    std::string robot;                      // a name as of `caesura robots`; empty: not stated
+    std::string task;                       // what is shown; empty: not named
+    std::string operator_name;              // who shows it
 };
 
 template <class Packer>
@@ -45,12 +49,29 @@ void pack_names(Packer& pk, const std::vector<std::string>& names) {
     for (const auto& name : names) pk.pack(name);
 }
 
+template <class Packer>
+void pack_description(Packer& pk, const Opening& opening) {
+    pk.pack_map(6);
+    pk.pack(std::string("task"));
+    pack_text(pk, opening.task);
+    pk.pack(std::string("operator"));
+    pack_text(pk, opening.operator_name);
+    pk.pack(std::string("note"));
+    pk.pack_nil();
+    pk.pack(std::string("tags"));
+    pk.pack_array(0);
+    pk.pack(std::string("success"));
+    pk.pack_nil();  // stated at the end
+    pk.pack(std::string("deleted"));
+    pk.pack_false();
+}
+
 /// Encoding Control.
 template <class Packer>
 void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(14);
+    pk.pack_map(16);
     pk.pack(std::string("type"));
     pk.pack(std::string("open"));
     pk.pack(std::string("session"));
@@ -77,16 +98,20 @@ void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_nil();
     pk.pack(std::string("path_tolerance_rad"));
     pk.pack_nil();
+    pk.pack(std::string("robot"));
+    pack_text(pk, opening.robot);
     pk.pack(std::string("declared_units"));
     pk.pack_array(0);  // implausible values are refused
+    pk.pack(std::string("description"));
+    pack_description(pk, opening);
 }
 
-/// Encoding Control. last_seq: the number of the last batch, -1 where there was none.
+/// Encoding Control. last_seq: the number of the last batch, -1 where there was none; success: did it succeed?
 template <class Packer>
-void pack_close(Packer& pk, const Opening& opening, std::int64_t last_seq) {
+void pack_close(Packer& pk, const Opening& opening, std::int64_t last_seq, std::optional<bool> success = {}) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(4);
+    pk.pack_map(5);
     pk.pack(std::string("type"));
     pk.pack(std::string("close"));
     pk.pack(std::string("session"));
@@ -95,6 +120,14 @@ void pack_close(Packer& pk, const Opening& opening, std::int64_t last_seq) {
     pk.pack(last_seq);
     pk.pack(std::string("bridge"));
     pack_text(pk, opening.bridge);
+    pk.pack(std::string("success"));
+    if (!success) {
+        pk.pack_nil();
+    } else if (*success) {
+        pk.pack_true();
+    } else {
+        pk.pack_false();
+    }
 }
 
 /// Encoding SampleBatch. rows: a matrix (n, columns) row by row, float or double, little-endian; in its first

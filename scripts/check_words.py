@@ -4,7 +4,8 @@
     python scripts/check_words.py --count     # findings by room and rule, and words a sentence by page
 
 Words are checked in docs, in docstrings, in comments and in every string of the source: help texts, errors,
-log lines and status texts are strings. Names in the source and `code` in the docs are not words.
+log lines and status texts are strings. `code` in the docs is not words. Names of functions, classes,
+arguments and variables are checked in the source and in the tests; of the tests nothing else is.
 Sentences are checked in docs. A full stop and a colon end one, a semicolon does not; code blocks, tables and
 headings have none. `ROOMS` names what is checked; `LEFT_OUT` names what is not, and why.
 """
@@ -74,17 +75,13 @@ ROOMS = (
     "examples",
     "scripts",
 )
+NAMES_ONLY = ("tests",)  # where names are checked, and no text
 # What is not checked, with the reason.
 LEFT_OUT = {"scripts/check_words.py": "it lists the words"}
 # Where a class name may occur once; scripts and examples stand each for itself.
 SOURCE = ("protocol/", "service/", "clients/", "lab/")
 # A ruled-out word or a class name that is right in its place: (file, word, reason).
 EXCUSED: tuple[tuple[str, str, str], ...] = (
-    (
-        "service/caesura_service/changepoint/kernels/layout.py",
-        "told",
-        "the name of an array of the kernels, which is renamed with the kernels",
-    ),
     (
         "service/caesura_service/journal/edits.py",
         "Edit",
@@ -140,6 +137,26 @@ def in_source(path: str, text: str) -> Iterator[Finding]:
         yield Finding(path, 1, "module-docstring", f"docstring {ast.get_docstring(tree)!r}"[:100])
 
 
+def names_in(path: str, text: str) -> Iterator[Finding]:
+    """Yield the names of a module with a ruled-out word in them, each where it is given."""
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+                pass
+            case (
+                ast.Name(id=name, ctx=ast.Store())
+                | ast.Attribute(attr=name, ctx=ast.Store())
+                | ast.arg(arg=name)
+            ):
+                pass
+            case _:
+                continue
+        words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_", " ", name)
+        for rule, pattern in WORDS.items():
+            if pattern.search(words):
+                yield Finding(path, node.lineno, rule, f"name {name}")
+
+
 def classes_in(path: str, text: str) -> Iterator[tuple[str, str, int]]:
     """Yield (name, path, line) of each class of a module, nested ones too."""
     for node in ast.walk(ast.parse(text)):
@@ -161,7 +178,7 @@ def twice(classes: Iterable[tuple[str, str, int]]) -> Iterator[Finding]:
 
 def files(top: Path) -> Iterator[tuple[str, str]]:
     """Yield (relative path, text) of each file that is checked."""
-    for room in ROOMS:
+    for room in (*ROOMS, *NAMES_ONLY):
         root = top / room
         for file in [root] if root.is_file() else sorted((*root.rglob("*.py"), *root.rglob("*.md"))):
             path = file.relative_to(top).as_posix()
@@ -176,7 +193,9 @@ def findings(top: Path) -> list[Finding]:
     for path, text in files(top):
         if path.endswith(".md"):
             found += in_markdown(path, _unreleased(text) if path == "CHANGELOG.md" else text)
-        else:
+            continue
+        found += names_in(path, text)
+        if not path.startswith(NAMES_ONLY):
             found += in_source(path, text)
             classes += classes_in(path, text) if path.startswith(SOURCE) else ()
     return sorted([*found, *twice(classes)])

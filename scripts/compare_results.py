@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
@@ -23,9 +22,9 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.formats.read import load_recording
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import as_json, segment_recording
+from real_recordings import directory_of
 
 TOP = Path(__file__).resolve().parents[1]
-REAL = Path(os.environ.get("CAESURA_REAL_DATA") or TOP.parent / "shared" / "data" / "real")
 SHOWN = 3  # differences of one result that are printed
 
 Results = dict[str, dict[str, Any]]
@@ -33,7 +32,7 @@ Results = dict[str, dict[str, Any]]
 
 def recordings() -> list[Path]:
     """Every recording, those of the repository first."""
-    return [*sorted((TOP / "data").glob("*.npz")), *sorted(REAL.rglob("*.npz"))]
+    return [*sorted((TOP / "data").glob("*.npz")), *sorted(directory_of(None).rglob("*.npz"))]
 
 
 def results(presets: Sequence[str]) -> Results:

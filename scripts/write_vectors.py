@@ -23,11 +23,16 @@ from caesura_protocol.messages import (
     Ack,
     App,
     AppPath,
+    BridgeAck,
+    BridgeControl,
+    BridgeStatus,
     Budget,
     Changepoint,
     Changepoints,
     Close,
     Control,
+    Describe,
+    Description,
     Edit,
     Error,
     Gap,
@@ -54,7 +59,9 @@ from caesura_protocol.messages import (
     ServiceStatus,
     SessionStatus,
     Snapshot,
+    Start,
     StationBudgets,
+    Stop,
     Undo,
     ViaPoint,
     WrenchReport,
@@ -137,6 +144,9 @@ def examples() -> dict[str, Message]:
         bytes=Budget(per_s=16e6, at_once=32e6, used=20480.0, refused=0),
         commands=Budget(per_s=500.0, at_once=1000.0, used=1000.0, refused=17),
     )
+    description = Description(
+        task="pick and place", operator="Ann", note="second gripper", tags=("left", "new"), success=True
+    )
     status = SessionStatus(
         **OF_RESULT,
         seq=41,
@@ -156,6 +166,8 @@ def examples() -> dict[str, Message]:
         hypotheses=37,
         capped=0,
         budgets=budgets,
+        description=description,
+        opened=1767225600.25,
     )
     via = ViaPoint(
         t=1.75,
@@ -217,8 +229,9 @@ def examples() -> dict[str, Message]:
         wrench_source="flange_sensor",
         hand_on_robot="yes",
         bridge=BRIDGE,
+        description=Description(task="pick and place", operator="Ann"),
     )
-    closing = Close(session=SESSION, last_seq=624, bridge=BRIDGE)
+    closing = Close(session=SESSION, last_seq=624, bridge=BRIDGE, success=True)
     actions = (
         Insert(t=3.5),
         Remove(t=3.5),
@@ -230,12 +243,30 @@ def examples() -> dict[str, Message]:
         Redo(),
     )
     edit = Edit(session=SESSION, revision=2, author="Ann", action=actions[2])
+    describe = Describe(session=SESSION, author="Ann", before=Description(), description=description)
+    start = Start(id="press-58af", session=SESSION, description=description)
     batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17, "bridge": BRIDGE}
     messages: list[Message] = [
         Heartbeat(session=SESSION, epoch=0, seq=17, bridge=BRIDGE),
         opening,
         closing,
         edit,
+        description,
+        describe,
+        start,
+        Stop(session=SESSION, success=True),
+        BridgeControl(command=start),
+        BridgeAck(session=SESSION, state="teaching"),
+        BridgeStatus(
+            station="cell-1",
+            bridge=BRIDGE,
+            state="teaching",
+            source="franky",
+            session=SESSION,
+            description=description,
+            last_session="s20260314-092500-11ab",
+            outcome="closed with 625 batches",
+        ),
         *actions,
         Control(command=opening),
         Ack(session=SESSION, next_seq=18, state="open"),
@@ -303,6 +334,8 @@ def examples() -> dict[str, Message]:
         "SampleBatch.float64": pack_samples(samples(np.float64), **batch),
         "Control.Close": Control(command=closing),
         "Control.Edit": Control(command=edit),
+        "Control.Describe": Control(command=describe),
+        "BridgeControl.Stop": BridgeControl(command=Stop(session=SESSION, success=True)),
         **{type(message).__name__: message for message in messages},
     }
 

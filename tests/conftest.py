@@ -6,6 +6,8 @@ where the shell that starts the tests ignores it, as it does for a job in the ba
 Linear algebra has one thread a process, as there are as many processes as processors. With more, threads that
 have nothing to do spin, and a test of small matrices takes four times the CPU.
 
+Simulations are shared by the processes of a run, through a folder that lasts as long (`harness/once.py`).
+
 What is imported and collected lives as long as the process, so the garbage collector passes over it. It went
 through all of it again and again, which was 3 % of the CPU.
 """
@@ -14,11 +16,15 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import signal
+import tempfile
 from collections.abc import Generator
 
 import pytest
 from hypothesis import Phase, settings
+
+from harness.once import RUN
 
 # Before numpy is imported, and for processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -39,3 +45,15 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the folder of the run; processes of pytest-xdist inherit its name."""
+    if RUN not in os.environ:
+        os.environ[RUN] = tempfile.mkdtemp(prefix="caesura-tests-")
+        config.add_cleanup(_remove_folder)
+
+
+def _remove_folder() -> None:
+    shutil.rmtree(os.environ.pop(RUN))

@@ -6,12 +6,12 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients import query
+from caesura_clients import describing, query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.editing import edit
 from caesura_clients.following import follow
@@ -22,6 +22,8 @@ from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import (
     Ack,
     Action,
+    BridgeAck,
+    Description,
     Insert,
     Kind,
     LimitForce,
@@ -140,6 +142,18 @@ class Caesura:
         """Make the correction that was taken back last once more."""
         return self._edit(station, session, Redo(), author, revision)
 
+    def start(self, station: str, description: Description | None = None) -> BridgeAck:
+        """Start a demonstration at a bridge in standby (`describing.start`)."""
+        return describing.start(self.transport, station, description)
+
+    def stop(self, station: str, *, success: bool | None = None) -> BridgeAck:
+        """Stop a station's demonstration, and state whether it succeeded (`describing.stop`)."""
+        return describing.stop(self.transport, station, success=success)
+
+    def describe(self, station: str, session: str, *, author: str, **changes: Any) -> Ack:
+        """Change fields of a session's description, such as `task="wipe"` (`describing.describe`)."""
+        return describing.describe(self.transport, station, session, author=author, **changes)
+
     def _edit(self, station: str, session: str, action: Action, author: str, revision: int | None) -> Ack:
         return edit(self.transport, station, session, action, author=author, revision=revision)
 
@@ -164,10 +178,18 @@ class Caesura:
         epoch: int = 0,
         preset: str | None = None,
         settings: BridgeSettings | None = None,
+        description: Description | None = None,
     ) -> Bridge:
         """A bridge from a source to the service; enter it, then `run`."""
         return Bridge(
-            self.transport, station, source, session=session, epoch=epoch, preset=preset, settings=settings
+            self.transport,
+            station,
+            source,
+            session=session,
+            epoch=epoch,
+            preset=preset,
+            settings=settings,
+            description=description,
         )
 
 

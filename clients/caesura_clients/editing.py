@@ -13,7 +13,7 @@ from caesura_clients import query
 from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Action, Control, Edit, Insert
+from caesura_protocol.messages import Ack, Action, Control, Describe, Edit, Insert
 from caesura_protocol.transport.network import Transport
 
 EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in half of that, on a busy machine
@@ -44,7 +44,7 @@ def edit(
     return send(transport, station, made)
 
 
-def send(transport: Transport, station: str, made: Edit, *, patience_s: float = PATIENCE_S) -> Ack:
+def send(transport: Transport, station: str, made: Edit | Describe, *, patience_s: float = PATIENCE_S) -> Ack:
     """Ask until the service has had time for it. Raises as `edit`."""
     began = time.monotonic()
     while True:
@@ -83,14 +83,17 @@ def is_stale(refusal: ProtocolError) -> bool:
     return refusal.code == "conflict" and type(refusal.value) is int and type(refusal.limit) is int
 
 
-def _ask(transport: Transport, station: str, made: Edit) -> Ack:
+def _ask(transport: Transport, station: str, made: Edit | Describe) -> Ack:
     content = encode(Control(command=made))
     answers = transport.query(station_key(station, "control"), content, timeout_s=EDIT_TIMEOUT_S)
     if answers.replies:
         return decode(answers.replies[0].payload, answers.replies[0].encoding, Ack)
     if answers.refusals:
         raise answers.refusals[0]
+    seen = (
+        f"; if its revision is still {made.revision}, nothing has changed" if isinstance(made, Edit) else ""
+    )
     raise Unreachable(
-        f"no service answered the edit of {station}/{made.session} in {EDIT_TIMEOUT_S:g} s, "
-        f"or it is forbidden; if its revision is still {made.revision}, nothing has changed"
+        f"no service answered the {made.type} of {station}/{made.session} in {EDIT_TIMEOUT_S:g} s, "
+        f"or it is forbidden{seen}"
     )

@@ -45,6 +45,10 @@ class SessionInfo:
     t: float  # [s] its last observation
     segments: int
     instance: str
+    task: str | None = None
+    success: bool | None = None  # None: not stated
+    opened: float | None = None  # [s] time of day (UTC)
+    deleted: bool = False
 
 
 def snapshots(
@@ -82,7 +86,7 @@ def program(transport: Transport, station: str) -> Program:
 
     Raises NotFound, which names what there is, or Unreachable.
     """
-    found = _current_program(transport, station)
+    found = find_program(transport, station)
     if found is None:
         raise _not_found(transport, f"station {station!r} has no program")
     return found
@@ -121,6 +125,10 @@ def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
             t=one.status.t,
             segments=len(one.segments.segments),
             instance=one.status.instance,
+            task=one.status.description.task,
+            success=one.status.description.success,
+            opened=one.status.opened,
+            deleted=one.status.description.deleted,
         )
         for one in found
     ]
@@ -153,14 +161,15 @@ def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, obje
     return names
 
 
-def _current_program(transport: Transport, station: str) -> Program | None:
+def find_program(transport: Transport, station: str) -> Program | None:
+    """Query the current task program of a station; None where it has none, or where it is forbidden."""
     found = _query_all(transport, station_key(station, "program"), Program)
     return max(found, key=lambda one: (one.epoch, one.version), default=None)
 
 
 def _current_session(transport: Transport, station: str) -> str | None:
     """The session that the service takes for the station's current one."""
-    program = _current_program(transport, station)
+    program = find_program(transport, station)
     return None if program is None else program.session
 
 

@@ -17,11 +17,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_clients import query
-from caesura_protocol.codec import decode, unpack_samples
+from caesura_protocol.codec import decode, signals_of, unpack_samples
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
 from caesura_protocol.messages import (
-    COLUMNS_OF_SIGNAL,
     MAX_BATCHES_AHEAD,
     Heartbeat,
     SampleBatch,
@@ -117,12 +116,7 @@ class Recorder:
         columns = self.batches[min(self.batches)].columns
         alike = [seq for seq in sorted(self.batches) if self.batches[seq].columns == columns]
         matrix = np.concatenate([unpack_samples(self.batches[seq]) for seq in alike])
-        column = dict(zip(columns, matrix.T, strict=True))
-        signals = {
-            signal: np.column_stack([column[name] for name in names])
-            for signal, names in COLUMNS_OF_SIGNAL.items()
-            if set(names) <= column.keys()
-        }
+        signals = signals_of(columns, matrix)
         if status is None:
             return Recording(matrix[:, 0], signals, name=self.session)
         return Recording(
@@ -223,7 +217,7 @@ class _LiveRecording:
         self._on_message = on_message
         self._clock = clock
         self._time_of_day = time_of_day
-        self._heard_s = self._asked_s = clock()
+        self._received_s = self._asked_s = clock()
 
     def receive(self, item: Item | None) -> None:
         """Store a received message, where it belongs to the session."""
@@ -234,7 +228,7 @@ class _LiveRecording:
             if isinstance(message, SessionStatus) and message.state == "closed":
                 return  # a correction of a session that is closed
             self._session, self.recorder = message.session, Recorder(message.session)
-        self._heard_s = self._clock()
+        self._received_s = self._clock()
         self.closed |= _take(self.recorder, message, self._time_of_day)
         self._on_message(self.recorder)
 
@@ -249,9 +243,9 @@ class _LiveRecording:
         if now - self._asked_s >= ASK_EVERY_S:
             _ask(self._transport, self._station, self.recorder)
             self._asked_s = now
-        if now - self._heard_s > SILENT_S:
+        if now - self._received_s > SILENT_S:
             self.closed = _is_closed(self._transport, self._station, self.recorder.session)
-            self._heard_s = self._clock()
+            self._received_s = self._clock()
 
 
 RecordedMessage = SampleBatch | Heartbeat | SessionStatus

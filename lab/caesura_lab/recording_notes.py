@@ -24,8 +24,6 @@ def _of_models(recording: Recording, preset: Preset | None) -> Iterator[str]:
     capabilities = capabilities_of(recording)
     if preset is None or not capabilities.contact_models:
         return
-    if all(kind.contact == "free" for kind in preset.kinds):
-        yield f"Preset {preset.name} has no models of contact and load, which stay off."
     weighs = any("holding" in kind.channels for kind in preset.kinds)
     gripper = recording.signals.get("gripper")
     if weighs and gripper is not None and np.ptp(gripper) <= GripperParameters.still_range_m:

@@ -26,8 +26,12 @@ from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
     PIECE_BYTES,
     Ack,
+    BridgeAck,
+    BridgeControl,
+    BridgeStatus,
     Close,
     Control,
+    Describe,
     Edit,
     Error,
     Heartbeat,
@@ -40,6 +44,7 @@ from caesura_protocol.messages import (
 )
 
 HEADER_BYTES = 1 << 14  # of a message without its samples
+COMMAND_BYTES = 1 << 15  # of a command: a description before and after takes 18 kB at most
 SHORT = 512  # [bytes] too short for its headers to claim a megabyte
 PER_CONTAINER = 16  # [bytes] of a result, at least: a gap takes 30
 TEXT_BYTES = 1 << 13  # of a string, where items are counted
@@ -57,7 +62,7 @@ class Bounds(NamedTuple):
 
 
 _BATCH_BYTES = HEADER_BYTES + 8 * MAX_BATCH_SAMPLES * MAX_COLUMNS
-_COMMAND = Bounds(HEADER_BYTES, 256)
+_COMMAND = Bounds(COMMAND_BYTES, 256)
 _STATUS = Bounds(1 << 16, 10 * MAX_GAPS)
 _LONG = Bounds(MAX_WHOLE_BYTES)
 
@@ -65,7 +70,8 @@ _LONG = Bounds(MAX_WHOLE_BYTES)
 BOUNDS: Mapping[type[Message], Bounds] = {
     # The usual batch is not counted: with arrays of 64, what fits into 8 KiB takes less than a megabyte.
     SampleBatch: Bounds(_BATCH_BYTES, 256, array=MAX_COLUMNS, uncounted=1 << 13),
-    **dict.fromkeys((Heartbeat, Open, Close, Edit, Control, Ack), _COMMAND),
+    **dict.fromkeys((Heartbeat, Open, Close, Edit, Describe, Control, Ack), _COMMAND),
+    **dict.fromkeys((BridgeControl, BridgeAck, BridgeStatus), _COMMAND),
     Error: Bounds(1 << 16, 512),
     Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64),
     **dict.fromkeys((SessionStatus, ServiceStatus), _STATUS),

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
@@ -23,6 +23,7 @@ from pydantic import ValidationError
 
 from caesura_protocol import messages
 from caesura_protocol.bounds import Bounds, bounds_of, unpacked
+from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import MAX_SHOWN, ProtocolError, printable
 from caesura_protocol.messages import (
     MAX_MESSAGE_BYTES,
@@ -231,6 +232,15 @@ def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
     return matrix
 
 
+def signals_of(columns: Sequence[str], matrix: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Return the signals (n, c) in a matrix (n, columns) of samples; one that lacks a column is left out."""
+    place = {name: index for index, name in enumerate(columns)}
+    return {
+        signal: matrix[:, [place[name] for name in names]]
+        for signal, names in signal_columns(columns).items()
+    }
+
+
 def check_size(payload: bytes, limit: int = MAX_MESSAGE_BYTES) -> None:
     """Raises ProtocolError `too_large` over the limit [bytes]."""
     if len(payload) > limit:
@@ -271,5 +281,6 @@ __all__ = [
     "encode_error",
     "encoding_of",
     "pack_samples",
+    "signals_of",
     "unpack_samples",
 ]

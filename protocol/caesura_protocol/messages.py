@@ -27,6 +27,7 @@ MAX_GAPS = 256  # that a status lists
 MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
+MAX_TAGS = 16  # of a session
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]
@@ -39,6 +40,13 @@ Contact = Literal["free", "contact", "transport"]
 PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
 PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
 Certainty = Literal["provisional", "final"]
+BridgeState = Literal[
+    "ready",  # waits for a start
+    "starting",
+    "teaching",
+    "stopping",  # the samples have ended; the service does not have all of them yet
+    "failed",  # the source is lost, and is tried again
+]
 
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
 FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)
@@ -47,14 +55,15 @@ ESTIMATE: WrenchSource = "joint_torque_estimate"  # of a robot without a sensor
 HANDS_ON_ROBOT: tuple[HandOnRobot, ...] = get_args(HandOnRobot)
 
 # The columns of a sample matrix, signal by signal. Time offsets (`t`) come first in every batch.
-JOINTS = 7  # of the arm
+JOINTS = 7  # of a Panda
+JOINTS_MOST = 8  # of any arm: a session has as many columns of `q` and `tau` as its robot has joints
 COLUMNS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
     "pos": ("px", "py", "pz"),
     "quat": ("qx", "qy", "qz", "qw"),
-    "q": tuple(f"q{i}" for i in range(1, JOINTS + 1)),
+    "q": tuple(f"q{i}" for i in range(1, JOINTS_MOST + 1)),
     "force": ("fx", "fy", "fz"),
     "torque": ("mx", "my", "mz"),
-    "tau": tuple(f"tau{i}" for i in range(1, JOINTS + 1)),
+    "tau": tuple(f"tau{i}" for i in range(1, JOINTS_MOST + 1)),
     "gripper": ("gripper",),
 }
 
@@ -67,14 +76,18 @@ Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
 Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
 UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
-Author = Annotated[str, Field(min_length=1, max_length=64, pattern=f"^[^{UNPRINTABLE}]+$")]
+LINE = f"^[^{UNPRINTABLE}]+$"
+Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
+Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
+Tag = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
 Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Joints = tuple[float, float, float, float, float, float, float]
+Joints = Annotated[tuple[float, ...], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
 
 
 Scalar = bool | int | float | str | None
@@ -122,6 +135,17 @@ class Heartbeat(Message):
     bridge: Name | None = None
 
 
+class Description(Message):
+    """What people state about a session. It changes no result."""
+
+    task: TaskName | None = None  # the name under which it is found again
+    operator: Author | None = None  # who teaches
+    note: Note | None = None
+    tags: Annotated[Listed[Tag], Field(max_length=MAX_TAGS)] = ()
+    success: bool | None = None  # None: not stated
+    deleted: bool = False  # lists leave it out; its samples stay until the journal's limits remove them
+
+
 class Open(Message):
     """Command: begin a session, or say again what it is (opening twice alike is no error)."""
 
@@ -138,7 +162,9 @@ class Open(Message):
     force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
     path_tolerance_m: Tolerance | None = None  # of the apps' paths; None: the service's own choice
     path_tolerance_rad: Tolerance | None = None
+    robot: Name | None = None  # which arm this is; None: not stated
     declared_units: Listed[Quantity] = ()  # whose unit a person declared: implausible values are believed
+    description: Description | None = None  # as it begins; `Describe` changes it
 
 
 class Close(Message):
@@ -148,6 +174,7 @@ class Close(Message):
     session: Name
     last_seq: Annotated[int, Field(ge=-1)]
     bridge: Name | None = None
+    success: bool | None = None  # of the demonstration; None leaves the description as it is
 
 
 class Insert(Message):
@@ -223,7 +250,21 @@ class Edit(Message):
     action: Action
 
 
-Command = Annotated[Open | Close | Edit, Field(discriminator="type")]
+class Describe(Message):
+    """Command: replace the description of a session, open or closed.
+
+    Refused where the description is neither `before` nor `description`: another operator was first. Undo is
+    the same command with the two exchanged.
+    """
+
+    type: Literal["describe"] = "describe"
+    session: Name
+    author: Author
+    before: Description  # as the author has seen it
+    description: Description
+
+
+Command = Annotated[Open | Close | Edit | Describe, Field(discriminator="type")]
 
 
 class Control(Message):
@@ -239,6 +280,53 @@ class Ack(Message):
     next_seq: Count  # the batch that the service waits for
     state: Literal["open", "closed"]
     revision: Count = 0  # how many edits the session has had; undo and redo count
+
+
+# --- operator to bridge ---------------------------------------------------------------------------------
+
+
+class Start(Message):
+    """Command to a bridge in standby: open a session and send samples. The same id starts only once."""
+
+    type: Literal["start"] = "start"
+    id: Name  # of this command; its sender chooses it, and repeats it where no answer came
+    session: Name | None = None  # None: named after the time
+    description: Description = Description()
+
+
+class Stop(Message):
+    """Command to a bridge in standby: send what is left and close the session. Repeating it is no error."""
+
+    type: Literal["stop"] = "stop"
+    session: Name | None = None  # None: the current one
+    success: bool | None = None  # of the demonstration; None: not stated
+
+
+class BridgeControl(Message):
+    """What an operator asks of a bridge in standby; payload of a `bridge_control` query."""
+
+    command: Annotated[Start | Stop, Field(discriminator="type")]
+
+
+class BridgeAck(Message):
+    """A bridge has carried out a command."""
+
+    session: Name  # that was started or stopped
+    state: BridgeState  # of the bridge, now
+
+
+class BridgeStatus(Message):
+    """What a bridge in standby is doing: published once a second, and at every change."""
+
+    station: Name
+    bridge: Name
+    state: BridgeState
+    source: Annotated[str, Field(max_length=64)]  # its name, such as `franky`
+    session: Name | None = None  # that is being taught or stored
+    description: Description | None = None  # with which that was started
+    problem: Annotated[str, Field(max_length=1000)] | None = None  # why it cannot be started or stored now
+    last_session: Name | None = None  # the one before
+    outcome: Annotated[str, Field(max_length=1000)] | None = None  # what became of the one before, in words
 
 
 # --- results --------------------------------------------------------------------------------------------
@@ -431,6 +519,9 @@ class SessionStatus(Result):
     redoable: bool = False  # is there one that was taken back?
     length_unit: LengthUnit = "m"  # of the samples' positions; results are in metres
     budgets: StationBudgets | None = None  # of its station; None from an older service
+    description: Description = Description()  # what people state about it
+    described: Count = 0  # how often `Describe` has changed that
+    opened: Seconds | None = None  # [s] time of day (UTC) of its opening; None where that is not known
 
 
 class ViaPoint(Message):
@@ -497,6 +588,7 @@ class Program(Message):
     gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
     wrench: WrenchReport | None = None  # what the force in it is worth
     force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
+    robot: Name | None = None  # on which it was taught; None: not stated
 
 
 class Snapshot(Message):

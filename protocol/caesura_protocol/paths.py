@@ -25,7 +25,7 @@ from caesura_protocol.rotations import align_signs, turned_along, turning_of
 
 Array = NDArray[np.float64]
 
-TOLD_TURN_RAD = math.radians(5.0)  # from which on a turn is named
+NAMED_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 POWERS = 6  # of a share of a leg, from 0 on
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
@@ -175,7 +175,7 @@ def path_in_words(app: App, unit: str = " via") -> str:
     if app.path is None:
         return ""
     length, via, turn = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via), turn_of(app)
-    turned = f", {math.degrees(turn):.0f}°" if turn >= TOLD_TURN_RAD else ""
+    turned = f", {math.degrees(turn):.0f}°" if turn >= NAMED_TURN_RAD else ""
     return f"{length}{turned}, {via}{unit}" if via else length + turned
 
 

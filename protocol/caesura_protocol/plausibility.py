@@ -5,7 +5,7 @@ compares it with a limit that no robot arm exceeds. Statistics are robust: a few
 Limits have a margin: a value beyond one is probably in another unit. A unit that was declared is believed;
 `doubts` names its values beyond a limit, or below the least of a robot arm.
 
-Pure: NumPy only. Recordings, bridge, service and doctor use the same table.
+Pure. Recordings, bridge, service and doctor use the same table.
 
 >>> t = np.arange(100) / 100
 >>> print(implausible(t, {"pos": np.tile([400.0, 0.0, 300.0], (100, 1))}))
@@ -21,7 +21,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Quantity
+from caesura_protocol.codec import signals_of
+from caesura_protocol.messages import Quantity
 
 Array = NDArray[np.float64]
 
@@ -239,7 +240,7 @@ class FirstSecond:
     """
 
     def __init__(self, columns: Sequence[str], length_unit: str, declared: Collection[str]) -> None:
-        self._columns = {name: index for index, name in enumerate(columns)}
+        self._columns = tuple(columns)
         self._length_unit, self._declared = length_unit, tuple(declared)
         self._rows: list[Array] = []
         self._count, self._next = 0, LEAST_SAMPLES
@@ -259,15 +260,10 @@ class FirstSecond:
             matrix = np.concatenate(self._rows)
             self._found = implausible(
                 matrix[:, 0],
-                dict(self._signals(matrix)),
+                signals_of(self._columns, matrix),
                 length_unit=self._length_unit,
                 declared=self._declared,
             )
         if ends or self._found is not None:
             self._over, self._rows = True, []
         return self._found
-
-    def _signals(self, matrix: Array) -> Iterator[tuple[str, Array]]:
-        for signal, names in COLUMNS_OF_SIGNAL.items():
-            if self._columns.keys() >= set(names):
-                yield signal, matrix[:, [self._columns[name] for name in names]]

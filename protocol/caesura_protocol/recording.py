@@ -5,10 +5,10 @@ a live robot have one form for a reader. A signal is a matrix with one row a sam
 
     pos (n, 3)   flange position in the base frame, in `length_unit`
     quat (n, 4)  flange orientation in the base frame, x y z w
-    q (n, 7)     joint positions [rad]
+    q (n, j)     positions of the j joints [rad], at most 8
     force (n, 3) force of the environment on the robot [N], in `force_frame`
     torque (n, 3) its moment [Nm]
-    tau (n, 7)   external joint torques [Nm]
+    tau (n, j)   external joint torques [Nm]
     gripper (n, 1) opening between the fingers [m]
 
 At least one of `pos` and `q` must be there; where both are, `pos` is segmented. What else a file holds is
@@ -30,6 +30,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import (
     COLUMNS_OF_SIGNAL,
@@ -93,8 +94,10 @@ class Recording:
                 raise RecordingError(
                     f"{self.name}: unknown signal {signal!r}, known: {list(COLUMNS_OF_SIGNAL)}"
                 )
-            expected = (self.t.size, len(COLUMNS_OF_SIGNAL[signal]))
-            if values.shape != expected:
+            width = len(COLUMNS_OF_SIGNAL[signal])
+            widths = range(1, width + 1) if signal in JOINT_SIGNALS else (width,)
+            if values.ndim != 2 or len(values) != self.t.size or values.shape[1] not in widths:
+                expected = f"({self.t.size}, {'1 to ' * (len(widths) > 1)}{width})"
                 raise RecordingError(f"{self.name}: {signal} has shape {values.shape}, expected {expected}")
             if not np.isfinite(values).all():
                 row, column = np.argwhere(~np.isfinite(values))[0]
@@ -138,13 +141,13 @@ class Recording:
     def stated_options(self) -> dict[str, str]:
         """Options by name, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS}
-        asked = {key: repr(value) for key, value in self.setting._asdict().items() if value is not None}
+        asked = {key: str(value) for key, value in self.setting._asdict().items() if value is not None}
         return {key: value for key, value in values.items() if value not in NOT_STATED} | asked
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of `matrix`, as they stand on the wire."""
-        return ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+        return ("t", *(c for s, v in self.signals.items() for c in COLUMNS_OF_SIGNAL[s][: v.shape[1]]))
 
     def matrix(self) -> Array:
         """All samples as one (n, columns) matrix, time first."""

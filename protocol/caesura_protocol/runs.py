@@ -5,20 +5,21 @@ As in the session itself, samples whose time does not advance are left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.columns import signal_columns
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Gap, LengthUnit
+from caesura_protocol.plausibility import METRES
 
 Array = NDArray[np.float64]
 
 SPEED = "speed"
 SPEED_WINDOW_S = 0.04  # over which positions are averaged for the speed; two windows follow each other
 HOLE_S = 0.25  # between samples; a longer one is a gap of the session as well
-METRES: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 class SampleRun(NamedTuple):
@@ -65,6 +66,11 @@ def drawn_columns(columns: Sequence[str]) -> tuple[str, ...]:
     return (*columns[1:], *((SPEED,) if _places(columns) else ()))
 
 
+def chosen_columns(asked: Collection[str], known: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the known columns that are asked for, in their order; all of them where none is asked for."""
+    return tuple(name for name in known if name in asked) if asked else known
+
+
 def in_metres(columns: Sequence[str], unit: LengthUnit) -> Array:
     """The factor (c,) of each column, which makes positions metres."""
     return np.array([METRES[unit] if name in COLUMNS_OF_SIGNAL["pos"] else 1.0 for name in columns])
@@ -72,10 +78,10 @@ def in_metres(columns: Sequence[str], unit: LengthUnit) -> Array:
 
 def _places(columns: Sequence[str]) -> list[int]:
     """Which columns the speed is of, counted without time: positions, else joints."""
-    known = list(columns[1:])
+    known, there = list(columns[1:]), signal_columns(columns)
     for signal in ("pos", "q"):
-        if set(COLUMNS_OF_SIGNAL[signal]) <= set(known):
-            return [known.index(name) for name in COLUMNS_OF_SIGNAL[signal]]
+        if signal in there:
+            return [known.index(name) for name in there[signal]]
     return []
 
 

@@ -2,27 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
 
 from pydantic import ValidationError
 
-_MEANT = {"Input should be ": "expected ", "Invalid JSON: ": "no readable JSON: "}
+Place = tuple[int | str, ...]
+
+#: What a validator writes, and how an error states it; in this order.
+_PLAIN = (
+    (r"Input should be a valid dictionary.*", "expected an object"),
+    (r"Input should be a valid (list|tuple|array).*", "expected an array"),
+    (r"Input should be ", "expected "),
+    (r", unable to (parse|interpret) .*", ""),
+    (r"^\w+ should have ", "expected "),
+    (r" after validation, not \d+$", ""),
+    (r"^String should match pattern ", "expected text of the pattern "),
+    (r"^Value error, ", ""),
+    (r"^Invalid JSON: ", "no readable JSON: "),
+)
 
 
-def first_finding(error: ValidationError, known: Iterable[str] = ()) -> str:
+def dotted(place: Place) -> str:
+    """The name of a field within others: `workspace_low.2`."""
+    return ".".join(map(str, place))
+
+
+def first_finding(
+    error: ValidationError, known: Iterable[str] = (), named: Callable[[Place], str] = dotted
+) -> str:
     """Return `FIELD is VALUE, expected LIMIT`, for the first of the findings.
 
-    known: the fields that there are, for an unknown one.
+    known: the fields that there are, for an unknown one. named: the name of a field by its place.
     """
     one = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in one["loc"])
+    place = named(one["loc"])
     if one["type"] == "extra_forbidden":
         return f"unknown field {place}, known: {', '.join(known)}"
     if one["type"] == "missing":
         return f"{place} is missing"
-    said = one["msg"]
-    for raw, plain in _MEANT.items():
-        said = said.replace(raw, plain)
+    found = one["msg"]
+    for raw, plain in _PLAIN:
+        found = re.sub(raw, plain, found)
     if one["type"] == "json_invalid":
-        return said
-    return f"{place or 'the content'} is {one['input']!r:.80}, {said}"
+        return found
+    return f"{place or 'the content'} is {one['input']!r:.80}, {found}"

@@ -36,7 +36,7 @@ from caesura_service.monitoring.instrumented_registry import InstrumentedRegistr
 from caesura_service.monitoring.metrics import MetricsSource
 from caesura_service.publishing.events import Owner, PipelineFactory
 from caesura_service.segmentation.overflow_file import SPOOL
-from caesura_service.server import NetworkError, ZenohServer
+from caesura_service.server import Join, NetworkError, ZenohServer, join
 
 logger = logging.getLogger(__name__)
 
@@ -56,8 +56,9 @@ class Service:
         pipeline_factory: PipelineFactory | None = None,
         journal: Journal | None = None,
         stop: threading.Event | None = None,
+        join: Join = join,
     ) -> None:
-        """journal: in place of the configured one; stop: ends a wait for a router."""
+        """journal: in place of the configured one; stop: ends a wait for a router; join: see ZenohServer."""
         self.config = config or ServiceConfig()
         owner = Owner(self.config.instance, int(time.time() * 1000))
         self._file = _journal_on_disk(self.config) if journal is None else None
@@ -80,6 +81,7 @@ class Service:
             rates=self.config.rates,
             clock=steady_clock(),
             stop=stop,
+            join=join,
         )
         self.ready = False  # joined and declared: it can be found
         self._observed = MetricsSource(
@@ -149,9 +151,12 @@ def run_service(
 
 def segmenting_pipeline() -> PipelineFactory:
     """The real mathematics, compiled. Imported here: a service with another one does not wait for it."""
+    from caesura_service.numba_support import has_kernels, is_compiled  # noqa: PLC0415
     from caesura_service.prepare import prepare  # noqa: PLC0415
     from caesura_service.segmentation.pipeline import make_pipeline  # noqa: PLC0415
 
+    if has_kernels() and not is_compiled():
+        logger.info("compiling the filter, once, for about a minute: no bridge or client can connect before")
     prepare()
     return make_pipeline
 

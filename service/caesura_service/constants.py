@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 GRAVITY = 9.81  # [m/s²], as the thesis has it
-JOINTS = 7  # of the arm; the wire has as many columns of `q` and `tau`
+JOINTS = 7  # of a Panda
+JOINTS_MOST = 8  # of any arm
 GRID_HZ = 100  # [1/s] of the grid to which samples are brought before they are filtered

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.batching import Batcher
-from caesura_protocol.codec import pack_samples
+from caesura_protocol.codec import pack_samples, signals_of
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Open, SampleBatch
+from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.journal import Record
@@ -95,20 +95,15 @@ def recording_of(records: Iterable[Record]) -> Recording:
     if opening is None or not taken:
         raise RecordingError("the session has no samples")
     matrix = np.concatenate([taken[seq] for seq in sorted(taken)])
-    column = {name: index for index, name in enumerate(opening.columns)}
     return Recording(
         t=matrix[:, 0],
-        signals={
-            signal: matrix[:, [column[name] for name in names]]
-            for signal, names in COLUMNS_OF_SIGNAL.items()
-            if set(names) <= column.keys()
-        },
+        signals=signals_of(opening.columns, matrix),
         wrench_source=opening.wrench_source,
         hand_on_robot=opening.hand_on_robot,
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
         declared_units=opening.declared_units,
-        setting=CellSettings(opening.force_limit_n, opening.path_tolerance_m, opening.path_tolerance_rad),
+        setting=CellSettings(*(getattr(opening, name) for name in CellSettings._fields)),
         name=opening.session,
     )
 
@@ -135,6 +130,7 @@ def as_json(view: PipelineView) -> dict[str, Any]:
         "changepoints": [changepoint.model_dump(mode="json") for changepoint in view.changepoints],
         "program": [app.model_dump(mode="json") for app in view.apps],
         "force_limit_n": view.force_limit_n,
+        "robot": view.robot,
         "notes": list(view.notes),
         "gaps": [gap.model_dump(mode="json") for gap in view.gaps],
         "wrench": view.wrench.model_dump(mode="json"),

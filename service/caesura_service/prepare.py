@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
 from caesura_service.changepoint import filter_choice
+from caesura_service.numba_support import has_kernels, is_compiled
 from caesura_service.signals import warm_up
 
 
 def prepare() -> None:
-    """Compile what is not compiled yet, where there is something to compile with."""
+    """Load all kernels, after another process has compiled them where none are kept.
+
+    Code that a process has compiled itself may differ in the last bit from the same code that it loads. So a
+    session would not be replayed bit for bit after a restart.
+    """
+    if has_kernels() and not is_compiled():
+        command = [sys.executable, "-m", "caesura_service.prepare"]
+        subprocess.run(command, check=False, stdout=subprocess.DEVNULL)
+    _load()
+
+
+def _load() -> None:
+    """Call every kernel once: what is kept is loaded, what is not is compiled."""
     filter_choice.prepare()
     warm_up.prepare()
 
 
 if __name__ == "__main__":
     before = time.perf_counter()
-    prepare()
+    _load()
     print(f"kernels ready in {time.perf_counter() - before:.1f} s")

@@ -90,12 +90,12 @@ def sent(recording: Recording, session: str) -> tuple[Open, list[SampleBatch]]:
 
 def results(snapshot: Snapshot) -> tuple[object, ...]:
     """What must not depend on who told it, when, and under which name."""
-    told = {"session": "", "instance": "", "epoch": 0, "seq": 0}
+    reported = {"session": "", "instance": "", "epoch": 0, "seq": 0}
     status = snapshot.status
     return (
         snapshot.segments.segments,
         snapshot.changepoints.changepoints,
-        snapshot.program.model_copy(update=told),
-        snapshot.posterior.model_copy(update=told) if snapshot.posterior else None,
+        snapshot.program.model_copy(update=reported),
+        snapshot.posterior.model_copy(update=reported) if snapshot.posterior else None,
         (status.state, status.batches, status.samples, status.observations, status.gaps, status.repeats),
     )

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from caesura_clients.cli.result_tables import apps_table
 from caesura_protocol.messages import MAX_VIA_POINTS, App, Gap
 from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import ProgramFile, read_document
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
@@ -48,7 +50,8 @@ def recording(position: Array, turn: Array | None = None, force_z: Array | None 
         "quat": (Rotation.from_rotvec(np.outer(angles, (0.0, 0.0, 1.0))) * DOWN).as_quat(),
         "force": force + rng.normal(scale=0.1, size=(T.size, 3)),
     }
-    return Recording(T, signals, wrench_source="flange_sensor", name="taught")
+    panda = CellSettings(robot="panda")
+    return Recording(T, signals, wrench_source="flange_sensor", name="taught", setting=panda)
 
 
 def segmented(tmp_path: Path, taught: Recording, *options: str) -> Path:
@@ -154,10 +157,10 @@ def test_the_limit_of_the_cell_is_kept_where_it_is_taught(tmp_path: Path) -> Non
 
 def test_a_wrench_whose_source_is_not_stated_is_named_and_so_is_what_it_does_not_show(tmp_path: Path) -> None:
     taught = pressed()
-    unstated = Recording(taught.t, taught.signals, wrench_source=None, name="taught")
-    told = said(segmented(tmp_path, unstated))
-    assert "wrench source flange_sensor_with_hand is assumed" in told
-    assert "contacts were not looked for" in told
+    unstated = replace(taught, wrench_source=None)
+    reported = said(segmented(tmp_path, unstated))
+    assert "wrench source flange_sensor_with_hand is assumed" in reported
+    assert "contacts were not looked for" in reported
 
 
 def test_a_gap_reaches_the_check_as_data(tmp_path: Path) -> None:

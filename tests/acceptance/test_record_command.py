@@ -53,8 +53,8 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
     for name, values in RECORDING.signals.items():
         assert np.array_equal(found.signals[name], values)
     assert found.wrench_source == RECORDING.wrench_source
-    told = caesura.snapshot(station, SESSION)
-    assert segment_recording(found).segments == told.segments.segments
+    reported = caesura.snapshot(station, SESSION)
+    assert segment_recording(found).segments == reported.segments.segments
     if suffix == "mcap":
         counts: Counter[str] = Counter()
         with out.open("rb") as stream:
@@ -62,8 +62,8 @@ def test_a_session_is_recorded_as_it_was_taught(caesura, tmp_path, suffix):
                 Draft202012Validator(json.loads(schema.data)).validate(json.loads(message.data))
                 counts[channel.topic] += 1
         assert counts["/state"] == counts["/wrench"] == RECORDING.t.size
-        assert counts["/segments"] == len(told.segments.segments)
-        assert counts["/changepoints"] == len(told.changepoints.changepoints)
+        assert counts["/segments"] == len(reported.segments.segments)
+        assert counts["/changepoints"] == len(reported.changepoints.changepoints)
         assert counts["/program"] == counts["/path"] == 1
 
 

@@ -102,7 +102,7 @@ def test_many_gaps_are_not_listed_one_by_one(tmp_path: Path):
     assert "6 more gaps; is t in seconds?" in done.output
 
 
-def test_dropped_samples_are_told(tmp_path: Path):
+def test_dropped_samples_are_reported(tmp_path: Path):
     t = np.repeat(np.arange(0, 5, 0.01), np.tile([2, *9 * [1]], 50))
     done = caesura("segment", recording(tmp_path / "repeats.npz", t))
     assert done.exit_code == 0
@@ -128,5 +128,8 @@ def test_the_first_segment_says_that_the_filter_is_compiled(tmp_path, monkeypatc
     if kept:
         (tmp_path / "step.py312.nbc").write_bytes(b"")
     monkeypatch.setattr("caesura_service.numba_support.decorators.cache_directory", lambda room: tmp_path)
+    compiled: list[str] = []
+    monkeypatch.setattr("caesura_service.prepare.prepare", lambda: compiled.append("now"))
     announce_compilation()
+    assert compiled == ([] if kept else ["now"])
     assert capsys.readouterr().err == ("" if kept else "compiling the filter (once, about a minute)\n")

@@ -92,7 +92,7 @@ def test_a_name_that_is_no_name_is_refused():
     assert "'Not A Name'" in refused("--instance", "Not A Name")
 
 
-def test_sessions_are_kept_in_the_users_state_directory_unless_told_otherwise(tmp_path, monkeypatch):
+def test_sessions_are_kept_in_the_users_state_directory_unless_a_directory_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     with running("--listen", "tcp/127.0.0.1:0", "--instance", "west") as process:
         assert process.stdout is not None
@@ -116,7 +116,7 @@ def test_what_other_machines_reach_is_not_listened_on_without_credentials():
     assert "say --insecure" in said
 
 
-def test_unless_told_to_and_how_long_a_record_may_wait_is_an_option_that_the_status_shows(tmp_path):
+def test_unless_it_is_named_and_how_long_a_record_may_wait_is_an_option_that_the_status_shows(tmp_path):
     options = ("--listen", "tcp/0.0.0.0:0", "--insecure", "--journal", str(tmp_path))
     with serving(*options, "--journal-commit-s", "0.2") as (_, endpoint):
         assert endpoint.startswith("tcp/0.0.0.0:")

@@ -57,8 +57,8 @@ def test_it_contains_every_package_with_its_data(installed: Path):
 
 
 def test_a_client_imports_nothing_heavy(installed: Path, tmp_path: Path):
-    told = run(sys.executable, "-c", LOOK, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(installed)})
-    found = json.loads(told)
+    reported = run(sys.executable, "-c", LOOK, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(installed)})
+    found = json.loads(reported)
     assert Path(found["where"]).is_relative_to(installed)
     assert HEAVY & set(found["modules"]) == set()
 

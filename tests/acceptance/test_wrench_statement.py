@@ -145,8 +145,14 @@ def test_messages_of_before_the_statement_are_still_read():
     said = {"type": "open", "session": "s1", "epoch": 0, "columns": ["t", "px"], "wrench_source": "none"}
     opening = decode(msgpack.packb(said), encoding_of(Open), Open)
     assert (opening.wrench_source, opening.hand_on_robot) == ("none", "unknown")
-    told = {"source": "none", "contact_models": False, "transport_models": False, "tare": None, "note": ""}
-    report = decode(msgpack.packb(told), encoding_of(WrenchReport), WrenchReport)
+    reported = {
+        "source": "none",
+        "contact_models": False,
+        "transport_models": False,
+        "tare": None,
+        "note": "",
+    }
+    report = decode(msgpack.packb(reported), encoding_of(WrenchReport), WrenchReport)
     assert (report.stated, report.hand_on_robot) == (True, "unknown")
 
 

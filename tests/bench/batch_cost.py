@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from machine import options, tell
+from machine import options, report
 from service_load import PLACES, TASKS, prepared
 
 from caesura_protocol.codec import Encoded, decode
@@ -49,18 +49,18 @@ BATCH_S, BATCHES_PER_S = 0.02, 50
 #: Part → where its functions are looked up.
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "reading the message": ((worker, "_batch"),),
-    "checking its samples": ((batch_receiver, "samples_of"),),
+    "checking its samples": ((batch_receiver, "validated_samples"),),
     "handing it to the journal": ((SqliteJournal, "append"),),
     "conditioning": ((Conditioner, "push"),),
     "a step of the filter": ((CompiledRunLengthFilter, "step"),),
     "segments and changepoints": ((Segmenter, "look"), (Segmenter, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
     "phases": ((SegmentationPipeline, "_phases_with"),),
-    "what has changed, as messages": ((messages, "with_view"), (messages, "with_program")),
+    "what has changed, as messages": ((messages, "apply_view"), (messages, "update_program")),
     "counting and logging": (
-        (StationCounterSet, "take"),
-        (StationCounterSet, "hear"),
-        (SessionEventLogger, "take"),
+        (StationCounterSet, "count_call"),
+        (StationCounterSet, "count_batch"),
+        (SessionEventLogger, "log_call"),
     ),
 }
 REST = "order, standing, all else"
@@ -149,7 +149,7 @@ def show(spent: Mapping[str, float], count: int, stations: int, directory: Path 
     ]
     share = 100.0 * BATCHES_PER_S * total / count
     rows.append((f"all of it: {share:.2f} % of a core a station", 1e6 * total / count, 100.0))
-    tell("batch_cost", f"{stations} stations", ("part", "µs a batch", "%"), rows, directory)
+    report("batch_cost", f"{stations} stations", ("part", "µs a batch", "%"), rows, directory)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
-from machine import machine, options, tell
+from machine import machine, options, report
 from numpy.typing import NDArray
 
 from caesura_protocol.formats.read import load_recording
@@ -68,7 +68,7 @@ def main() -> None:
     streams = [stream for path in asked.recordings for stream in streams_of(path)]
     costs = [measured(stream, asked.rounds) for stream in streams]
     rows = [(name, *(cost[name] for cost in costs)) for name in costs[0]]
-    tell(
+    report(
         "conditioning_cost",
         f"µs of processor time a batch of {BATCH} samples",
         ("part", *(stream.name for stream in streams)),

@@ -73,12 +73,12 @@ def listening(stage: Stage, stations: list[str]) -> Iterator[dict[str, Subscribe
         yield {one: stack.enter_context(Subscriber(caesura, one).listening()) for one in stations}
 
 
-def watch(page: Page, heard: dict[str, Subscriber], seconds: float) -> list[float]:
+def watch(page: Page, received: dict[str, Subscriber], seconds: float) -> list[float]:
     """[s] of session time that cards are behind the wire."""
     behind = []
     until = time.monotonic() + seconds
     while time.monotonic() < until:
-        wire = {name: reached(one.now) for name, one in heard.items() if one.update is not None}
+        wire = {name: reached(one.now) for name, one in received.items() if one.update is not None}
         behind += [wire[name] - t for name, t in page.evaluate(SHOWN) if name in wire]
         page.wait_for_timeout(1000 * LOOK_S)
     return behind
@@ -88,8 +88,8 @@ def measure(stage: Stage, browser: Browser, stations: list[str], seconds: float)
     """Print loading, lag, rate and load."""
     url = stage.dashboard.url
     wall, station = Visitor(browser), Visitor(browser)
-    with listening(stage, stations) as heard:
-        eventually(lambda: all(one.update is not None for one in heard.values()))
+    with listening(stage, stations) as received:
+        eventually(lambda: all(one.update is not None for one in received.values()))
         for path, seen in (("/", "li.card"), (f"/station/{stations[0]}", ".tools"), ("/system", "table")):
             print(f"load of {path} [s]: {load(browser, url + path, seen)}")
         station.page.goto(f"{url}/station/{stations[0]}")
@@ -99,7 +99,7 @@ def measure(stage: Stage, browser: Browser, stations: list[str], seconds: float)
         wall.page.evaluate(COUNT)
         pids = {"dashboard": stage.dashboard.pid, "service": stage.service.pid}
         before, began = {name: cpu_s(pid) for name, pid in pids.items()}, time.monotonic()
-        behind = 1000.0 * np.array(watch(wall.page, heard, seconds))
+        behind = 1000.0 * np.array(watch(wall.page, received, seconds))
         took = time.monotonic() - began
         counts = wall.page.evaluate("() => Object.values(window.changes)")
     median, p99 = np.percentile(behind, [50, 99])

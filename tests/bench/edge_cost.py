@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from machine import options, tell
+from machine import options, report
 from service_load import BATCH_S, OBSERVED_S, SESSION, prepared
 
 from caesura_protocol.keys import session_key, station_key
@@ -38,7 +38,7 @@ from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 
 OWNER = Owner("bench", 1)
-WARM_UP_S = 2.0
+WARM_UP_S, WIND_DOWN_S = 2.0, 1.0
 WORKER = "caesura-worker"
 CALLBACKS, SENDERS = ("rx-", "net-"), ("tx-", "app-", "acc-")  # as zenoh calls its own threads
 HYPOTHESES = 50
@@ -98,12 +98,14 @@ def main() -> None:
     parser.add_argument("--work", type=float, default=300.0, help="µs")
     parser.add_argument("--behind", action="store_true")
     asked = parser.parse_args()
+    if asked.seconds <= WARM_UP_S + WIND_DOWN_S:
+        parser.error(f"--seconds is {asked.seconds:g}, expected more than {WARM_UP_S + WIND_DOWN_S:g}")
     context = multiprocessing.get_context("spawn")
-    heard: Any = context.Queue()
+    received: Any = context.Queue()
     network = NetworkSettings("tcp/127.0.0.1:0")
     if asked.behind:
-        context.Process(target=router, args=(heard,), daemon=True).start()
-        network = NetworkSettings(connect=heard.get())
+        context.Process(target=router, args=(received,), daemon=True).start()
+        network = NetworkSettings(connect=received.get())
     registry = Answering(1e-6 * asked.work)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     reader = SampleReader(JournalBatches(MemoryJournal()))
@@ -112,30 +114,30 @@ def main() -> None:
     ) as edge:
         names = [f"cell-{number}" for number in range(asked.stations)]
         others = context.Process(
-            target=robots, args=(edge.endpoint, names, asked.seconds, heard), daemon=True
+            target=robots, args=(edge.endpoint, names, asked.seconds, received), daemon=True
         )
         others.start()
-        heard.get()  # the first batch is about to be put
+        received.get()  # the first batch is about to be put
         time.sleep(WARM_UP_S)
         before, batches, worked_s = spent(), registry.batches, registry.worked_s
-        time.sleep(asked.seconds - WARM_UP_S - 1.0)
+        time.sleep(asked.seconds - WARM_UP_S - WIND_DOWN_S)
         after, batches, worked_s = spent(), registry.batches - batches, registry.worked_s - worked_s
         others.join()
-        print(f"{registry.batches} batches, {edge.status().dropped} dropped, {heard.get()} results heard")
+        print(f"{registry.batches} batches, {edge.status().dropped} dropped, {received.get()} results heard")
     took = {name: s - before.get(name, 0.0) for name, s in after.items()}
     took[WORKER] -= worked_s
     rows = [(name, 1e6 * s / batches) for name, s in sorted(took.items(), key=lambda x: -x[1])]
     rows.append(("all", sum(us for _, us in rows)))
-    tell("edge_cost", f"{asked.stations} stations", ("thread", "µs a batch"), rows, asked.json)
+    report("edge_cost", f"{asked.stations} stations", ("thread", "µs a batch"), rows, asked.json)
 
 
 def spent() -> Mapping[str, float]:
     """[s] of processor time of this process so far, by kind of thread."""
     found: Counter[str] = Counter()
-    ours = {thread.native_id: thread.name for thread in threading.enumerate()}
+    own = {thread.native_id: thread.name for thread in threading.enumerate()}
     for path in Path("/proc/self/task").iterdir():
         try:
-            name = ours.get(int(path.name)) or (path / "comm").read_text().strip()
+            name = own.get(int(path.name)) or (path / "comm").read_text().strip()
             found[kind_of(name)] += time.clock_gettime(~int(path.name) << 3 | 6)  # Linux: that thread's
         except OSError:  # has ended meanwhile
             continue
@@ -149,14 +151,14 @@ def kind_of(name: str) -> str:
     return "network, out" if name.startswith(SENDERS) else name
 
 
-def router(told: Any) -> None:
+def router(reported: Any) -> None:
     """Between the edge and the robots, until killed."""
     _, endpoint = join(NetworkSettings("tcp/127.0.0.1:0"), threading.Event())
-    told.put(endpoint)
+    reported.put(endpoint)
     threading.Event().wait()
 
 
-def robots(endpoint: str, names: list[str], seconds: float, heard: Any) -> None:
+def robots(endpoint: str, names: list[str], seconds: float, received: Any) -> None:
     """Put every station's batches when they are due, and hear the results."""
     inbox = Inbox(capacity=1 << 20)
     batches = prepared()[0][: round(seconds / BATCH_S)]
@@ -169,7 +171,7 @@ def robots(endpoint: str, names: list[str], seconds: float, heard: Any) -> None:
         ZenohTransport(endpoint, timeout_s=10.0) as transport,
         transport.subscribe(session_key("*", "*", "posterior"), inbox),
     ):
-        heard.put("begin")
+        received.put("begin")
         begun = time.monotonic()
         for due, key, batch in plan:
             if (ahead := begun + due - time.monotonic()) > 0.0:
@@ -179,7 +181,7 @@ def robots(endpoint: str, names: list[str], seconds: float, heard: Any) -> None:
     results = 0
     while inbox.get(0.0) is not None:
         results += 1
-    heard.put(results)
+    received.put(results)
 
 
 if __name__ == "__main__":

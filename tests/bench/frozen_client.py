@@ -20,7 +20,7 @@ from unittest import mock
 
 import numpy as np
 import zenoh
-from machine import options, tell
+from machine import options, report
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
@@ -45,7 +45,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--wait", type=float, nargs="*", default=[5.0, 0.5])
     asked = parser.parse_args()
-    tell("frozen_client", "a frozen client", COLUMNS, [row(s, asked.seconds) for s in asked.wait], asked.json)
+    report(
+        "frozen_client", "a frozen client", COLUMNS, [row(s, asked.seconds) for s in asked.wait], asked.json
+    )
 
 
 def row(wait_s: float, seconds: float) -> tuple[object, ...]:

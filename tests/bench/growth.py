@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import hour
 import numpy as np
-from machine import machine, options, tell
+from machine import machine, options, report
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Open
@@ -73,9 +73,9 @@ def by_length(minutes: Sequence[int], directory: Path | None) -> None:
     samples, probes = sampled(hour.varied, 600 * HZ), sampled(hour.varied, measured(), seed=1)
     sessions = [aged_samples(samples, 60 * HZ * minute) for minute in minutes]
     rows.append(("all of it, varied", in_turn([one.take for one in sessions], probes)))
-    told = [(what, *np.median(taken, axis=1), np.median(taken[-1] / taken[0])) for what, taken in rows]
+    reported = [(what, *np.median(taken, axis=1), np.median(taken[-1] / taken[0])) for what, taken in rows]
     columns = ("what", *(f"{minute} min" for minute in minutes), "last ÷ first")
-    tell("growth_length", "µs an observation, by the session's length", columns, told, directory)
+    report("growth_length", "µs an observation, by the session's length", columns, reported, directory)
 
 
 def by_segments(directory: Path | None) -> None:
@@ -87,7 +87,7 @@ def by_segments(directory: Path | None) -> None:
         cost = np.median(in_turn([partial(steps, online)], observations(work, measured(), seed=1)))
         rows.append((len(online.final), online.starts.size, cost))
     columns = ("segments", "hypotheses at the end", "µs")
-    tell("growth_segments", "µs an observation after an hour, by segments", columns, rows, directory)
+    report("growth_segments", "µs an observation after an hour, by segments", columns, rows, directory)
 
 
 def by_sessions(directory: Path | None) -> None:
@@ -96,7 +96,7 @@ def by_sessions(directory: Path | None) -> None:
     groups = [[aged(seen, 60 * HZ) for _ in range(count)] for count in SESSIONS]
     costs = in_turn([partial(round_robin, group) for group in groups], probe)
     rows = [(count, np.median(cost) / count) for count, cost in zip(SESSIONS, costs, strict=True)]
-    tell(
+    report(
         "growth_sessions",
         "µs an observation, by sessions in the process",
         ("sessions", "µs"),
@@ -116,7 +116,7 @@ def by_rate(directory: Path | None) -> None:
         cost = np.median(in_turn([partial(steps, online)], probe))
         rows.append((hz, online.starts.size, cost, 1e-4 * cost * hz))
     columns = ("Hz", "hypotheses at the end", "µs", "% of a core")
-    tell("growth_rate", "µs an observation, by the rate of segmentation", columns, rows, directory)
+    report("growth_rate", "µs an observation, by the rate of segmentation", columns, rows, directory)
 
 
 # --- measuring ------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from machine import machine, options, tell
+from machine import machine, options, report
 from service_load import measured
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
@@ -38,7 +38,7 @@ def main() -> None:
     os.environ["PYTHONPATH"] = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
     print(", ".join(f"{name} {value}" for name, value in machine().items()))
     rows = [row(how, asked.stations) for how in asked.only]
-    tell("hostile_station", f"{asked.stations} stations beside", COLUMNS, rows, asked.json)
+    report("hostile_station", f"{asked.stations} stations beside", COLUMNS, rows, asked.json)
 
 
 def row(how: str, stations: int) -> tuple[object, ...]:

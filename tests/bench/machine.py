@@ -77,7 +77,7 @@ def options(description: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def tell(
+def report(
     name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], directory: Path | None
 ) -> None:
     """Print a table, and keep it with a description of the machine."""
@@ -88,5 +88,5 @@ def tell(
     if directory is not None:
         directory.mkdir(parents=True, exist_ok=True)
         figures = [dict(zip(columns, row, strict=True)) for row in rows]
-        told = {"title": title, "machine": machine(), "figures": figures}
-        (directory / f"{name}.json").write_text(json.dumps(told, indent=1, default=str) + "\n")
+        reported = {"title": title, "machine": machine(), "figures": figures}
+        (directory / f"{name}.json").write_text(json.dumps(reported, indent=1, default=str) + "\n")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import peers
-from machine import options, tell
+from machine import options, report
 from numpy.typing import NDArray
 from step_cost import demonstration
 
@@ -37,7 +37,9 @@ def main() -> None:
         (method, *(limited(run, seconds * HZ, asked.patience) for seconds in LENGTHS_S))
         for method, run in METHODS.items()
     ]
-    tell("offline_cost", "seconds a recording", ("method", *(f"{s} s" for s in LENGTHS_S)), rows, asked.json)
+    report(
+        "offline_cost", "seconds a recording", ("method", *(f"{s} s" for s in LENGTHS_S)), rows, asked.json
+    )
 
 
 def limited(run: Callable[[list[ModelInput]], None], n: int, patience_s: float) -> object:
@@ -53,16 +55,16 @@ def limited(run: Callable[[list[ModelInput]], None], n: int, patience_s: float) 
     return here.recv() if here.poll() else "–"
 
 
-def timed(run: Callable[[list[ModelInput]], None], n: int, told: Any) -> None:
+def timed(run: Callable[[list[ModelInput]], None], n: int, reported: Any) -> None:
     """Tell how much processor time it takes, once what it needs is loaded."""
     run(demonstration(20))
     data = demonstration(n)
     before = time.process_time()
     run(data)
-    told.send(time.process_time() - before)
+    reported.send(time.process_time() - before)
 
 
-def ours(data: list[ModelInput]) -> None:
+def own(data: list[ModelInput]) -> None:
     """The filter over everything: final and provisional segments are the recording's."""
     compile_now()
     preset = PRESETS["default"]
@@ -102,7 +104,7 @@ def signals(data: list[ModelInput]) -> NDArray[np.float64]:
 
 
 METHODS = {
-    "caesura, filter": ours,
+    "caesura, filter": own,
     "caesura, exact posterior": exact,
     "ruptures PELT, clinear, jump 1": pelt,
     "bayesian-changepoint-detection offline": recursion,

@@ -43,13 +43,13 @@ def one_level(series: Sequence[Array]) -> Iterator[tuple[str, int, float]]:
     """(name, axes, seconds of processor time) of each over a series of (3,), taken in turn."""
     vertical = [float(value[2]) for value in series]
     methods: list[tuple[str, int, Any]] = [
-        ("caesura, pruned", 3, partial(ours, series, PRUNED)),
-        ("caesura, unpruned", 3, partial(ours, series, UNPRUNED)),
+        ("caesura, pruned", 3, partial(own, series, PRUNED)),
+        ("caesura, unpruned", 3, partial(own, series, UNPRUNED)),
     ]
-    if (theirs := bocpd()) is not None:
-        methods.append(("changepoint (Rust) Bocpd", 1, partial(theirs, vertical)))
-    if (theirs := bcd_online()) is not None:
-        methods.append(("bayesian-changepoint-detection online", 1, partial(theirs, np.array(vertical))))
+    if (others := bocpd()) is not None:
+        methods.append(("changepoint (Rust) Bocpd", 1, partial(others, vertical)))
+    if (others := bcd_online()) is not None:
+        methods.append(("bayesian-changepoint-detection online", 1, partial(others, np.array(vertical))))
     taken: list[list[float]] = [[] for _ in methods]
     for _ in range(ROUNDS):
         for mine, (_, _, run) in zip(taken, methods, strict=True):
@@ -60,7 +60,7 @@ def one_level(series: Sequence[Array]) -> Iterator[tuple[str, int, float]]:
         yield name, axes, statistics.median(seconds)
 
 
-def ours(series: Sequence[Array], parameters: FilterParameters) -> None:
+def own(series: Sequence[Array], parameters: FilterParameters) -> None:
     """Our filter over a series."""
     online = CompiledRunLengthFilter(LEVEL, Geometric(MEAN_SAMPLES), parameters)
     zero = np.zeros(3)

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import zenoh
-from machine import machine, options, pace_ms, tell
+from machine import machine, options, pace_ms, report
 
 from caesura_clients.query import snapshot
 from caesura_protocol.codec import Encoded, decode, encode, pack_samples
@@ -92,7 +92,7 @@ def main() -> None:
         "pace [ms]",
     )
     title = f"{held} stations held, {asked.instances} instance(s): p99 at most {LIMIT_MS:g} ms, nothing lost"
-    tell("service_load", title, columns, rows, asked.json)
+    report("service_load", title, columns, rows, asked.json)
 
 
 def row(stations: int, load: Load) -> tuple[object, ...]:
@@ -133,22 +133,24 @@ def measured(
         stack.callback(service.end)
         stack.enter_context(beside(service.endpoint))
         context = multiprocessing.get_context("spawn")
-        told: Any = context.Queue()
-        reader = context.Process(target=read, args=(service.endpoint, len(names), told), daemon=True)
+        reported: Any = context.Queue()
+        reader = context.Process(target=read, args=(service.endpoint, len(names), reported), daemon=True)
         reader.start()
-        told.get()  # it listens
-        robots = context.Process(target=robot, args=(service.endpoint, names, lockstep, told), daemon=True)
+        reported.get()  # it listens
+        robots = context.Process(
+            target=robot, args=(service.endpoint, names, lockstep, reported), daemon=True
+        )
         before_mb = memory_mb(service.pid)
         robots.start()
-        begun = told.get()  # all sessions are open
+        begun = reported.get()  # all sessions are open
         time.sleep(max(0.0, begun + WARM_UP_S - time.monotonic()))
         before, since = processor_s(service.pid), time.monotonic()
         time.sleep(max(0.0, begun + SECONDS - time.monotonic()))
         spent_s, network_s = np.subtract(processor_s(service.pid), before).tolist()
         cores = spent_s / (time.monotonic() - since)
         grown_mb = memory_mb(service.pid) - before_mb
-        put_at = told.get()
-        received = told.get()
+        put_at = reported.get()
+        received = reported.get()
         with ZenohTransport(service.endpoint, timeout_s=10.0) as transport:
             lost = missing(transport, names, len(next(iter(put_at.values()))))
         robots.join()
@@ -185,7 +187,7 @@ def taken(transport: ZenohTransport, name: str) -> int:
 # --- the other processes --------------------------------------------------------------------------------
 
 
-def robot(endpoint: str, names: Sequence[str], lockstep: bool, told: Any) -> None:
+def robot(endpoint: str, names: Sequence[str], lockstep: bool, reported: Any) -> None:
     """Put every station's batches when they are due, and tell when that was."""
     taught = [prepared(*one) for one in ([(TASKS[0], 0)] if lockstep else product(TASKS, range(PLACES)))]
     opening = taught[0][1]
@@ -212,13 +214,13 @@ def robot(endpoint: str, names: Sequence[str], lockstep: bool, told: Any) -> Non
             for seq, batch in enumerate(content[name])
         )
         begun = time.monotonic() + 0.2
-        told.put(begun)
+        reported.put(begun)
         for due, name, batch in plan:
             if (ahead := begun + due - time.monotonic()) > 0.0:
                 time.sleep(ahead)
             publishers[name].put(batch.payload)
             put_at[name].append(time.monotonic())
-        told.put(put_at)
+        reported.put(put_at)
         time.sleep(6.0)  # whoever asks may still ask; the sessions stay open
 
 
@@ -275,14 +277,14 @@ def opened(transport: ZenohTransport, name: str, opening: Encoded) -> None:
     raise RuntimeError(f"nobody opened {name}")
 
 
-def read(endpoint: str, stations: int, told: Any) -> None:
+def read(endpoint: str, stations: int, reported: Any) -> None:
     """Receive every result, look at it afterwards, and tell which came when."""
     arrived: list[tuple[float, zenoh.Sample]] = []
     with Peer(endpoint) as peer:
         subscriber = peer.network.declare_subscriber(
             session_key("*", "*", "posterior"), zenoh.handlers.FifoChannel(1 << 16)
         )
-        told.put("listening")
+        reported.put("listening")
         threading.Thread(target=listen, args=(subscriber, arrived), daemon=True).start()
         end, known = time.monotonic() + 120.0, -1
         while time.monotonic() < end and (known < len(arrived) or not arrived):
@@ -293,7 +295,7 @@ def read(endpoint: str, stations: int, told: Any) -> None:
     for at, sample in arrived:
         message = decode(sample.payload.to_bytes(), str(sample.encoding), Posterior)
         found.append((message.station, message.t, at))
-    told.put(found)
+    reported.put(found)
 
 
 def listen(subscriber: Iterable[zenoh.Sample], arrived: list[tuple[float, zenoh.Sample]]) -> None:

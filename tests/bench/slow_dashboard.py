@@ -120,14 +120,14 @@ def measure(slow: int, stations: int, seconds: float) -> tuple[Latencies, int]:
     try:
         with Peer(endpoint) as robot, Peer(endpoint) as reader:
             handler = zenoh.handlers.Callback(latencies.arrived, indirect=False)
-            heard = reader.network.declare_subscriber(session_key("*", "*", "posterior"), handler)
+            received = reader.network.declare_subscriber(session_key("*", "*", "posterior"), handler)
             names = [f"cell-{index}" for index in range(stations)]
             for name in names:
                 robot.command(opening(), name)
             with dashboards(slow, endpoint):
                 teach(robot, names, seconds, latencies)
             dropped = robot.service_status("bench").dropped
-            heard.undeclare()
+            received.undeclare()
     finally:
         service.kill()
     return latencies, dropped

@@ -54,7 +54,7 @@ def live(messages: list[ros.Message], signals: dict[str, str]) -> float:
     begun, rows = time.perf_counter(), 0
     for topic, payload in payloads:
         message = read.read(topic.type, payload)
-        rows += len(joiner.push(stamp_of(message, topic.name), plan.taken(topic, message)))
+        rows += len(joiner.push(stamp_of(message, topic.name), plan.select_values(topic, message)))
     return (time.perf_counter() - begun) / max(rows, 1)
 
 
@@ -62,17 +62,17 @@ def ros_franka() -> float:
     """A FrankaRobotState that tells everything."""
     made = guided()
     n = min(SAMPLES, made.t.size)
-    told = {
+    reported = {
         "pos": made.signals["pos"][:n],
         "quat": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         "q": np.ones((n, 7)),
         "force": made.signals["force"][:n],
         "tau": np.ones((n, 7)),
     }
-    messages = list(ros.franka_topic(replace(made, t=made.t[:n], signals=told)))
+    messages = list(ros.franka_topic(replace(made, t=made.t[:n], signals=reported)))
     topic = messages[0][0]
     assert messages[0][1] == FRANKA_STATE
-    return live(messages, dict.fromkeys((*told, "torque"), topic))
+    return live(messages, dict.fromkeys((*reported, "torque"), topic))
 
 
 def ros_sensor() -> float:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from machine import machine, options, tell
+from machine import machine, options, report
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -63,7 +63,7 @@ def main() -> None:
     median = Start(*(statistics.median(column) for column in zip(*warm, strict=True)))
     rows = [("compiled", *median, READY_S, ""), ("not compiled", *cold, "", lost)]
     columns = ("kernels", "ready after [s]", "processor [s]", "at most [s]", "samples lost")
-    tell("start", "From `caesura serve` to ready", columns, rows, asked.json)
+    report("start", "From `caesura serve` to ready", columns, rows, asked.json)
     raise SystemExit(bool(lost))
 
 

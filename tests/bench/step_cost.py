@@ -19,7 +19,7 @@ import numpy as np
 import peers
 import roofline
 import thesis_update
-from machine import machine, options, seconds, tell
+from machine import machine, options, report, seconds
 
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.filter import ChangepointFilter
@@ -50,8 +50,8 @@ def main() -> None:
         for name in asked.presets
         for h in HYPOTHESES
     ]
-    tell("step_cost", "µs a step", COLUMNS, rows, asked.json)
-    tell(
+    report("step_cost", "µs a step", COLUMNS, rows, asked.json)
+    report(
         "peers", "µs a step, one level (Gaussian of unknown mean), 200 samples", *peers_rows(data), asked.json
     )
 
@@ -67,17 +67,17 @@ def measure(
     for online in (compiled, reference):
         take(online, data[:WARM_UP])
     work = roofline.work_of(lattice, compiled.starts.size, preset.filter.window)
-    told: dict[str, list[float]] = {"compiled": [], "NumPy": [], "thesis": [], "roofline": []}
+    reported: dict[str, list[float]] = {"compiled": [], "NumPy": [], "thesis": [], "roofline": []}
     for stretch in stretches(data):
-        told["compiled"].append(processor_seconds(partial(take, compiled, stretch)) / STRETCH)
-        told["NumPy"].append(processor_seconds(partial(take, reference, stretch)) / STRETCH)
-        told["roofline"].append(roofline.least_seconds(work, roofline.saxpy_rates(int(work.bytes))))
+        reported["compiled"].append(processor_seconds(partial(take, compiled, stretch)) / STRETCH)
+        reported["NumPy"].append(processor_seconds(partial(take, reference, stretch)) / STRETCH)
+        reported["roofline"].append(roofline.least_seconds(work, roofline.saxpy_rates(int(work.bytes))))
         if name == "integrated":
             so_far = data[: compiled.count]
-            told["thesis"].append(processor_seconds(partial(as_in_thesis, reference, so_far)))
-    step, numpy, least = (statistics.median(told[way]) for way in ("compiled", "NumPy", "roofline"))
+            reported["thesis"].append(processor_seconds(partial(as_in_thesis, reference, so_far)))
+    step, numpy, least = (statistics.median(reported[way]) for way in ("compiled", "NumPy", "roofline"))
     cold = statistics.median(after_others(compiled, reference, data[-STRETCH:]))
-    thesis = statistics.median(told["thesis"]) if told["thesis"] else None
+    thesis = statistics.median(reported["thesis"]) if reported["thesis"] else None
     return (
         *(name, compiled.starts.size, 1e6 * step, 1e6 * cold, 1e6 * numpy, numpy / step),
         "" if thesis is None else 1e6 * thesis,
@@ -129,9 +129,9 @@ def as_in_thesis(online: RunLengthFilter, data: Sequence[ModelInput]) -> None:
     """The thesis' update over the same hypotheses; its evidence is that of the filter."""
     position = np.array([observed.position for observed in data])
     force = np.array([observed.force for observed in data])
-    told = thesis_update.step(position, force, online.starts.tolist())
+    reported = thesis_update.step(position, force, online.starts.tolist())
     [evidence] = online.log_evidence.T  # its kinds may repeat, so that the kind before plays no part
-    np.testing.assert_allclose(told, evidence, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(reported, evidence, rtol=1e-9, atol=1e-9)
 
 
 def peers_rows(data: Sequence[ModelInput]) -> tuple[Sequence[str], list[tuple[object, ...]]]:

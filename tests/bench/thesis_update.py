@@ -43,15 +43,15 @@ def segment(position: Array, force: Array) -> float:
 def profiled(y: Array, profiles: list, nu0: float, scale: float) -> float:  # type: ignore[type-arg]
     """The best profile on each axis, the last sample being the target (3.27)."""
     t = STEP_S * np.arange(len(y))
-    told = [marginal(y - profile(t)[:, None] * y[-1], nu0, scale) for profile in profiles]
-    return float(np.max(told, axis=0).sum())
+    reported = [marginal(y - profile(t)[:, None] * y[-1], nu0, scale) for profile in profiles]
+    return float(np.max(reported, axis=0).sum())
 
 
 def marginal(residuals: Array, nu0: float, scale: float) -> Array:
     """(3,) log marginal likelihood of residuals (n, 3), the variance integrated out. (3.31)."""
     n, prior = len(residuals), nu0 * scale**2
     constant = gammaln(0.5 * (nu0 + n)) - gammaln(0.5 * nu0) - 0.5 * n * np.log(np.pi)
-    told: Array = (
+    reported: Array = (
         constant + 0.5 * nu0 * np.log(prior) - 0.5 * (nu0 + n) * np.log(prior + (residuals**2).sum(axis=0))
     )
-    return told
+    return reported

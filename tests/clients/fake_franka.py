@@ -25,14 +25,14 @@ class Script:
 
 def state(time_ms: int, **fields: Any) -> SimpleNamespace:
     """libfranka's values: what a test does not say is at rest."""
-    told = {
+    reported = {
         "q": np.zeros(7),
         "O_T_EE": np.eye(4),
         "F_T_EE": np.eye(4),
         "O_F_ext_hat_K": np.zeros(6),
         "tau_ext_hat_filtered": np.zeros(7),
     }
-    return SimpleNamespace(time_ms=time_ms, **{**told, **fields})
+    return SimpleNamespace(time_ms=time_ms, **{**reported, **fields})
 
 
 class Duration:
@@ -72,14 +72,14 @@ def fake_franky(script: Script) -> ModuleType:
         def state(self) -> SimpleNamespace:
             if not script.states:
                 raise NetworkException(script.error)
-            told = script.states.pop(0)
+            reported = script.states.pop(0)
             return SimpleNamespace(
-                q=told.q,
-                O_T_EE=Affine(told.O_T_EE),
-                F_T_EE=Affine(told.F_T_EE),
-                O_F_ext_hat_K=told.O_F_ext_hat_K,
-                tau_ext_hat_filtered=told.tau_ext_hat_filtered,
-                time=Duration(told.time_ms),
+                q=reported.q,
+                O_T_EE=Affine(reported.O_T_EE),
+                F_T_EE=Affine(reported.F_T_EE),
+                O_F_ext_hat_K=reported.O_F_ext_hat_K,
+                tau_ext_hat_filtered=reported.tau_ext_hat_filtered,
+                time=Duration(reported.time_ms),
             )
 
     class Gripper:
@@ -110,14 +110,14 @@ def fake_libfranka(script: Script) -> ModuleType:
         def read_once(self) -> SimpleNamespace:
             if not script.states:
                 raise RuntimeError(script.error)
-            told = script.states.pop(0)
+            reported = script.states.pop(0)
             return SimpleNamespace(
-                q=told.q.tolist(),
-                O_T_EE=told.O_T_EE.flatten(order="F").tolist(),
-                F_T_EE=told.F_T_EE.flatten(order="F").tolist(),
-                O_F_ext_hat_K=told.O_F_ext_hat_K.tolist(),
-                tau_ext_hat_filtered=told.tau_ext_hat_filtered.tolist(),
-                time=Duration(told.time_ms),
+                q=reported.q.tolist(),
+                O_T_EE=reported.O_T_EE.flatten(order="F").tolist(),
+                F_T_EE=reported.F_T_EE.flatten(order="F").tolist(),
+                O_F_ext_hat_K=reported.O_F_ext_hat_K.tolist(),
+                tau_ext_hat_filtered=reported.tau_ext_hat_filtered.tolist(),
+                time=Duration(reported.time_ms),
             )
 
     class Gripper:

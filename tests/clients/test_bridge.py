@@ -55,7 +55,7 @@ def test_every_sample_arrives_once_and_in_order(network):
     assert service.batches[-1].n == 10
 
 
-def test_the_service_is_told_what_the_source_is(memory):
+def test_the_service_receives_what_the_source_is(memory):
     source = file_source(20)
     with (
         FakeService(memory.transport()) as service,
@@ -84,7 +84,7 @@ def test_lost_batches_are_asked_for_and_sent_again(memory, lost):
     assert_everything_arrived(service, source)
 
 
-def test_a_lost_tail_is_told_by_the_heartbeat_while_the_robot_rests(memory):
+def test_a_lost_tail_is_determined_by_the_heartbeat_while_the_robot_rests(memory):
     memory.lose = Losing(2)
     with (
         FakeService(memory.transport()) as service,
@@ -106,7 +106,7 @@ def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
         eventually(lambda: service.rows() == 3)
 
 
-def test_a_service_that_lost_the_session_unnoticed_is_told_it_again(memory):
+def test_a_service_that_lost_the_session_unnoticed_is_sent_it_again(memory):
     settings = BridgeSettings(reopen_s=0.02, retry_s=0.02, heartbeat_s=60.0)
     with (
         FakeService(memory.transport()) as service,
@@ -134,7 +134,7 @@ def test_a_file_waits_for_a_service_that_comes_later(network):
     assert_everything_arrived(service, source)
 
 
-def test_a_live_robot_waits_for_nobody_and_its_past_is_sent_when_a_service_comes(network):
+def test_a_live_robot_does_not_wait_and_its_past_is_sent_when_a_service_comes(network):
     with Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge:
         for start in range(10):
             bridge.send(samples(100, t0=start / 10))
@@ -145,7 +145,7 @@ def test_a_live_robot_waits_for_nobody_and_its_past_is_sent_when_a_service_comes
 
 
 @pytest.mark.parametrize("journal", [True, False], ids=["with a journal", "without a journal"])
-def test_a_restarted_service_is_told_the_session_again_and_misses_nothing(network, journal):
+def test_a_restarted_service_is_sent_the_session_again_and_misses_nothing(network, journal):
     with Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge:
         with FakeService(network.transport()) as first:
             bridge.wait_open(30.0)
@@ -178,7 +178,7 @@ def test_a_restarted_router_costs_no_sample(router):
 
 
 @pytest.mark.parametrize("can_wait", [True, False])
-def test_a_refused_session_is_raised_to_whoever_sends(network, can_wait):
+def test_a_refused_session_is_raised_to_the_sender(network, can_wait):
     service = FakeService(network.transport())
     service.refuse = ProtocolError("forbidden", "not your station", value="cell-1")
     source = LiveSource([samples(10)])
@@ -246,7 +246,7 @@ class Forgetful(FakeService):
 
 
 @pytest.mark.parametrize("kind", [FakeService, Forgetful])
-def test_a_service_that_lost_the_session_before_the_close_is_told_again(memory, kind):
+def test_a_service_that_lost_the_session_before_the_close_is_sent_it_again(memory, kind):
     with kind(memory.transport()) as service, ExitStack() as stack:
         bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
         bridge.wait_open(30.0)
@@ -542,7 +542,7 @@ def test_what_is_closed_takes_no_samples(network):
         assert bridge.finish().state == "closed"
 
 
-def test_a_source_that_declares_what_nobody_knows_is_refused_by_name(memory):
+def test_a_source_that_declares_an_unknown_unit_is_refused_by_name(memory):
     source = LiveSource()
     source.wrench_source = "sensor"
     with pytest.raises(SourceError, match="wrench_source is 'sensor', expected one of flange_sensor"):

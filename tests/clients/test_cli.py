@@ -104,7 +104,7 @@ def played(caesura, router, service, file):
     return play
 
 
-def test_bridge_tells_what_was_refused(played):
+def test_bridge_reports_what_was_refused(played):
     # It once said "closed, 640 batches" and ended with 0 where every one had been refused.
     why = Refusal(code="malformed", message="malformed: not a map")
     result = played(refusing(refused={"malformed": 640}, last_refusal=why, repeats=3, samples=100))
@@ -115,7 +115,7 @@ def test_bridge_tells_what_was_refused(played):
         assert word in line
 
 
-def test_what_was_dropped_as_a_repeat_is_told_but_is_no_failure(played):
+def test_what_was_dropped_as_a_repeat_is_reported_but_is_no_failure(played):
     result = played(refusing(refused={}, last_refusal=None, repeats=3, samples=100, gaps=()))
     assert result.exit_code == 0
     assert result.stderr.endswith("cell-2/mine: 3 of 100 samples dropped: their time did not advance\n")
@@ -303,8 +303,8 @@ def test_a_session_is_shown_with_its_segments_and_its_program(caesura, service):
     assert "cell-1 / s1" in shown
     assert "motion" in shown
     assert "version" in shown
-    told = caesura("sessions", "show", "s2", "--station", "cell-1", "--json").stdout
-    assert Snapshot.model_validate_json(told) == service.snapshots[1]
+    received = caesura("sessions", "show", "s2", "--station", "cell-1", "--json").stdout
+    assert Snapshot.model_validate_json(received) == service.snapshots[1]
 
 
 def test_a_session_is_shown_with_its_phases(caesura, service):
@@ -384,7 +384,7 @@ def test_commands_whose_extra_is_missing_are_not_listed(client_only, capsys):
         (["annotate", "a.npz"], "service,dashboard"),
     ],
 )
-def test_whoever_types_one_is_told_what_to_install(client_only, typed, extra):
+def test_typing_one_is_given_the_command_that_installs_it(client_only, typed, extra):
     # "No such command" was once all that a client install had to say.
     result = CliRunner().invoke(client_only, typed)
     assert result.exit_code == 2

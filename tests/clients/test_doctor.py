@@ -105,7 +105,7 @@ def well(**changes: object) -> ProbeResult:
     return probed
 
 
-def heard(probed: ProbeResult, **changes: object) -> ProbeResult:
+def received(probed: ProbeResult, **changes: object) -> ProbeResult:
     """The same, with the station's last status changed."""
     ((key, (first, last)),) = probed.statuses.items()
     changed = ReceivedStatus(last.at, last.status.model_copy(update=changes))
@@ -134,7 +134,7 @@ def test_where_all_is_well_nothing_is_to_be_done():
         ({"journal": None}, "journal", "warn", "does not report it"),
     ],
 )
-def test_what_a_service_tells_is_judged(changes, check, grade, words):
+def test_what_a_service_reports_is_judged(changes, check, grade, words):
     found = list(judge(well(reported=[service(**changes)])))
     assert grades(found, check) == [grade]
     assert words in said(found, check)
@@ -161,15 +161,15 @@ def test_a_journal_in_trouble_in_memory_or_full_is_said():
         ({"refused": {"malformed": 2}}, "refused", "warn", "2 malformed"),
     ],
 )
-def test_what_a_session_tells_is_judged(changes, check, grade, words):
-    found = list(judge(heard(well(), **changes)))
+def test_what_a_session_reports_is_judged(changes, check, grade, words):
+    found = list(judge(received(well(), **changes)))
     assert grade in grades(found, check)
     assert words in said(found, check)
 
 
 def test_a_source_that_is_not_stated_is_asked_for():
     off = {"stated": False, "contact_models": False, "transport_models": False}
-    found = list(judge(heard(well(), wrench=status().wrench.model_copy(update=off))))
+    found = list(judge(received(well(), wrench=status().wrench.model_copy(update=off))))
     (one,) = [one for one in found if one.check == "wrench"]
     assert one.grade == "warn"
     assert "flange_sensor, flange_sensor_with_hand, joint_torque_estimate, none" in one.remedy
@@ -185,7 +185,7 @@ def test_a_source_that_is_not_stated_is_asked_for():
 )
 def test_a_wrench_that_says_little_is_warned_of(changes, check, words):
     wrench = status().wrench.model_copy(update=changes)
-    found = list(judge(heard(well(), wrench=wrench)))
+    found = list(judge(received(well(), wrench=wrench)))
     assert grades(found, check) == ["warn"]
     assert words in said(found, check)
 
@@ -204,7 +204,7 @@ def test_a_peer_of_another_protocol_is_named():
     assert "speaks caesura/v2, we speak caesura/v1" in said(found, "service")
 
 
-def test_two_owners_of_one_session_and_who_has_what_are_told():
+def test_two_owners_of_one_session_and_who_has_what_are_reported():
     one = well().snapshots[0]
     other = one.model_copy(
         update={"status": one.status.model_copy(update={"instance": "other", "epoch": 99})}
@@ -224,7 +224,7 @@ def test_an_open_session_whose_bridge_is_gone_is_bad():
 
 
 def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
-    found = list(judge(heard(well(), batches=50, samples=1000, t=1.0)))
+    found = list(judge(received(well(), batches=50, samples=1000, t=1.0)))
     assert grades(found, "samples") == ["bad"]
     assert "the bridge hangs, or its source gives nothing" in said(found, "samples")
 
@@ -243,7 +243,7 @@ def test_a_session_that_has_just_begun_does_not_hang(first_at, grade, words):
     assert words in said(found, "samples")
 
 
-def test_a_refusal_of_our_questions_is_told():
+def test_a_refusal_of_the_doctors_queries_is_reported():
     found = list(judge(well(refusals=[ProtocolError("overloaded", "too many questions are waiting")] * 2)))
     assert "2 questions refused: overloaded: too many questions are waiting" in said(found, "credentials")
 
@@ -321,7 +321,7 @@ def test_an_empty_network_has_no_service():
     assert "start `caesura serve`" in said(found, "service")
 
 
-def test_a_station_that_nobody_knows_is_named():
+def test_an_unknown_station_is_named():
     memory = MemoryNetwork()
     with Answering(memory.transport()) as service:
         reported = example(ServiceStatus).model_copy(
@@ -332,15 +332,15 @@ def test_a_station_that_nobody_knows_is_named():
     assert [(one.station, one.grade) for one in found if one.check == "bridge"] == [("cell-9", "bad")]
 
 
-def test_rubbish_that_somebody_publishes_is_told_and_not_fatal():
+def test_rubbish_that_a_peer_publishes_is_reported_and_not_fatal():
     memory = MemoryNetwork()
     over = threading.Event()
 
-    def shout() -> None:
+    def publish_rubbish() -> None:
         while not over.wait(0.005):
             memory.transport().put("caesura/v1/station/cell-1/samples", Encoded(b"rubbish", "text/plain"))
 
-    shouting = threading.Thread(target=shout, daemon=True)
+    shouting = threading.Thread(target=publish_rubbish, daemon=True)
     shouting.start()
     probed = probe_network(memory.transport(), seconds=0.1)
     over.set()
@@ -446,7 +446,7 @@ def test_a_wrong_endpoint_ends_the_examination(endpoint, words):
     assert text.count("✗") == 1
 
 
-def test_something_that_is_no_router_is_told_from_nothing():
+def test_something_that_is_no_router_is_distinguished_from_nothing():
     with socket.create_server(("127.0.0.1", 0)) as mute:
         code, text = run("--connect", f"tcp/127.0.0.1:{mute.getsockname()[1]}")
     assert code == 1
@@ -455,7 +455,7 @@ def test_something_that_is_no_router_is_told_from_nothing():
     assert "does not let us in" in text
 
 
-def test_what_stands_between_us_and_a_router_is_told_with_its_remedy():
+def test_what_stands_between_us_and_a_router_is_reported_with_its_remedy():
     found = no_session(
         AccessDenied("tls/x:1 does not let us in: it demands a certificate: --zenoh-config FILE")
     )
@@ -468,8 +468,8 @@ def batch_of(session: str) -> SampleBatch:
     return SampleBatch(session=session, epoch=0, seq=0, n=1, columns=("t", "px"), t0=0.0, samples=bytes(8))
 
 
-def test_samples_of_a_session_that_nobody_opened_are_bad_and_those_of_one_that_just_ended_are_not():
-    probed = heard(well(), state="closed")
+def test_samples_of_a_session_that_was_never_opened_are_bad_and_those_of_one_that_just_ended_are_not():
+    probed = received(well(), state="closed")
     ((station, session),) = probed.statuses
     probed.batches = {(station, session): [batch_of(session)]}
     assert grades(list(judge(probed)), "bridge") == ["warn"]

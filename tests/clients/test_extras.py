@@ -23,12 +23,12 @@ def without(monkeypatch):
     def remove(extra: str) -> None:
         package = PACKAGES_OF[extra]
         gone = [name for name in sys.modules if name.partition(".")[0] == package]
-        ours = [
+        own = [
             name
             for name in sys.modules
             if name.startswith(("caesura_protocol.formats.", "caesura_clients.bridge.sources.ros2"))
         ]
-        for name in (*gone, *ours):
+        for name in (*gone, *own):
             monkeypatch.delitem(sys.modules, name)
         monkeypatch.setitem(sys.modules, package, None)
 

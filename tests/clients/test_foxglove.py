@@ -15,7 +15,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from caesura_clients.viewer.feed import StationFeed
-from caesura_clients.viewer.foxglove_server import FoxgloveServer
+from caesura_clients.viewer.foxglove_server import BACKLOG, FoxgloveServer
 from caesura_clients.viewer.live_messages import PATH_POINTS
 from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.errors import CaesuraError
@@ -79,8 +79,9 @@ def subscribed(viewer: Viewer) -> None:
     eventually(lambda: viewer.count("/segments") >= 1)
 
 
-def test_ten_minutes_at_100_hz_arrive_without_loss_beside_a_viewer_that_hangs_and_one_that_leaves(station):
-    rows = rows_of(600 * RATE_HZ)
+def test_minutes_at_100_hz_arrive_without_loss_beside_a_viewer_that_hangs_and_one_that_leaves(station):
+    rows = rows_of(200 * RATE_HZ)  # 60,000 messages to each viewer: nearly four times its backlog
+    assert 3 * len(rows) > 3 * BACKLOG
     port = station.server.port
     with viewing(port, hangs=True), viewing(port) as viewer, ExitStack() as leaving:
         left = leaving.enter_context(viewing(port))
@@ -98,7 +99,7 @@ def test_ten_minutes_at_100_hz_arrive_without_loss_beside_a_viewer_that_hangs_an
         assert np.array_equal([one["force"] for one in wrenches], rows[:, 4:7])
         times = np.array([when for when, _ in viewer.messages["/state"]])
         assert np.abs(times - BEGAN * NS - np.round(rows[:, 0] * NS)).max() <= 1000
-        assert 500 <= viewer.count("/path") <= 700
+        assert 150 <= viewer.count("/path") <= 250
         last = json.loads(viewer.messages["/path"][-1][1])
         assert PATH_POINTS / 2 <= len(last["poses"]) <= PATH_POINTS
         assert viewer.statuses[-1] == f"session {SESSION}"

@@ -44,17 +44,17 @@ def moving(count: int, first_ms: int = 5000) -> list:
     for i in range(count):
         matrix = effector.copy()
         matrix[:3, 3] = [0.4 + 1e-4 * i, 0.1, 0.2]
-        told = {"q": np.arange(7.0) / 10 + i / 1000, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
-        told["tau_ext_hat_filtered"] = np.arange(7.0)
-        states.append(state(first_ms + i, O_T_EE=matrix, F_T_EE=hand, **told))
+        reported = {"q": np.arange(7.0) / 10 + i / 1000, "O_F_ext_hat_K": np.array([0, 0, -10.0, 1, 2, 3])}
+        reported["tau_ext_hat_filtered"] = np.arange(7.0)
+        states.append(state(first_ms + i, O_T_EE=matrix, F_T_EE=hand, **reported))
     return states
 
 
 def rows_of(source: FrankaSource) -> tuple[list[np.ndarray], str]:
     """All chunks until the robot is lost, and what is said then."""
-    chunks, told = [], source.chunks()
+    chunks, reported = [], source.chunks()
     try:
-        for chunk in told:
+        for chunk in reported:
             chunks.append(chunk)
     except SourceError as lost:
         return chunks, str(lost)
@@ -112,24 +112,24 @@ def test_a_gripper_is_a_column_that_keeps_its_last_width(play, arm):
     script = Script(moving(40))
     source = play(arm, script, gripper=True)
     assert script.asked[1] == ("Gripper", "172.16.0.2")
-    told = source.chunks()
-    assert next(told)[:, -1].tolist() == [0.08] * 20
+    reported = source.chunks()
+    assert next(reported)[:, -1].tolist() == [0.08] * 20
     script.width = 0.03
     eventually(lambda: source._gripper.width == 0.03)
-    assert next(told)[:, -1].tolist() == [0.03] * 20
-    told.close()
+    assert next(reported)[:, -1].tolist() == [0.03] * 20
+    reported.close()
 
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_gripper_that_is_lost_ends_the_source(play, arm):
     script = Script(moving(40))
     source = play(arm, script, gripper=True)
-    told = source.chunks()
-    next(told)
+    reported = source.chunks()
+    next(reported)
     script.gripper_error = "connection closed"
     eventually(lambda: source._gripper.failure is not None)
     with pytest.raises(SourceError, match=r"the gripper was lost after 0\.0 s: connection closed"):
-        next(told)
+        next(reported)
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -143,7 +143,7 @@ def test_no_gripper_says_what_to_add(play, arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_state_that_is_told_twice_is_taken_once_and_one_that_was_missed_stays_missing(play, arm):
+def test_a_state_that_is_reported_twice_is_taken_once_and_one_that_was_missed_stays_missing(play, arm):
     states = [one for one in moving(60) for _ in range(2) if one.time_ms % 10]
     chunks, _ = rows_of(play(arm, Script(states)))
     times = np.concatenate(chunks)[:, 0] * 1000

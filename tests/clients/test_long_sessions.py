@@ -62,7 +62,7 @@ def teach(caesura: Caesura, segments: int) -> None:
         bridge.run()
 
 
-def test_a_long_session_is_told_whole(caesura: Caesura, config: ServiceConfig):
+def test_a_long_session_is_sent_whole(caesura: Caesura, config: ServiceConfig):
     updates: list[Update] = []
 
     def follow() -> None:

@@ -20,7 +20,7 @@ def test_marks_are_made_in_order_and_those_that_wait_in_the_end_too():
 
 
 @pytest.mark.parametrize("count", [3, CAPACITY + 1])
-def test_marks_that_nobody_takes_do_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch, count: int):
+def test_marks_that_are_not_taken_do_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch, count: int):
     monkeypatch.setattr(marker_queue, "LAST_S", 0.05)
     asked, answered = threading.Event(), threading.Event()
 
@@ -39,7 +39,7 @@ def test_marks_that_nobody_takes_do_not_hold_up_the_end(monkeypatch: pytest.Monk
     answered.set()
 
 
-def test_whoever_ends_the_demonstration_does_not_wait_for_marks():
+def test_ending_the_demonstration_does_not_wait_for_marks():
     answered = threading.Event()
 
     def make(t: float) -> None:

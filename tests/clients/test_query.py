@@ -56,7 +56,7 @@ def test_where_there_is_no_program_the_open_one_is_meant_or_else_the_last(caesur
     assert caesura.snapshot("cell-1") == second
 
 
-def test_of_two_owners_the_one_with_the_higher_epoch_is_heard(caesura, service):
+def test_of_two_owners_the_one_with_the_higher_epoch_counts(caesura, service):
     old, new = snapshot(9, "motion", epoch=1), snapshot(0, "hold", epoch=2)
     service.snapshots = [new, old]
     assert caesura.snapshot("cell-1") == new

@@ -56,7 +56,7 @@ def test_what_is_missing_is_asked_for_until_it_is_here_or_gone(arrivals, beat, o
         np.testing.assert_allclose(found.matrix(), expected)
 
 
-def test_a_question_that_nobody_answers_is_a_gap_in_the_end():
+def test_a_question_without_an_answer_is_a_gap_in_the_end():
     recorder = Recorder("s1")
     recorder.add_batch(batch(0))
     recorder.announce_seq(3)
@@ -77,7 +77,7 @@ def test_a_number_far_ahead_is_none():
     assert (recorder.known, recorder.missing()) == (0, None)
 
 
-def test_where_nobody_answers_at_all_an_hour_is_given_up_at_once():
+def test_without_an_answer_at_all_an_hour_is_given_up_at_once():
     recorder = Recorder("s1")
     recorder.add_batch(batch(180_000))
     for _ in range(ATTEMPTS):
@@ -134,7 +134,7 @@ def test_a_batch_that_cannot_be_read_is_counted_and_not_kept():
         recorder.recording(None)
 
 
-def test_the_zero_of_the_session_is_told_by_the_batch_that_was_quickest():
+def test_the_zero_of_the_session_is_determined_by_the_batch_that_was_quickest():
     recorder = Recorder("s1")
     for seq, late_s in enumerate((0.3, 0.002, 0.1)):
         recorder.add_batch(batch(seq), now_s=500.0 + seq * 0.02 + 0.019 + late_s)
@@ -208,7 +208,7 @@ def test_another_session_of_the_station_is_not_mixed_in(memory):
     assert found.recording.t.size == 40
 
 
-def test_nothing_heard_is_an_error_that_names_the_station(memory):
+def test_nothing_received_is_an_error_that_names_the_station(memory):
     over = threading.Event()
     over.set()
     with pytest.raises(CaesuraError, match="cell-1: no session s9 was received"):
@@ -217,9 +217,9 @@ def test_nothing_heard_is_an_error_that_names_the_station(memory):
 
 def test_a_word_of_the_end_that_was_lost_is_asked_for(memory, monkeypatch):
     monkeypatch.setattr("caesura_clients.recorder.SILENT_S", 0.0)
-    told = snapshot(0, station="cell-1", session="s1", state="closed")
+    reported = snapshot(0, station="cell-1", session="s1", state="closed")
     with Answering(memory.transport()) as service, ThreadPoolExecutor(1) as pool:
-        service.snapshots = [told]
+        service.snapshots = [reported]
         sender, over = memory.transport(), threading.Event()
         future = pool.submit(record, memory.transport(), "cell-1", over=over)
         try:
@@ -229,4 +229,4 @@ def test_a_word_of_the_end_that_was_lost_is_asked_for(memory, monkeypatch):
         finally:
             over.set()
     assert found.closed
-    assert found.snapshot == told
+    assert found.snapshot == reported

@@ -174,7 +174,7 @@ def test_a_torque_beside_a_force_in_the_base_frame_is_not_read(tmp_path):
         ("wrench_fresh", None),
     ],
 )
-def test_a_typo_is_told_from_what_is_merely_more(name, meant):
+def test_a_typo_is_distinguished_from_what_is_merely_more(name, meant):
     assert did_you_mean(name) == meant
 
 

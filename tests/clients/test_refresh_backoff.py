@@ -38,7 +38,7 @@ def test_who_does_not_answer_is_asked_again_as_soon_as_at_first():
     assert times_asked(10.0, answers=False) == [2.0, 4.0, 6.0, 8.0, 10.0]
 
 
-def test_who_is_heard_is_waited_for_anew_and_who_has_ended_not_at_all():
+def test_what_was_received_is_waited_for_anew_and_who_has_ended_not_at_all():
     clock = Clock()
     silence: RefreshBackoff[str] = RefreshBackoff(2.0, clock)
     for key in "ab":

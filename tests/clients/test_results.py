@@ -56,7 +56,7 @@ def test_changepoints_follow_the_same_rule():
     assert following.update.changepoints == (changepoint(1.5),)
 
 
-def test_phases_come_with_the_segments_and_replace_theirs_from_their_first_on():
+def test_phases_come_with_the_segments_and_replace_the_earlier_ones_from_their_first_on():
     phase = example(Phase)
     following = reader("motion", seq=4)
     known = following.update.phases
@@ -186,7 +186,7 @@ def test_a_lost_last_message_is_found_while_another_station_goes_on(network, pub
                 return
 
     busy = threading.Thread(target=go_on, daemon=True)
-    happening = told(network)
+    happening = reported(network)
     assert isinstance(next(happening), Update)  # from the snapshots; now it listens
     busy.start()
     assert any(event == ServiceAvailability("there") for event in happening)
@@ -228,24 +228,24 @@ def test_a_service_that_takes_over_is_believed(network, publisher):
         assert kinds(next(updates)) == ["hold"]
 
 
-def told(network, **options):
+def reported(network, **options):
     return events(network.transport(), **{"refresh_s": 0.05, "silence_s": 5.0, **options})
 
 
-def test_a_service_that_goes_and_comes_back_is_told(network):
+def test_a_service_that_goes_and_comes_back_is_reported(network):
     with Answering(network.transport()):
-        happening = told(network)
+        happening = reported(network)
         assert next(happening) == ServiceAvailability("there")
     assert next(happening) == ServiceAvailability("gone")
     with Answering(network.transport()):
         assert next(happening) == ServiceAvailability("there")
 
 
-def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
+def test_what_a_restarted_service_no_longer_has_is_forgotten(network):
     # It once stayed in view for ever.
     with Answering(network.transport()) as first:
         first.snapshots = [snapshot(4, "motion", session="old")]
-        happening = told(network)
+        happening = reported(network)
         assert next(happening).session == "old"
         assert next(happening) == ServiceAvailability("there")
     assert next(happening) == ServiceAvailability("gone")
@@ -257,23 +257,23 @@ def test_what_a_restarted_service_no_longer_knows_is_forgotten(network):
     assert {event.session for event in seen if isinstance(event, Update)} == {"new"}
 
 
-def test_what_an_instance_that_is_busy_knows_is_not_forgotten(memory):
+def test_what_a_busy_instance_has_is_not_forgotten(memory):
     # One instance has no time just then, another one answers for its own.
-    theirs = snapshot(4, "hold", station="cell-2", session="theirs")
+    others = snapshot(4, "hold", station="cell-2", session="others")
     with Answering(memory.transport()) as publishing:
-        publishing.snapshots = [snapshot(4, "motion"), theirs]
-        happening = told(memory, silence_s=0.5)
+        publishing.snapshots = [snapshot(4, "motion"), others]
+        happening = reported(memory, silence_s=0.5)
         assert {next(happening).station for _ in range(2)} == {"cell-1", "cell-2"}
-        publishing.snapshots.remove(theirs)
+        publishing.snapshots.remove(others)
         busy = encode_error(ProtocolError("overloaded", "not now"))
-        publishing.refusals = {session_key("cell-2", "theirs", "snapshot"): busy}
+        publishing.refusals = {session_key("cell-2", "others", "snapshot"): busy}
         assert [event for event in happening if isinstance(event, SessionRemoved)] == []
 
 
 def test_while_the_service_is_gone_what_is_known_stays(memory):
     with Answering(memory.transport()) as publishing:
         publishing.snapshots = [snapshot(4, "motion")]
-        happening = told(memory, silence_s=0.3)
+        happening = reported(memory, silence_s=0.3)
         assert next(happening).session == snapshot(4).status.session
         assert next(happening) == ServiceAvailability("there")
     assert list(happening) == [ServiceAvailability("gone")]
@@ -329,8 +329,8 @@ def test_leaving_the_loop_ends_the_subscriptions(memory):
 
 def test_another_thread_ends_the_iteration(memory):
     over = threading.Event()
-    told = events(memory.transport(), refresh_s=0.02, over=over)
-    following = threading.Thread(target=lambda: list(told), daemon=True)
+    reported = events(memory.transport(), refresh_s=0.02, over=over)
+    following = threading.Thread(target=lambda: list(reported), daemon=True)
     following.start()
     over.set()
     following.join(8.0)

@@ -131,11 +131,11 @@ def rows_of(source: Ros2Source, node: Publisher, messages: list[ros.Message], co
     """All rows of a source once so many have come."""
     for message in messages:
         node.put(*message)
-    rows, told = [], 0
+    rows, reported = [], 0
     for chunk in source.chunks():
         rows.append(chunk)
-        told += int((chunk[:, 0] > MUCH_LATER_S).sum())
-        if told >= count:
+        reported += int((chunk[:, 0] > MUCH_LATER_S).sum())
+        if reported >= count:
             source._over.set()
     return np.concatenate(rows)
 
@@ -167,21 +167,21 @@ def test_topics_of_their_own_give_the_segments_of_the_npz(router, demonstration,
 
 def test_franka_is_found_by_its_type_alone(router, demonstration):
     n = 60
-    told = {
+    reported = {
         "pos": demonstration.signals["pos"][:n],
         "quat": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         "q": np.ones((n, 7)),
         "force": demonstration.signals["force"][:n],
         "tau": np.ones((n, 7)),
     }
-    messages = list(ros.franka_topic(Recording(demonstration.t[:n], told)))
+    messages = list(ros.franka_topic(Recording(demonstration.t[:n], reported)))
     with publisher(router, "rmw_zenoh") as node, opened(router, node, early(messages)) as source:
         said = (source.wrench_source, source.hand_on_robot, source.force_frame, source.can_wait)
         assert said == ("joint_torque_estimate", "unknown", "base", False)
         rows = rows_of(source, node, messages, n)
     column = dict(zip(source.columns, rows[rows[:, 0] > MUCH_LATER_S].T, strict=True))
-    assert np.array_equal(column["pz"], told["pos"][:, 2])
-    assert np.array_equal(column["fz"], told["force"][:, 2])
+    assert np.array_equal(column["pz"], reported["pos"][:, 2])
+    assert np.array_equal(column["fz"], reported["force"][:, 2])
     assert column["tau7"].tolist() == [1.0] * n
 
 
@@ -197,8 +197,8 @@ def test_a_pedal_on_a_topic_marks_where_the_robot_is(router, demonstration, memo
             node.put(*message)
         node.put_raw("pedal", b"")
         rows, marks = [], []
-        for told in source.chunks():
-            (marks if isinstance(told, Mark) else rows).append(told)
+        for reported in source.chunks():
+            (marks if isinstance(reported, Mark) else rows).append(reported)
             if marks:
                 source._over.set()
     (mark,) = marks
@@ -254,7 +254,7 @@ def test_what_cannot_be_read_names_the_topic(router, demonstration, key, payload
             list(source.chunks())
 
 
-def test_nobody_there_says_what_it_listened_to(router):
+def test_no_publisher_says_what_it_listened_to(router):
     with pytest.raises(SourceError, match=r"no message of /ft/wrench, /pose within 0\.2 s; received nothing"):
         Ros2Source(router.transport(), ColumnMapping("map.toml", MAPPING), discover_s=0.2)
     with pytest.raises(SourceError, match="no message of franka_msgs/msg/FrankaRobotState or"):
@@ -290,7 +290,7 @@ def test_a_source_of_its_own_connection_is_closed(router, demonstration, monkeyp
 
 
 @pytest.mark.parametrize("kind", [FRANKA_STATE, JOINT_STATE])
-def test_keys_tell_topic_type_and_definition(kind):
+def test_keys_state_topic_type_and_definition(kind):
     assert parse_key(rmw_zenoh("/left/arm/state", kind)) == (
         "/left/arm/state",
         kind,

@@ -75,7 +75,7 @@ def test_a_recording_becomes_segments_and_a_program(endpoint):
         ]
 
 
-def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_told(endpoint):
+def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_sent(endpoint):
     last = []
 
     def follow() -> None:
@@ -96,7 +96,7 @@ def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_told(endpoint):
     assert last[0].program == snapshot.program
 
 
-def test_a_second_bridge_of_a_session_is_told_which_one_has_it_and_takes_nothing_from_it(endpoint):
+def test_a_second_bridge_of_a_session_is_refused_with_the_one_that_has_it_and_takes_nothing_from_it(endpoint):
     with connect(endpoint) as one, connect(endpoint) as other:
         first = Bridge(one.transport, "cell-7", LiveSource(), session="s7", settings=QUICK)
         second = Bridge(
@@ -161,7 +161,7 @@ def taken_of(caesura: Caesura, station: str, session: str) -> int:
     return 0
 
 
-def test_bridge_tells_that_the_service_refused_every_batch(endpoint, tmp_path):
+def test_bridge_reports_that_the_service_refused_every_batch(endpoint, tmp_path):
     # Times in microseconds, declared as seconds: it once said "closed, 5 batches" and ended with 0.
     seconds = recording(100)
     replace(seconds, t=seconds.t * 1e6).save(tmp_path / "micro.npz")

@@ -97,7 +97,7 @@ def test_a_refusal_arrives_as_the_error_that_it_was(network):
     assert (refusal.code, refusal.value, refusal.limit) == ("evicted", 3, 9)
 
 
-def test_a_question_nobody_answers_comes_back_empty_at_once(network):
+def test_a_question_without_an_answer_comes_back_empty_at_once(network):
     started = time.monotonic()
     assert network.transport().query(KEY) == ((), ())
     assert time.monotonic() - started < 0.5
@@ -222,7 +222,7 @@ def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
 
 
 @pytest.mark.parametrize("named", ['["{0}"]', '{{"client": ["{0}"], "router": []}}'])
-def test_a_config_file_names_the_router_unless_somebody_else_does(router, tmp_path, named):
+def test_a_config_file_names_the_router_unless_the_command_line_does(router, tmp_path, named):
     file = tmp_path / "client.json5"
     file.write_text(f'{{"connect": {{"endpoints": {named.format(router.endpoint)}}}}}')
     with ZenohTransport(config_file=file, timeout_s=5.0) as transport:
@@ -235,7 +235,7 @@ def test_a_config_file_names_the_router_unless_somebody_else_does(router, tmp_pa
 @pytest.mark.parametrize(
     "content", ["{}", '{"mode": "client", "connect": {"endpoints": {"router": ["tcp/h:1"]}}}']
 )
-def test_where_nobody_names_a_router_it_is_the_one_of_this_machine(tmp_path, content):
+def test_where_no_router_is_named_it_is_the_one_of_this_machine(tmp_path, content):
     file = tmp_path / "client.json5"
     file.write_text(content)
     assert endpoint_of(None, file) == endpoint_of(None, None) == DEFAULT_ENDPOINT

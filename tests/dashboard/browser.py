@@ -56,7 +56,7 @@ class SlowSocket:
         for message in held:
             self._socket.send(message)
 
-    def has_heard(self, words: str) -> bool:
+    def has_received(self, words: str) -> bool:
         """Is there something with these words among what is held?"""
         self._page.wait_for_timeout(10)  # messages are taken while the page is waited for
         return any(words in str(message) for message in self._held or ())
@@ -88,7 +88,7 @@ class Visitor:
         self.page.set_default_timeout(PATIENCE_MS)
         self.page.on("websocket", lambda socket: self._ask(socket.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", lambda said: self._hear(said.type, said.text))
+        self.page.on("console", lambda said: self._listen(said.type, said.text))
 
     def close(self) -> None:
         self._context.close()
@@ -111,6 +111,6 @@ class Visitor:
         if urlsplit(url).scheme not in {"data", "blob"}:
             self.hosts.add(urlsplit(url).hostname or "")
 
-    def _hear(self, kind: str, text: str) -> None:
+    def _listen(self, kind: str, text: str) -> None:
         if kind == "error":
             self.errors.append(text)

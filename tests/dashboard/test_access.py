@@ -83,7 +83,7 @@ def test_its_own_page_is_not(local, kind):
     assert ask(local, kind=kind, origin="http://127.0.0.1:8080")[0] == 200
 
 
-def test_a_browser_is_told_to_load_nothing_from_outside(local):
+def test_a_browser_is_instructed_to_load_nothing_from_outside(local):
     policy = ask(local)[1]["content-security-policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy

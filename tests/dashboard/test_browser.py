@@ -61,7 +61,7 @@ def goto(stage: Stage, visitor: Visitor, path: str) -> Page:
 
 @pytest.mark.parametrize("visitor", ["light", "dark"], indirect=True)
 @pytest.mark.parametrize("name", PAGES)
-def test_every_page_shows_what_it_is_for_and_keeps_nobody_out(stage: Stage, visitor: Visitor, name: str):
+def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visitor, name: str):
     path, words = PAGES[name]
     page = goto(stage, visitor, path)
     expect(page.get_by_text(words).first).to_be_visible()
@@ -71,7 +71,7 @@ def test_every_page_shows_what_it_is_for_and_keeps_nobody_out(stage: Stage, visi
     assert visitor.errors == []
 
 
-def test_stations_are_told_at_a_glance(stage: Stage, visitor: Visitor):
+def test_stations_are_reported_at_a_glance(stage: Stage, visitor: Visitor):
     page = goto(stage, visitor, "/")
     taught, over = (page.locator("li.card", has_text=name) for name in ("cell-1", "cell-2"))
     expect(taught.locator(".badge")).to_have_text("teaching")

@@ -94,7 +94,7 @@ class Operator:
     def press(self, name: str) -> None:
         self.page.get_by_role("button", name=name, exact=True).click()
 
-    def is_told(self, words: str) -> None:
+    def is_shown(self, words: str) -> None:
         expect(self.page.locator(".message")).to_contain_text(words)
 
     def version(self) -> int:
@@ -123,7 +123,7 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     operator.click(T)
     expect(operator.page.locator(".selection")).to_contain_text("motion")
     operator.press("Insert")
-    operator.is_told("Changepoint inserted at 1.4")
+    operator.is_shown("Changepoint inserted at 1.4")
     eventually(lambda: operator.version() > version)
     eventually(lambda: operator.wire.now.program.version > version)
     eventually(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
@@ -135,7 +135,7 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     assert operator.visitor.barriers() == []
 
     operator.press("Undo")
-    operator.is_told("Undone")
+    operator.is_shown("Undone")
     eventually(lambda: operator.wire.corrected() == [])
     eventually(lambda: operator.wire.taught() == before)
     assert operator.wire.now.program.version > version + 1
@@ -144,7 +144,7 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
 def test_a_changepoint_is_dragged(operator: Operator):
     end = operator.wire.now.segments[0].tn
     operator.drag(end, end + 0.3)
-    operator.is_told("Changepoint moved")
+    operator.is_shown("Changepoint moved")
     eventually(lambda: operator.wire.corrected() == [pytest.approx(end + 0.3, abs=NEAR_S)])
     assert operator.wire.now.segments[0].tn == pytest.approx(end + 0.3, abs=NEAR_S)
 
@@ -155,7 +155,7 @@ def test_a_changepoint_is_removed_and_the_correction_made_again(operator: Operat
     operator.click(end)
     expect(operator.page.locator(".selection")).to_contain_text("changepoint at")
     operator.press("Remove")
-    operator.is_told("removed")
+    operator.is_shown("removed")
     eventually(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
     operator.press("Undo")
     eventually(lambda: operator.wire.taught() == before)
@@ -167,14 +167,14 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
     operator.click(T)
     operator.page.get_by_label("Kind").select_option("sliding")
     operator.press("Relabel")
-    operator.is_told("is sliding")
+    operator.is_shown("is sliding")
     eventually(lambda: operator.wire.now.segments[1].kind == "sliding")
     assert operator.wire.now.segments[1].corrected
 
     operator.click(2.6)
     operator.page.get_by_label("Limit [N]").fill("4")
     operator.press("Limit force")
-    operator.is_told("limited to 4 N")
+    operator.is_shown("limited to 4 N")
 
     def limited() -> bool:
         forces = [app.force for app in operator.wire.now.program.apps if app.t0 < 2.6 < app.tn]
@@ -202,17 +202,17 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     eventually(lambda: operator.wire.taught() == before)
 
 
-def test_nobody_corrects_without_a_name(operator: Operator):
+def test_no_editor_corrects_without_a_name(operator: Operator):
     operator.page.get_by_label("Your name").fill("")
     operator.click(T)
     expect(operator.page.get_by_role("button", name="Insert")).to_be_disabled()
     operator.plot.focus()
     operator.page.keyboard.press("Enter")
-    operator.is_told("Say who you are first")
+    operator.is_shown("Say who you are first")
     assert operator.wire.corrected() == []
 
 
-def test_who_comes_second_is_told_and_sees_what_is_there(operator: Operator, stage: Stage):
+def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, stage: Stage):
     """Both have seen the same; what the dashboard says reaches this browser late."""
     slow = SlowSocket(operator.page)
     operator.page.reload()
@@ -224,16 +224,16 @@ def test_who_comes_second_is_told_and_sees_what_is_there(operator: Operator, sta
         other.insert(operator.wire.now.station, operator.wire.now.session, 1.2, author="Bob")
     eventually(lambda: operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)])
     operator.press("Insert")
-    eventually(lambda: slow.has_heard("revision 1"))
+    eventually(lambda: slow.has_received("revision 1"))
     slow.release()
-    operator.is_told("another operator corrected this session meanwhile (it is at revision 1, you saw 0)")
+    operator.is_shown("another operator corrected this session meanwhile (it is at revision 1, you saw 0)")
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Bob")
     assert operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)]
 
     # The revision comes to the page with what can be undone, after the program's title.
     expect(operator.page.get_by_role("button", name="Undo", exact=True)).to_be_enabled()
     operator.press("Insert")
-    operator.is_told("inserted at 1.4")
+    operator.is_shown("inserted at 1.4")
     eventually(lambda: len(operator.wire.corrected()) == 2)
 
 

@@ -55,7 +55,7 @@ def test_what_is_no_correction_never_reaches_the_service(request_):
         parse({**ASKED, **request_})
 
 
-def test_who_comes_second_is_told_so():
+def test_who_comes_second_is_refused_with_the_reason():
     words = said(ProtocolError("conflict", "corrected meanwhile", value=3, limit=4))
     assert "revision 4" in words
     assert "you saw 3" in words
@@ -72,7 +72,7 @@ def test_a_refusal_is_passed_on(error):
         correct(ask, "cell-1", {**ASKED, "do": "undo"})
 
 
-def test_where_nobody_answers_that_is_said(memory, monkeypatch):
+def test_without_an_answer_that_is_said(memory, monkeypatch):
     monkeypatch.setattr(editing, "SILENCE_S", 0.3)
     with pytest.raises(EditRefused, match="no service answered the edit of cell-1/s1"):
         correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})

@@ -10,7 +10,14 @@ from caesura_clients.query import services, stations
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
-from caesura_protocol.messages import Heartbeat, Posterior, Program, RecordedSamples, ServiceStatus
+from caesura_protocol.messages import (
+    BridgeStatus,
+    Heartbeat,
+    Posterior,
+    Program,
+    RecordedSamples,
+    ServiceStatus,
+)
 from clients.answering import Answering
 from clients.examples import example, segments, snapshot
 from clients.fake_service import eventually
@@ -63,15 +70,25 @@ def test_what_is_published_is_known(gateway, answering):
 
 def test_samples_become_signals_and_an_age(gateway, memory):
     memory.transport().put(station_key("cell-7", "samples"), samples())
-    eventually(lambda: "cell-7" in gateway.heard)
-    assert gateway.heard["cell-7"].t == pytest.approx(0.499)
+    eventually(lambda: "cell-7" in gateway.received)
+    assert gateway.received["cell-7"].t == pytest.approx(0.499)
+
+
+def test_a_bridge_in_standby_is_followed_however_many_there_are(gateway, memory, monkeypatch):
+    monkeypatch.setattr("caesura_clients.dashboard.network_follower.STATIONS", 1)
+    robot = memory.transport()
+    for station, state in (("cell-7", "ready"), ("cell-8", "ready"), ("cell-7", "teaching")):
+        status = BridgeStatus(station=station, bridge="b", state=state, source="franky")
+        robot.put(station_key(station, "bridge_status"), encode(status))
+    eventually(lambda: [one.state for one in gateway.world.standby.values()] == ["teaching"])
+    assert list(gateway.world.standby) == ["cell-7"]
 
 
 def test_the_newest_samples_are_read_here_and_others_asked_for(gateway, memory, answering):
     wanted = SampleRange(0.0, 0.5, 100, ("px",))
     robot, session = memory.transport(), snapshot(1).status.session
     robot.put(station_key(station(), "samples"), samples(session=session))
-    eventually(lambda: station() in gateway.heard)
+    eventually(lambda: station() in gateway.received)
     found = gateway.samples(station(), session, wanted)
     assert (found.instance, found.last) == ("dashboard", pytest.approx(0.499))
     key = session_key(station(), "older", "samples")
@@ -84,8 +101,8 @@ def test_rubbish_and_heartbeats_are_no_samples(gateway, memory):
     robot.put(key, Encoded(b"rubbish", "application/msgpack;caesura.SampleBatch.v1"))
     robot.put(key, encode(Heartbeat(session="s1", epoch=0, seq=3)))
     robot.put(station_key("cell-8", "samples"), samples())
-    eventually(lambda: "cell-8" in gateway.heard)
-    assert "cell-7" not in gateway.heard
+    eventually(lambda: "cell-8" in gateway.received)
+    assert "cell-7" not in gateway.received
 
 
 def test_a_bridge_that_changes_its_columns_ends_nobodys_signals(gateway, memory):
@@ -93,11 +110,11 @@ def test_a_bridge_that_changes_its_columns_ends_nobodys_signals(gateway, memory)
     robot.put(key, samples())
     robot.put(key, samples(columns=(*COLUMNS, "fx", "fy", "fz"), t0=0.5))
     robot.put(station_key("cell-8", "samples"), samples())
-    eventually(lambda: "cell-8" in gateway.heard and gateway.heard["cell-7"].t > 0.9)
+    eventually(lambda: "cell-8" in gateway.received and gateway.received["cell-7"].t > 0.9)
     assert gateway.world.trouble == ""
 
 
-def test_a_strangers_token_troubles_nobody(gateway, memory):
+def test_a_strangers_token_changes_nothing(gateway, memory):
     robot = memory.transport()
     with (
         robot.declare_token("caesura/v1/station/Cell-9/alive"),
@@ -124,7 +141,7 @@ def test_what_went_wrong_once_is_got_over(gateway, memory, monkeypatch):
     assert gateway.world.bridges == frozenset()
 
 
-def test_which_session_is_current_is_asked_until_somebody_says(gateway, answering):
+def test_which_session_is_current_is_asked_until_an_answer_comes(gateway, answering):
     program = example(Program)
     key = station_key(program.station, "program")
     answering.refusals[key] = encode_error(ProtocolError("overloaded", "not now"))

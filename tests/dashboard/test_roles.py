@@ -46,7 +46,7 @@ def test_a_reader_sees_and_an_operator_corrects(network, monkeypatch):
         with Bridge(robot, "cell-1", FileSource(guided(), pace=math.inf), session="s1") as bridge:
             bridge.run()
         eventually(lambda: gateway.world.update("cell-1") and gateway.world.update("cell-1").closed)
-        eventually(lambda: "cell-1" in gateway.heard)  # samples are let through to a reader
+        eventually(lambda: "cell-1" in gateway.received)  # samples are let through to a reader
         past = query.samples(wall, "cell-1", "s1", SampleRange(0.0, 10.0, 100))
         assert past.counts[0] > 100, "and those of the journal"
 

@@ -15,7 +15,7 @@ from harness.processes import eventually, serving
 
 
 def seen(gateway: NetworkFollower) -> StationSummary | None:
-    found = glances(gateway.world, gateway.heard, gateway.clock(), gateway.began)
+    found = glances(gateway.world, gateway.received, gateway.clock(), gateway.began)
     return found[0] if found else None
 
 

@@ -14,7 +14,7 @@ from caesura_clients.dashboard.station_summary import (
     glances,
     troubled,
 )
-from caesura_protocol.messages import Gap
+from caesura_protocol.messages import BridgeStatus, Gap
 
 NOW = 100.0
 
@@ -37,11 +37,11 @@ def station_of(world):
     return station
 
 
-def seen(world, *, heard_ago=0.1, heard_t=12.0, began=0.0):
+def seen(world, *, received_ago=0.1, received_t=12.0, began=0.0):
     station = station_of(world)
     session = world.updates[next(iter(world.updates))].session
-    heard = None if heard_ago is None else NewestSamples(NOW - heard_ago, heard_t, session)
-    return glance(world, station, heard, NOW, began)
+    received = None if received_ago is None else NewestSamples(NOW - received_ago, received_t, session)
+    return glance(world, station, received, NOW, began)
 
 
 def changed(world, **status):
@@ -57,12 +57,12 @@ def test_a_station_that_is_taught_says_what_it_is_doing(world):
 @pytest.mark.parametrize(
     ("changes", "arguments", "words"),
     [
-        ({}, {"heard_ago": STALE_S + 1.0}, "no sample for 3 s"),
-        ({}, {"heard_ago": None}, "no sample for 100 s"),
+        ({}, {"received_ago": STALE_S + 1.0}, "no sample for 3 s"),
+        ({}, {"received_ago": None}, "no sample for 100 s"),
         ({"bridges": frozenset()}, {}, "its bridge is gone"),
         ({"alive": frozenset()}, {}, "no service answers"),
         ({"troubles": {"results": "tcp/x: gone"}}, {}, "tcp/x: gone"),
-        ({}, {"heard_t": 16.0}, "results are 4 s behind the samples"),
+        ({}, {"received_t": 16.0}, "results are 4 s behind the samples"),
     ],
 )
 def test_what_looks_alive_and_is_not_is_stale_and_says_why(world, changes, arguments, words):
@@ -71,11 +71,11 @@ def test_what_looks_alive_and_is_not_is_stale_and_says_why(world, changes, argum
 
 
 def test_nothing_can_have_come_before_the_dashboard_began(world):
-    assert seen(world, heard_ago=None, began=NOW - 1.0).state == "teaching"
+    assert seen(world, received_ago=None, began=NOW - 1.0).state == "teaching"
 
 
 def test_a_closed_session_is_over_whatever_comes(world):
-    one = seen(changed(replace(world, bridges=frozenset()), state="closed"), heard_ago=60.0)
+    one = seen(changed(replace(world, bridges=frozenset()), state="closed"), received_ago=60.0)
     assert (one.state, one.age_s) == ("done", None)
 
 
@@ -84,7 +84,14 @@ def test_a_bridge_without_a_session_is_ready():
     assert [(one.station, one.state) for one in found] == [("cell-9", "ready")]
 
 
-def test_overload_and_gaps_are_told_and_counted(world):
+def test_a_late_status_of_a_bridge_that_is_gone_makes_no_station_ready():
+    late = BridgeStatus(station="cell-9", bridge="b", state="ready", source="franky")
+    there = DashboardState(bridges=frozenset({"cell-9"}), standby={"cell-9": late})
+    gone = replace(there, bridges=frozenset())
+    assert [glance(world, "cell-9", None, NOW, 0.0).state for world in (there, gone)] == ["standby", "gone"]
+
+
+def test_overload_and_gaps_are_reported_and_counted(world):
     gap = Gap(t0=1.0, tn=2.0, reason="evicted")
     one = seen(changed(world, overloaded=True, gaps=(gap,), gaps_before=3))
     assert (one.overloaded, one.gaps, troubled([one])) == (True, 4, 1)
@@ -99,5 +106,5 @@ def test_the_session_that_is_shown_is_that_of_the_program(world, update):
 
 
 def test_an_age_is_shown_once_it_can_be_read(world):
-    assert seen(world, heard_ago=0.3).drawn()["age_s"] == ""
-    assert seen(world, heard_ago=1.5).drawn()["age_s"] == "1.5 s"
+    assert seen(world, received_ago=0.3).drawn()["age_s"] == ""
+    assert seen(world, received_ago=1.5).drawn()["age_s"] == "1.5 s"

@@ -49,7 +49,7 @@ def test_what_is_wrong_is_said():
     )
 
 
-def test_an_instance_that_went_is_told_from_one_that_lives():
+def test_an_instance_that_went_is_distinguished_from_one_that_lives():
     world = DashboardState(
         services=(status("a", overloaded=False), status("b", overloaded=False)), alive=frozenset({"a"})
     )

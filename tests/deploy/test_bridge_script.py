@@ -20,7 +20,12 @@ class Unit:
         said = folder / "caesura"
         said.write_text('#!/bin/sh\necho "$@"\n')
         said.chmod(0o755)
-        own = {"STATE_DIRECTORY": str(folder), "CAESURA": str(said), "CAESURA_TAKE_UP": take_up}
+        own = {
+            "STATE_DIRECTORY": str(folder),
+            "CAESURA": str(said),
+            "CAESURA_TAKE_UP": take_up,
+            "CAESURA_STANDBY": "no",
+        }
         self._environment = {**os.environ, **own, "CAESURA_BRIDGE": "--source teacher --scenario button"}
         self.file = folder / "session"
 
@@ -35,6 +40,11 @@ class Unit:
         return check_name(words[words.index("--session") + 1], "session"), int(
             words[words.index("--epoch") + 1]
         )
+
+    def standby(self) -> list[str]:
+        """How `caesura` was called by a unit whose file states nothing."""
+        self._environment.pop("CAESURA_STANDBY")
+        return self._run("run", "cell-1", "--zenoh-config", "a file.json5").split()
 
     def end(self, code: str) -> None:
         self._run("ended", "cell-1", EXIT_CODE=code)
@@ -79,3 +89,11 @@ def test_nothing_is_taken_up_unless_the_source_allows_it(tmp_path):
 def test_a_file_that_was_cut_short_is_not_believed(unit):
     unit.file.write_text("")
     assert unit.start()[1] == 0
+
+
+def test_it_stands_by_unless_the_file_states_otherwise(unit):
+    unit.start()
+    words = unit.standby()
+    assert words[:4] == ["bridge", "--station", "cell-1", "--standby"]
+    assert not {"--session", "--epoch"} & set(words), "each start opens a session of its own"
+    assert not unit.file.exists(), "and none is taken up later"

@@ -22,7 +22,7 @@ yaml = pytest.importorskip("yaml")
 DEPLOY = Path(__file__).parents[2] / "deploy"
 COMPOSE = yaml.safe_load((DEPLOY / "compose.yaml").read_text())["services"]
 KEPT = {one for one in yaml.safe_load((DEPLOY / "compose.yaml").read_text())["volumes"] if one != "journal"}
-OURS = {"caesura", "caesura-dashboard"}
+OWN_PACKAGES = {"caesura", "caesura-dashboard"}
 
 
 def pod(name: str) -> dict[str, Any]:
@@ -62,14 +62,17 @@ STARTED = {
     **{
         f"compose {name}": ["certs", "/authority", *one["command"]] if name == "certs" else one["command"]
         for name, one in COMPOSE.items()
-        if one["image"] in OURS
+        if one["image"] in OWN_PACKAGES
     },
     "pod": POD["containers"][0]["args"],
     "dashboard pod": DASHBOARD_POD["containers"][0]["args"],
     **{f"image {words[0]}": words for words in image_commands()},
     "unit": with_environment("caesura.service", "caesura.env", "CAESURA_SERVE"),
     "dashboard unit": with_environment("caesura-dashboard.service", "dashboard.env", "CAESURA_DASHBOARD"),
-    "bridge unit": ["bridge", "--station", "cell-1", *environment("bridge.cell-1.env", "CAESURA_BRIDGE")],
+    "bridge unit": [
+        *("bridge", "--station", "cell-1", "--standby"),
+        *environment("bridge.cell-1.env", "CAESURA_BRIDGE"),
+    ],
 }
 
 
@@ -95,7 +98,7 @@ def mounted(service: dict[str, Any]) -> dict[str, str]:
     return {volume: place for volume, place, *_ in (one.split(":") for one in service.get("volumes", ()))}
 
 
-def test_each_container_has_its_own_certificate_and_nobody_the_authority():
+def test_each_container_has_its_own_certificate_and_none_has_the_authority():
     """They once shared a volume with the authority's key and the operator's certificate, as one user."""
     certs = {name: set(mounted(one)) & KEPT for name, one in COMPOSE.items()}
     assert certs.pop("certs") == KEPT

@@ -128,7 +128,7 @@ def ready(service: Started) -> str:
     return line
 
 
-def test_from_nothing_to_two_stations_and_somebody_who_watches(machine, tmp_path):
+def test_from_nothing_to_two_stations_and_a_watcher(machine, tmp_path):
     steps = commands("One machine")
     said: dict[str, str] = {}
     for command in steps:

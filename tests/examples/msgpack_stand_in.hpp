@@ -8,9 +8,14 @@
 struct StandIn {
     std::string bytes;
 
-    void pack_map(std::uint32_t n) { put(0x80 | n); }
+    void pack_map(std::uint32_t n) {
+        if (n < 16) put(0x80 | n);
+        else put(0xde), big(n, 2);
+    }
     void pack_array(std::uint32_t n) { put(0x90 | n); }
     void pack_nil() { put(0xc0); }
+    void pack_true() { put(0xc3); }
+    void pack_false() { put(0xc2); }
     void pack(const std::string& text) {
         if (text.size() < 32) put(0xa0 | text.size());
         else put(0xd9), put(text.size());

@@ -56,7 +56,7 @@ def test_names_and_their_order_are_those_of_the_vectors(function, name, inside):
     assert sizes == ([1, len(fields[inside])] if inside else [len(fields)])
 
 
-def test_keys_and_encodings_are_ours():
+def test_keys_and_encodings_are_those_of_caesura():
     assert 'return "caesura/v1/station/" + station + "/" + part;' in HEADER
     assert station_key("cell-1", "samples") == "caesura/v1/station/cell-1/samples"
     assert '"application/msgpack;caesura." + type + ".v1"' in HEADER
@@ -82,8 +82,10 @@ int main() {
     opening.wrench_source = "flange_sensor";
     opening.hand_on_robot = "yes";
     opening.bridge = "robot-1-4711-58af";
+    opening.task = "pick and place";
+    opening.operator_name = "Ann";
     { StandIn pk; caesura::pack_open(pk, opening); show(pk); }
-    { StandIn pk; caesura::pack_close(pk, opening, 624); show(pk); }
+    { StandIn pk; caesura::pack_close(pk, opening, 624, true); show(pk); }
     { StandIn pk; caesura::pack_heartbeat(pk, opening, 17); show(pk); }
     std::vector<float> small = {ROWS};
     { StandIn pk; caesura::pack_batch(pk, opening, 17, 12.5, small); show(pk); }

@@ -98,7 +98,9 @@ def test_the_sample_has_stations_for_both():
 
 def test_two_instances_share_the_stations_and_the_survivor_of_a_kill_takes_them_all(pair, undisturbed):
     ends = [pair.teach(station) for station in STATIONS]
-    owners = {told.status.station: told.status.instance for told in half_way(pair.caesura, *STATIONS)}
+    owners = {
+        reported.status.station: reported.status.instance for reported in half_way(pair.caesura, *STATIONS)
+    }
     assert sorted(station for station, owner in owners.items() if owner == "west") == WESTS
     pair.west.kill()
     assert_all_equal(pair, ends, undisturbed)
@@ -110,13 +112,13 @@ def test_one_that_comes_back_takes_its_stations_in_the_middle_of_their_demonstra
     eventually(lambda: services(pair.caesura.transport) == ["east"])
     ends = [pair.teach(station) for station in STATIONS]
     before = half_way(pair.caesura, *WESTS)
-    assert {told.status.instance for told in before} == {"east"}
+    assert {reported.status.instance for reported in before} == {"east"}
     pair.west.start()
     pair.until_served_by("west", *WESTS)
     assert_all_equal(pair, ends, undisturbed)
-    for told in before:
-        found = reaches(pair.caesura, told.status.station, SAMPLES)
-        assert (found.status.instance, found.status.epoch > told.status.epoch) == ("west", True)
+    for reported in before:
+        found = reaches(pair.caesura, reported.status.station, SAMPLES)
+        assert (found.status.instance, found.status.epoch > reported.status.epoch) == ("west", True)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +128,7 @@ def test_one_that_hangs_loses_its_stations_and_takes_them_up_where_the_other_has
     pair, undisturbed, pace
 ):
     keys = [session_key(station, SESSION, "status") for station in WESTS]
-    with Peer(pair.router.endpoint) as peer, peer.listening(*keys) as heard:
+    with Peer(pair.router.endpoint) as peer, peer.listening(*keys) as received:
         ends = [pair.teach(station, pace) for station in STATIONS]
         begun = [reaches(pair.caesura, station, SAMPLES // 8) for station in WESTS]
         pair.west.freeze()
@@ -134,10 +136,10 @@ def test_one_that_hangs_loses_its_stations_and_takes_them_up_where_the_other_has
         pair.west.thaw()
         pair.until_served_by("west", *WESTS)
         assert_all_equal(pair, ends, undisturbed)
-        for told in begun:
-            last = reaches(pair.caesura, told.status.station, SAMPLES).status
-            assert last.epoch > told.status.epoch
-            heard.until(SessionStatus, partial(_is_from, last))  # nobody who reads is left behind
+        for reported in begun:
+            last = reaches(pair.caesura, reported.status.station, SAMPLES).status
+            assert last.epoch > reported.status.epoch
+            received.until(SessionStatus, partial(_is_from, last))  # nobody who reads is left behind
 
 
 def _is_from(last: SessionStatus, status: SessionStatus) -> bool:
@@ -153,7 +155,7 @@ def test_what_was_closed_just_before_the_kill_is_answered_by_the_survivor(pair, 
     pair.until_served_by("east", *STATIONS)
 
 
-def test_corrections_outlive_whoever_took_them(pair):
+def test_corrections_outlive_the_instance_that_took_them(pair):
     (station, *_) = WESTS
     insert, label = Insert(t=0.8), Relabel(t=0.3, kind="steady")
     end = pair.teach(station, 2.0)

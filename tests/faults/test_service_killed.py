@@ -37,10 +37,10 @@ def test_killed_at_three_moments_of_a_demonstration(tmp_path, undisturbed, commi
         caesura = stack.enter_context(connect(service.endpoint, timeout_s=DEADLINE_S))
         end = stack.enter_context(teaching(caesura, "cell-1"))
         for share in (0.2, 0.5, 0.8):
-            told = reaches(caesura, "cell-1", round(share * SAMPLES))
+            reported = reaches(caesura, "cell-1", round(share * SAMPLES))
             service.kill()
             service.start()
-            assert_kept(finals(told), reaches(caesura, "cell-1", told.status.samples))
+            assert_kept(finals(reported), reaches(caesura, "cell-1", reported.status.samples))
         assert end.result(DEADLINE_S).state == "closed"
         assert_equal(reaches(caesura, "cell-1", SAMPLES), undisturbed)
 

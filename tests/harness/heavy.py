@@ -14,6 +14,9 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     MAX_MESSAGE_BYTES,
     Ack,
+    BridgeAck,
+    BridgeControl,
+    BridgeStatus,
     Control,
     Error,
     Heartbeat,
@@ -25,7 +28,10 @@ from caesura_protocol.messages import (
 )
 
 # What a station can send to anybody, and what is answered to a query of its.
-OF_STATIONS: tuple[type[Message], ...] = (SampleBatch, Heartbeat, Control, Error, Ack)
+OF_STATIONS: tuple[type[Message], ...] = (
+    *(SampleBatch, Heartbeat, Control, Error, Ack),
+    *(BridgeControl, BridgeAck, BridgeStatus),
+)
 OF_SERVICES: tuple[type[Message], ...] = (SessionStatus, ServiceStatus, Piece)
 BOUNDED = OF_STATIONS + OF_SERVICES
 

@@ -1,21 +1,22 @@
-"""A peer on a real network: puts, asks and listens as a bridge or a reader would, without their code."""
+"""A peer: puts, asks and listens as a bridge or a reader would, without their code; by Zenoh or in memory."""
 
 from __future__ import annotations
 
 import json
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from queue import Empty, SimpleQueue
-from typing import Any, TypeVar
+from typing import Self, TypeVar
 
 import zenoh
 
 from caesura_protocol import messages
-from caesura_protocol.codec import decode, decode_error, encode, encode_error
+from caesura_protocol.codec import Encoded, decode, decode_error, encode, encode_error
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import parse_replay_parameters, service_key, session_key, station_key
+from caesura_protocol.keys import ReplayRange, parse_replay_parameters, service_key, session_key, station_key
 from caesura_protocol.messages import (
     Ack,
     Close,
@@ -29,6 +30,10 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_protocol.transport.inbox import IncomingQuery, ReceivedSample
+from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork
+from caesura_protocol.transport.network import QueryReplies
+from caesura_protocol.transport.zenoh_transport import ZenohQuestion, direct
 from caesura_service.server.network import SETTINGS
 
 DEADLINE_S = 30.0
@@ -42,11 +47,11 @@ STREAMS = {
 }
 
 
-class Heard:
+class Received:
     """What was put on some keys since the subscription, in order of arrival."""
 
     def __init__(self) -> None:
-        self.queue: SimpleQueue[zenoh.Sample] = SimpleQueue()
+        self.queue: SimpleQueue[ReceivedSample] = SimpleQueue()
         self.all: list[Message] = []
 
     def until(self, kind: type[M], wanted: Callable[[M], bool] = lambda _: True) -> M:
@@ -54,11 +59,10 @@ class Heard:
         deadline = time.monotonic() + DEADLINE_S
         while True:
             try:
-                sample = self.queue.get(timeout=max(0.0, deadline - time.monotonic()))
+                key, payload, encoding = self.queue.get(timeout=max(0.0, deadline - time.monotonic()))
             except Empty:
                 raise AssertionError(f"no such {kind.__name__} among {self.all}") from None
-            model = _model_of(str(sample.key_expr))
-            message = decode(sample.payload.to_bytes(), str(sample.encoding), model)
+            message = decode(payload, encoding, _model_of(key))
             self.all.append(message)
             if isinstance(message, kind) and wanted(message):
                 return message
@@ -68,50 +72,54 @@ def _model_of(key: str) -> type[Message]:
     return ServiceStatus if "/service/" in key else STREAMS[key.rpartition("/")[2]]
 
 
-class Peer:
-    """A client session. Its declarations reach the router before anything that it asks afterwards."""
+class Client(ABC):
+    """A client of a network. Its declarations reach the service before what it asks afterwards."""
 
-    def __init__(self, endpoint: str) -> None:
-        config = zenoh.Config()
-        where = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": 5000}
-        for key, value in {**SETTINGS, **where}.items():
-            config.insert_json5(key, json.dumps(value))
-        self.network = zenoh.open(config)
-
-    def __enter__(self) -> Peer:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.network.close()
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+    @abstractmethod
+    def put(self, key: str, payload: bytes, encoding: str) -> None: ...
+
+    @abstractmethod
+    def get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> QueryReplies: ...
+
+    @abstractmethod
+    def subscribed(
+        self, key: str, take: Callable[[ReceivedSample], None]
+    ) -> AbstractContextManager[None]: ...
+
+    @abstractmethod
+    def answering(
+        self, key: str, answer: Callable[[IncomingQuery], None]
+    ) -> AbstractContextManager[None]: ...
 
     def send(self, message: SampleBatch | Heartbeat, station: str = "cell-1") -> None:
         self.put(station_key(station, "samples"), *encode(message))
-
-    def put(self, key: str, payload: bytes, encoding: str) -> None:
-        self.network.put(key, payload, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def command(self, command: Open | Close, station: str = "cell-1") -> Ack:
         """The Ack. Raises the refusal."""
         return self.control(*encode(Control(command=command)), station)
 
     def control(self, payload: bytes | None, encoding: str | None, station: str = "cell-1") -> Ack:
-        (reply,) = self.network.get(
-            station_key(station, "control"), payload=payload, encoding=encoding, timeout=DEADLINE_S
-        )
-        if reply.ok is None:
-            raise decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))
-        return decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), Ack)
+        replies, refusals = self.get(station_key(station, "control"), payload, encoding)
+        for refusal in refusals:
+            raise refusal
+        (reply,) = replies
+        return decode(reply.payload, reply.encoding, Ack)
 
     def ask(self, key: str, kind: type[M]) -> dict[str, M]:
         """Every reply, by its key."""
-        replies = list(self.network.get(key, timeout=DEADLINE_S))
-        for reply in replies:
-            if reply.ok is None:
-                raise decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))
-        return {
-            str(reply.ok.key_expr): decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), kind)
-            for reply in replies
-        }
+        replies, refusals = self.get(key)
+        for refusal in refusals:
+            raise refusal
+        return {reply.key: decode(reply.payload, reply.encoding, kind) for reply in replies}
 
     def snapshot(self, session: str = "s1", station: str = "cell-1") -> Snapshot:
         key = session_key(station, session, "snapshot")
@@ -132,42 +140,114 @@ class Peer:
             again.wait(0.005)
         return status
 
+    def until_closed(self, last_seq: int, station: str = "cell-1") -> Ack:
+        """Close as a bridge does: again and again while batches are missing."""
+        deadline, again = time.monotonic() + DEADLINE_S, threading.Event()
+        while True:
+            try:
+                return self.command(Close(session="s1", last_seq=last_seq), station)
+            except ProtocolError as refusal:
+                if refusal.code != "conflict" or time.monotonic() > deadline:
+                    raise
+            again.wait(0.001)
+
     @contextmanager
-    def listening(self, *keys: str) -> Iterator[Heard]:
+    def listening(self, *keys: str) -> Iterator[Received]:
         """Hear what is put on the keys; by default everything of every session and station."""
-        heard = Heard()
+        received = Received()
         keys = keys or (
             f"{session_key('*', '*', 'status').rpartition('/')[0]}/*",
             station_key("*", "program"),
         )
-        subscribers = [
-            self.network.declare_subscriber(key, zenoh.handlers.Callback(heard.queue.put, indirect=False))
-            for key in keys
-        ]
-        yield heard
-        for subscriber in subscribers:
-            subscriber.undeclare()
+        with ExitStack() as stack:
+            for key in keys:
+                stack.enter_context(self.subscribed(key, received.queue.put))
+            yield received
 
     @contextmanager
     def replaying(
         self, batches: list[SampleBatch], *, oldest: int = 0, station: str = "cell-1"
-    ) -> Iterator[list[Any]]:
+    ) -> Iterator[list[ReplayRange]]:
         """Answer the station's replay from a ring; yields the ranges that were asked for."""
-        ranges: list[Any] = []
+        ranges: list[ReplayRange] = []
 
-        def reply(query: zenoh.Query) -> None:
+        def reply(query: IncomingQuery) -> None:
             with query:
-                wanted = parse_replay_parameters(str(query.parameters))
+                wanted = parse_replay_parameters(query.parameters)
                 ranges.append(wanted)
                 if wanted.first < oldest:
                     refusal = ProtocolError("evicted", "gone", value=wanted.first, limit=oldest)
-                    payload, encoding = encode_error(refusal)
-                    query.reply_err(payload, encoding=encoding)
+                    query.refuse(encode_error(refusal))
                     return
                 for batch in batches[wanted.first : wanted.last + 1][: wanted.limit]:
-                    payload, encoding = encode(batch)
-                    query.reply(station_key(station, "replay"), payload, encoding=encoding)
+                    query.reply(station_key(station, "replay"), encode(batch))
 
-        queryable = self.network.declare_queryable(station_key(station, "replay"), reply)
-        yield ranges
+        with self.answering(station_key(station, "replay"), reply):
+            yield ranges
+
+
+class Peer(Client):
+    """A client session with a router. It waits where the router does not keep up: nothing is dropped."""
+
+    def __init__(self, endpoint: str) -> None:
+        config = zenoh.Config()
+        where = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": 5000}
+        for key, value in {**SETTINGS, **where}.items():
+            config.insert_json5(key, json.dumps(value))
+        self.network = zenoh.open(config)
+
+    def close(self) -> None:
+        self.network.close()
+
+    def put(self, key: str, payload: bytes, encoding: str) -> None:
+        self.network.put(key, payload, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> QueryReplies:
+        replies = list(self.network.get(key, payload=payload, encoding=encoding, timeout=DEADLINE_S))
+        return QueryReplies(
+            tuple(_received(reply.ok) for reply in replies if reply.ok is not None),
+            tuple(
+                decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))
+                for reply in replies
+                if reply.err is not None
+            ),
+        )
+
+    @contextmanager
+    def subscribed(self, key: str, take: Callable[[ReceivedSample], None]) -> Iterator[None]:
+        subscriber = self.network.declare_subscriber(key, direct(lambda sample: take(_received(sample))))
+        yield
+        subscriber.undeclare()
+
+    @contextmanager
+    def answering(self, key: str, answer: Callable[[IncomingQuery], None]) -> Iterator[None]:
+        queryable = self.network.declare_queryable(key, lambda query: answer(ZenohQuestion(query)))
+        yield
         queryable.undeclare()
+
+
+class MemoryPeer(Client):
+    """A client in the process of the service."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self.transport = network.transport()
+
+    def close(self) -> None:
+        self.transport.close()
+
+    def put(self, key: str, payload: bytes, encoding: str) -> None:
+        self.transport.put(key, Encoded(payload, encoding))
+
+    def get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> QueryReplies:
+        content = None if payload is None else Encoded(payload, encoding or "")
+        return self.transport.query(key, content, timeout_s=DEADLINE_S)
+
+    def subscribed(self, key: str, take: Callable[[ReceivedSample], None]) -> AbstractContextManager[None]:
+        return self.transport.subscribe(key, CallbackInbox(take))
+
+    def answering(self, key: str, answer: Callable[[IncomingQuery], None]) -> AbstractContextManager[None]:
+        return self.transport.declare_queryable(key, CallbackInbox(answer))
+
+
+def _received(sample: zenoh.Sample) -> ReceivedSample:
+    return ReceivedSample(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding))

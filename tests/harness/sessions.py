@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, Close, Heartbeat, Open, SampleBatch
-from caesura_service.journal import Journal, MemoryJournal
+from caesura_service.journal import Journal, MemoryJournal, PeerJournals
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish, ReplayEnded, Reply, RequestReplay
 from caesura_service.publishing.session_state import SessionState
@@ -79,13 +79,16 @@ def open_session(
     return session, session.begin(0.0)
 
 
-def new_registry(journal: Journal | None = None, limits: Limits | None = None) -> Registry:
+def new_registry(
+    journal: Journal | None = None, limits: Limits | None = None, peers: PeerJournals | None = None
+) -> Registry:
     return Registry(
         owner=OWNER,
         pipeline_factory=make_fake_pipeline,
         default_preset="fake",
         journal=journal if journal is not None else MemoryJournal(),
         limits=limits or Limits(),
+        peers=peers,
     )
 
 

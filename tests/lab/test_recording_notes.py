@@ -4,9 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from caesura_lab.recording_notes import recording_notes
 from caesura_protocol.formats.read import load_recording
+from caesura_service.offline_segmentation import segment_recording
 
 PICK_AND_PLACE = load_recording(Path(__file__).parents[2] / "data" / "pick_and_place.npz")
 
@@ -23,8 +25,22 @@ def test_a_gripper_that_never_moved_is_named():
     assert recording_notes(replace(still, wrench_source="flange_sensor_with_hand"), "default") == ()
 
 
-def test_a_preset_without_contact_models_says_so():
-    # The wrench's own note says that contact and load are on.
-    (note,) = recording_notes(PICK_AND_PLACE, "constant_velocity")
-    assert note == "Preset constant_velocity has no models of contact and load, which stay off."
-    assert recording_notes(PICK_AND_PLACE, "force") == ()
+@pytest.mark.parametrize(
+    ("preset", "on", "found"),
+    [
+        ("default", (True, True), "contact and load are on. "),
+        ("force", (True, False), "contact is on, load is off: preset force has no model of load. "),
+        (
+            "constant_velocity",
+            (False, False),
+            "contact and load are off: preset constant_velocity has no model of contact or load. ",
+        ),
+    ],
+)
+def test_what_is_on_is_what_wrench_and_preset_have(preset, on, found):
+    """The wrench's note said "contact and load are on" whatever the preset."""
+    view = segment_recording(PICK_AND_PLACE, preset)
+    assert f"not the guiding hand; {found}" in view.wrench.note
+    assert view.notes[0] in view.wrench.note
+    assert (view.wrench.contact_models, view.wrench.transport_models) == on
+    assert recording_notes(PICK_AND_PLACE, preset) == ()

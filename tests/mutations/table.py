@@ -51,7 +51,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SESSIONS}/session_journal.py",
         "now=not is_batch)",
         "now=False)",
-        ("tests/service/journal/test_journal.py::test_what_nobody_could_send_again_is_written_at_once",),
+        ("tests/service/journal/test_journal.py::test_what_cannot_be_sent_again_is_written_at_once",),
     ),
     Mutation(
         "synchronous is off",
@@ -124,11 +124,11 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "the budget of a station is ignored",
-        f"{SERVER}/rates.py",
+        "service/caesura_service/token_bucket.py",
         "return bucket is not None and min(self._filled(bucket, self._clock())) <= 0.0",
         "return False",
         (
-            "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
+            "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_refused_with_the_reason_and_another_goes_on",
         ),
     ),
     Mutation(
@@ -137,7 +137,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "            self._budgets.charge_work(lane, took_s)\n",
         "",
         (
-            "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on",
+            "tests/service/server/test_fairness.py::test_a_station_that_has_used_up_its_work_is_refused_with_the_reason_and_another_goes_on",
         ),
     ),
     Mutation(
@@ -146,7 +146,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        if edit.revision != self.revision:\n",
         "        if edit.revision > self.revision:\n",
         (
-            "tests/service/segmentation/test_editing.py::test_of_two_editors_the_slower_one_is_told_the_revision_that_there_is",
+            "tests/service/segmentation/test_editing.py::test_of_two_editors_the_slower_one_is_refused_with_the_revision_that_there_is",
         ),
     ),
     Mutation(
@@ -155,7 +155,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "            case AppliedEdit() as edit if edit.revision == self.revision:\n",
         "            case AppliedEdit() as edit:\n",
         (
-            "tests/service/segmentation/test_editing.py::test_whoever_looks_again_and_again_has_each_edit_once",
+            "tests/service/segmentation/test_editing.py::test_a_reader_that_looks_again_and_again_has_each_edit_once",
         ),
     ),
     Mutation(

@@ -19,9 +19,15 @@ from caesura_protocol.messages import (
     MAX_COLUMNS,
     MAX_GAPS,
     MAX_MESSAGE_BYTES,
+    MAX_TAGS,
+    BridgeControl,
+    BridgeStatus,
     Budget,
     Changepoint,
     Changepoints,
+    Control,
+    Describe,
+    Description,
     Error,
     Gap,
     Message,
@@ -30,6 +36,7 @@ from caesura_protocol.messages import (
     ServiceStatus,
     SessionStatus,
     Snapshot,
+    Start,
     StationBudgets,
     WrenchReport,
 )
@@ -216,3 +223,33 @@ def test_a_status_that_lists_as_many_stations_as_it_may_is_read():
     budgets = tuple(StationBudgets(station=f"{n:0>64}", **uses) for n in range(MAX_BUDGETS))
     status = SERVICE.model_copy(update={"budgets": budgets, "refused": dict.fromkeys(ERROR_CODES, 1)})
     assert decode(*encode(status), ServiceStatus) == status
+
+
+WIDE = "\U0001f600"  # of four bytes
+LONGEST = Description(
+    task=120 * WIDE,
+    operator=64 * WIDE,
+    note=1000 * WIDE,
+    tags=tuple(63 * WIDE + chr(ord(WIDE) + number) for number in range(MAX_TAGS)),
+)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Control(command=Describe(session="s1", author=64 * WIDE, before=LONGEST, description=LONGEST)),
+        BridgeControl(command=Start(id="start-1", description=LONGEST)),
+        BridgeStatus(
+            station="cell-1",
+            bridge="b",
+            state="ready",
+            source=64 * WIDE,
+            description=LONGEST,
+            problem=1000 * WIDE,
+            outcome=1000 * WIDE,
+        ),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_the_longest_description_is_read_in_any_script(message):
+    assert decode(*encode(message), type(message)) == message

@@ -58,7 +58,7 @@ def test_order_doubles_and_another_message_between_do_not_matter(seed: int):
     assert {1, 2} <= {*found}
 
 
-def test_a_message_that_lacks_a_piece_is_never_told_and_makes_room_for_newer_ones():
+def test_a_message_that_lacks_a_piece_is_never_delivered_and_makes_room_for_newer_ones():
     joining = Reassembler()
     for seq in range(10):
         assert joined(joining, [*fragment(posterior(LONG, seq))][1:]) == []

@@ -17,6 +17,8 @@ TOP = Path(__file__).resolve().parents[2]
 def script(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     """Import scripts/NAME.py."""
 
+    monkeypatch.syspath_prepend(TOP / "scripts")  # a script may import another
+
     def load(name: str) -> ModuleType:
         spec = importlib.util.spec_from_file_location(name, TOP / "scripts" / f"{name}.py")
         assert spec is not None

@@ -54,6 +54,33 @@ def test_names_and_code_are_not_words(words):
     assert rules(words.in_markdown("docs/a.md", "Run `tell`.\n\n    somebody\n\n```\nours\n```\n")) == []
 
 
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def test_a_sender_is_told(): ...",
+        "async def told(): ...",
+        "class SomebodyElse: ...",
+        "def f(told): ...",
+        "lambda told: 1",
+        "a.told = 1",
+        "for told in (): ...",
+    ],
+)
+def test_a_ruled_out_word_in_a_name_is_found_where_the_name_is_given(words, source):
+    assert len(rules(words.names_in("a.py", source))) == 1
+    assert rules(words.names_in("a.py", "def f(): return told.untold(heard)")) == []
+
+
+def test_the_names_of_tests_are_checked_and_their_texts_are_not(words, tmp_path):
+    (tmp_path / "tests").mkdir()
+    for room in words.ROOMS:
+        (tmp_path / room).touch() if "." in room else (tmp_path / room).mkdir()
+    (tmp_path / "tests" / "test_a.py").write_text("def test_it_is_told():\n    return 'told'\n")
+    assert [str(one)[:45] for one in words.findings(tmp_path)] == [
+        "tests/test_a.py:1: name test_it_is_told (code"
+    ]
+
+
 def test_a_finding_has_the_line_of_its_word(words):
     source = '"""A module of one sentence.\n\nIt knows.\n"""\n\nx = 1  # told\n'
     assert [(one.line, one.rule) for one in words.in_source("a.py", source)] == [

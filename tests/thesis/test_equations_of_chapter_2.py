@@ -77,8 +77,8 @@ def test_2_9_the_prior_of_a_length_is_a_distribution_over_lengths() -> None:
     products = [np.prod([printed(length) for length in path]) for path in paths]
     np.testing.assert_allclose(products, products[0])  # telescopes: it prefers no segmentation to another
 
-    ours = np.exp(Uniform(longest).log_mass(lengths))
-    np.testing.assert_allclose(ours, 1.0 / longest)
+    own = np.exp(Uniform(longest).log_mass(lengths))
+    np.testing.assert_allclose(own, 1.0 / longest)
     assert np.ptp([np.exp(Uniform(longest).log_mass(path).sum()) for path in paths]) > 0.1
 
 

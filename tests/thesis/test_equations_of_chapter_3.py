@@ -56,7 +56,7 @@ def evidence(model: ChannelModel, observations: list[ModelInput]) -> float:
 
 
 @pytest.mark.parametrize(("sign", "ends_nearer"), [(1.0, True), (-1.0, False)])
-def test_3_6_a_hand_pulls_towards_where_it_wants_to_be(sign: float, ends_nearer: bool) -> None:
+def test_3_6_a_hand_pulls_towards_where_it_aims(sign: float, ends_nearer: bool) -> None:
     """f = K (x_d − x); printed K (x − x_d), which is a negative stiffness in the same place."""
     here = Scenario("here", "stay where you are", (0.4, 0.1, 0.3), (Step("dwell", 1.0),))
     hand = replace(THESIS, stiffness_n_per_m=sign * THESIS.stiffness_n_per_m, tremor_n=0.0, wander_n=0.0)
@@ -89,11 +89,11 @@ def test_3_5_and_3_6_weight_belongs_to_transport() -> None:
     right = {"nothing": FREE, "push": CONTACT, "weight": TRANSPORT}
     printed = {"nothing": FREE, "weight": CONTACT, "push": TRANSPORT}
 
-    def ours(force_z: float) -> int:
+    def implemented(force_z: float) -> int:
         observed = forces(np.tile([0.0, 0.0, force_z], (30, 1)))
         return int(np.argmax([evidence(ContactMixture(u), observed) for u in (FREE, CONTACT, TRANSPORT)]))
 
-    got = {what: ours(force_z) for what, force_z in says.items()}
+    got = {what: implemented(force_z) for what, force_z in says.items()}
     assert got == right
     assert got != printed
 
@@ -218,8 +218,8 @@ def test_3_25_and_3_26_a_movement_starts_where_it_starts() -> None:
         e = -r2 / (r1 - r2) * np.exp(r1 * t) + r1 / (r1 - r2) * np.exp(r2 * t)
         return x_d + (x_0 - x_d) * e
 
-    ours = x_0 + (x_d - x_0) * overdamped(stiffness, damping)(t)
-    np.testing.assert_allclose(ours, right(t), atol=1e-12)
+    implemented = x_0 + (x_d - x_0) * overdamped(stiffness, damping)(t)
+    np.testing.assert_allclose(implemented, right(t), atol=1e-12)
     assert right(np.array(0.0)) == pytest.approx(x_0)
     assert (right(np.array(h)) - x_0) / h == pytest.approx(0.0, abs=1e-4)
     assert printed(np.array(0.0)) == pytest.approx(2 * x_d - x_0)
@@ -249,9 +249,9 @@ def test_3_28_an_axis_that_does_not_move_is_no_division_by_zero() -> None:
         return ((ratio[:, None] - e) ** 2).sum(axis=0)
 
     model = ProfileModel("position", library, Noise(1.0, 0.025))
-    ours = model.residuals(rows_after(model, positions(values)))[0]
+    implemented = model.residuals(rows_after(model, positions(values)))[0]
     assert np.isnan(printed(values[:, 1])).all()
-    np.testing.assert_array_equal(ours[1], 0.0)  # in metres: it explains itself perfectly
+    np.testing.assert_array_equal(implemented[1], 0.0)  # in metres: it explains itself perfectly
     assert np.isfinite(evidence(model, positions(values)))
 
 
@@ -266,9 +266,9 @@ def printed_known_mean(n: int, ssr: np.ndarray, nu0: float, scale2: float) -> np
 
 def test_3_31_and_3_41_evidence_is_a_density() -> None:
     x = np.sinh(np.linspace(-9.0, 9.0, 4001))
-    ours = np.exp(known_mean_log_evidence(1, x**2, 3.0, 0.25))
+    implemented = np.exp(known_mean_log_evidence(1, x**2, 3.0, 0.25))
     printed = np.exp(printed_known_mean(1, x**2, 3.0, 0.25))
-    assert integrate.trapezoid(ours, x) == pytest.approx(1.0, abs=1e-5)
+    assert integrate.trapezoid(implemented, x) == pytest.approx(1.0, abs=1e-5)
     assert integrate.trapezoid(printed, x) == pytest.approx(np.sqrt(2 * np.pi), abs=1e-4)
     missing = known_mean_log_evidence(7, 2.0, 3.0, 0.25) - printed_known_mean(7, np.array(2.0), 3.0, 0.25)
     assert missing == pytest.approx(-3.5 * np.log(2 * np.pi))
@@ -283,14 +283,14 @@ def test_3_39_the_maximum_over_profiles_is_no_density() -> None:
     assert integrate.trapezoid(each.mean(axis=0), f) == pytest.approx(1.0, abs=1e-4)
     assert integrate.trapezoid(each.max(axis=0), f) > 2.0
 
-    def told(rates: tuple[float, ...], choice: str) -> float:
+    def reported(rates: tuple[float, ...], choice: str) -> float:
         library = ProfileLibrary([first_order(rate) for rate in rates], STEP_S)
         model = ProfileModel("force", library, Noise(10.0, 1.25, joint=True), choice, origin="zero")  # type: ignore[arg-type]
         return evidence(model, forces(np.outer([0.5, 3.0, 6.0, 8.0], [0.1, 0.0, 1.0])))
 
-    alone = np.array([told((rate,), "mixture") for rate in rates])
-    assert told(rates, "mixture") == pytest.approx(float(log_mean_exp(alone)))
-    assert told(rates, "maximum") == pytest.approx(alone.max())  # the thesis' variant, by its name
+    alone = np.array([reported((rate,), "mixture") for rate in rates])
+    assert reported(rates, "mixture") == pytest.approx(float(log_mean_exp(alone)))
+    assert reported(rates, "maximum") == pytest.approx(alone.max())  # the thesis' variant, by its name
 
 
 def test_3_42_to_3_45_a_known_profile_leaves_only_the_variance_to_learn() -> None:
@@ -351,8 +351,10 @@ def test_3_61_to_3_64_the_kinds_of_segments_have_a_prior_and_are_averaged() -> N
     printed = 2.0 * mass(maximum, start, places)  # no prior over u: each kind counts in full
     assert printed > 1.4
 
-    told = np.array([evidence(model, forces(np.ones((3, 3)))) for model in channels.values()])
-    assert evidence(mixture, forces(np.ones((3, 3)))) == pytest.approx(float(log_sum_exp(told)) - np.log(2.0))
+    reported = np.array([evidence(model, forces(np.ones((3, 3)))) for model in channels.values()])
+    assert evidence(mixture, forces(np.ones((3, 3)))) == pytest.approx(
+        float(log_sum_exp(reported)) - np.log(2.0)
+    )
 
 
 def test_the_load_that_was_carried() -> None:

@@ -40,7 +40,7 @@ from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import check_name, service_key, station_key
-from caesura_protocol.messages import Ack, Close, HandOnRobot, Open
+from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
 from caesura_protocol.plausibility import FirstSecond
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
@@ -82,15 +82,22 @@ class Bridge:
         epoch: int = 0,
         preset: str | None = None,
         settings: BridgeSettings | None = None,
+        description: Description | None = None,
+        holds_token: bool = True,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        """description: what people state about the session; None states nothing.
+
+        holds_token: False where the caller holds the liveliness token of the station.
+        """
         self.station = check_name(station, "station")
         self.session = check_name(session or new_session_name(), "session")
         preset = None if preset is None else check_name(preset, "preset")
         self.settings = settings or BridgeSettings()
         self.acknowledged = 0  # batches that the service is known to have
         self._source = source
-        self._open = _opening(source, self.session, epoch, preset, self.settings.setting)
+        self._open = _opening(source, self.session, epoch, preset, self.settings.setting, description)
+        self._holds_token = holds_token
         opening = self._open
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._ring = ReplayRing(
@@ -115,6 +122,7 @@ class Bridge:
         self._is_open = False  # to a service
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
         self._over = threading.Event()
+        self._stopped = threading.Event()  # the demonstration is over: it takes no samples
         self._failure: Exception | None = None
         self._services = Inbox()
         self._send_thread = SendThread(
@@ -141,7 +149,8 @@ class Bridge:
         with ExitStack() as stack:
             stack.enter_context(ReplayServer(self._transport, self.station, self.session, self._ring))
             stack.enter_context(self._transport.watch_liveliness(service_key("*", "alive"), self._services))
-            stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))
+            if self._holds_token:
+                stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))
             keeper = threading.Thread(target=self._run_keeper, name=f"keeper {self.station}", daemon=True)
             stack.enter_context(self._send_thread)
             keeper.start()
@@ -189,9 +198,11 @@ class Bridge:
 
         Raises SourceError for a wrong shape, a value that is not finite, or values in the first second which
         are probably in another unit; ProtocolError once the service has refused the session, CaesuraError
-        once it is closed.
+        once it is closed. After `stop` it drops them.
         """
         self._raise_failure()
+        if self._stopped.is_set():
+            return
         if self._over.is_set():
             raise CaesuraError(f"{self.station}/{self.session} is closed: it takes no samples")
         step = self.settings.batch_samples
@@ -200,6 +211,11 @@ class Bridge:
             self._sender.push(chunk[start : start + step])
             if self._source.can_wait:
                 self._wait_for_room()
+
+    def stop(self) -> None:
+        """End the demonstration here: later samples are dropped, and a source that waits is released."""
+        self._sender.end()
+        self._stopped.set()
 
     def mark(self, t: float | None = None, *, author: str = MARKER) -> Ack:
         """A pedal or a key: a segment ends at `t` [s], by default at the newest sample; the next begins.
@@ -214,8 +230,10 @@ class Bridge:
         self._revision = ack.revision
         return ack
 
-    def finish(self) -> Ack:
-        """Send what is pending and close the session.
+    def finish(self, *, success: bool | None = None) -> Ack:
+        """Send what is pending and close the session; it may be called again where that failed.
+
+        success: of the demonstration, where that is stated.
 
         Raises Unreachable where the service does not acknowledge everything in `close_timeout_s`, or
         ProtocolError where it refuses to.
@@ -223,7 +241,12 @@ class Bridge:
         self._raise_failure()
         self._sender.flush()
         self._sender.put_waiting()
-        close = Close(session=self.session, last_seq=self._sender.last_seq, bridge=self._open.bridge)
+        close = Close(
+            session=self.session,
+            last_seq=self._sender.last_seq,
+            bridge=self._open.bridge,
+            success=success,
+        )
         deadline = self._clock() + self.settings.close_timeout_s
         while True:
             # The keeper may have been refused: by a session of another bridge, or by our own that is closed
@@ -272,6 +295,8 @@ class Bridge:
             return
         before, since = self.acknowledged, self._clock()
         while self.sent - self.acknowledged > self.settings.window_batches // 2:
+            if self._stopped.is_set():
+                return
             self._ask_to_open()
             self._raise_failure()
             if self.acknowledged > before:
@@ -343,7 +368,14 @@ def new_bridge_name() -> str:
     return f"{host}-{os.getpid()}-{secrets.token_hex(2)}"
 
 
-def _opening(source: Source, session: str, epoch: int, preset: str | None, setting: CellSettings) -> Open:
+def _opening(
+    source: Source,
+    session: str,
+    epoch: int,
+    preset: str | None,
+    setting: CellSettings,
+    description: Description | None,
+) -> Open:
     # A source that was written for an earlier version does not state whether a hand is on the robot.
     hand_on_robot: HandOnRobot = getattr(source, "hand_on_robot", "unknown")
     for name, known in OPTIONS.items():
@@ -364,4 +396,5 @@ def _opening(source: Source, session: str, epoch: int, preset: str | None, setti
         bridge=new_bridge_name(),
         **setting.completed_by(getattr(source, "setting", UNSET))._asdict(),
         declared_units=getattr(source, "declared_units", ()),
+        description=description,
     )

@@ -48,13 +48,19 @@ class BatchSender:
         self._work = threading.Event()
         self._putting = threading.Lock()
         self._next_put = 0
+        self._has_ended = False
         self._last_put = self._pending_since = clock()
 
     # --- the robot's side -------------------------------------------------------------------------------
 
     def push(self, chunk: Matrix) -> None:
-        """Take samples (k, columns) and number the batches that they fill. Raises SourceError."""
+        """Take samples (k, columns) and number the batches that they fill. Raises SourceError.
+
+        After `end` it drops them.
+        """
         with self._numbering:
+            if self._has_ended:
+                return
             if not len(self._batcher):
                 self._pending_since = self._clock()
             full = self._batcher.push(chunk)
@@ -72,6 +78,13 @@ class BatchSender:
             if self._clock() - self._pending_since >= older_than_s:
                 for batch in self._batcher.flush():
                     self._number(batch)
+
+    def end(self) -> None:
+        """Number what is pending; what is pushed from now on is dropped."""
+        with self._numbering:
+            for batch in self._batcher.flush():
+                self._number(batch)
+            self._has_ended = True
 
     def continue_from(self, seq: int) -> None:
         """Number the next batch `seq`: a predecessor sent those before. Only while nothing has a number."""

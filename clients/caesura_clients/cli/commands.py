@@ -17,6 +17,7 @@ from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
+from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by, start, stop
 from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
 from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
@@ -35,6 +36,7 @@ from caesura_clients.cli.pedal import marking
 from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
 from caesura_clients.cli.result_tables import ignored_line, outcome_line, segments_view
+from caesura_clients.cli.robots import list_robots
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.cli.watching import SAID_OF_SERVICE, FinalLines, LiveView
 from caesura_clients.client import Caesura
@@ -53,9 +55,10 @@ PATIENCE_S = 2.0  # until the command line says what it waits for
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
-    for command in (bridge, watch, program, edit, doctor):
+    for command in (bridge, start, stop, watch, program, edit, doctor):
         app.command(command.__name__)(command)
     app.command("record")(record_session)
+    app.command("robots")(list_robots)
     app.add_typer(sessions)
 
 
@@ -94,12 +97,17 @@ def bridge(
     marker: Annotated[
         bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
     ] = False,
+    standby: Annotated[
+        bool, typer.Option("--standby", help="Wait for `caesura start` and `stop`, or the dashboard.")
+    ] = False,
+    stated: DescriptionOptions,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
 
-    The exit code is 1 where the service refused anything of it.
+    The exit code is 1 where the service refused anything of it. In standby it sends nothing until it is
+    started, and is ready again after each demonstration.
     """
     options = SourceOptions(
         file=file,
@@ -107,6 +115,7 @@ def bridge(
         **reading._asdict(),
         scenario=scenario,
         seed=seed,
+        robot=asked.robot,
         mapping=mapping,
         host=host,
         gripper=gripper,
@@ -115,14 +124,33 @@ def bridge(
     )
     if epoch and session is None:
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
+    if standby:
+        _check_standby(source, session, marker, stated)
     with reported():
         named(station)
         settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
+        if standby:
+            with connected(endpoint, config, patient=True) as caesura:
+                stand_by(
+                    caesura,
+                    station,
+                    lambda: _opened_source(source, options),
+                    source=source,
+                    preset=preset,
+                    settings=settings,
+                )
+            return
         with (
             _opened_source(source, options) as samples,
             connected(endpoint, config, patient=True) as caesura,
             caesura.bridge(
-                station, samples, session=session, epoch=epoch, preset=preset, settings=settings
+                station,
+                samples,
+                session=session,
+                epoch=epoch,
+                preset=preset,
+                settings=settings,
+                description=stated.description(),
             ) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
@@ -136,7 +164,19 @@ def bridge(
                 typer.echo(f"no {unmade}", err=True)
             typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
             for one in snapshots(caesura.transport, station, opened.session):
-                _tell_outcome(one.status)
+                _print_outcome(one.status)
+
+
+def _check_standby(source: str, session: str | None, marker: bool, stated: DescriptionOptions) -> None:
+    """Refuse options of one session. Raises BadParameter."""
+    if source not in SOURCES:
+        raise typer.BadParameter(f"{source!r}, expected one of {', '.join(SOURCES)}", param_hint="--source")
+    for name, given in (("session", session), ("marker", marker), *stated._asdict().items()):
+        if given:
+            why = (
+                "in standby each start states it" if name != "marker" else "a bridge in standby reads no keys"
+            )
+            raise typer.BadParameter(why, param_hint=f"--{name}")
 
 
 def watch(
@@ -184,7 +224,7 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
         typer.echo(f"{name}: {dropped} messages came faster than they were taken", err=True)
 
 
-def _tell_outcome(status: SessionStatus) -> None:
+def _print_outcome(status: SessionStatus) -> None:
     """One line on what did not become segments; exit code 1 where something was refused."""
     line = outcome_line(status)
     if line:

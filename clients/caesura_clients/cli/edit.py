@@ -14,6 +14,7 @@ from caesura_clients.cli.options import Config, Connect, connected, named, repor
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Action, LimitForce
+from caesura_protocol.validation_words import first_finding
 
 # What stands behind each action on the command line.
 WORDS: dict[str, tuple[str, ...]] = {
@@ -89,8 +90,6 @@ def parse(words: list[str]) -> Action:
     try:
         return _ACTION.validate_python({"do": do, **given})
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        where = str(first["loc"][-1]).upper()
         raise typer.BadParameter(
-            f"{where} is {first['input']!r}: {first['msg']}", param_hint="ACTION"
+            first_finding(error, named=lambda place: str(place[-1]).upper()), param_hint="ACTION"
         ) from error

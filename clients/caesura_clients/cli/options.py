@@ -19,6 +19,7 @@ from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
+from caesura_protocol.robots import robot_description
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
 Connect = Annotated[
@@ -60,6 +61,14 @@ CellFile = Annotated[
     Path | None,
     typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
 ]
+RobotOption = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        metavar="NAME|FILE",
+        help="Which arm it is: a name as of `caesura robots`, or the path of its robot.json.",
+    ),
+]
 LengthUnit = Annotated[
     str | None, typer.Option("--length-unit", "--unit", help="Of positions: m, cm, mm; overrides the file.")
 ]
@@ -88,6 +97,7 @@ class ProgramOptions(NamedTuple):
     force_limit: ForceLimit = None
     path_tolerance: PathTolerance = None
     angle_tolerance: AngleTolerance = None
+    robot: RobotOption = None
 
     def setting(self) -> CellSettings:
         """What they state; a force limit goes before that of the cell's file. Raises CaesuraError."""
@@ -96,6 +106,7 @@ class ProgramOptions(NamedTuple):
             self.force_limit,
             None if self.path_tolerance is None else self.path_tolerance / 1000.0,
             None if self.angle_tolerance is None else math.radians(self.angle_tolerance),
+            None if self.robot is None else robot_description(self.robot).name,
         ).completed_by(cell)
 
 

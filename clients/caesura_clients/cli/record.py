@@ -61,12 +61,12 @@ def _progress(station: str) -> Callable[[Recorder], None]:
     """Says once what is recorded."""
     said: set[str] = set()
 
-    def tell(recorder: Recorder) -> None:
+    def report(recorder: Recorder) -> None:
         if recorder.session not in said:
             said.add(recorder.session)
             typer.echo(f"recording {station}/{recorder.session}", err=True)
 
-    return tell
+    return report
 
 
 @contextmanager

@@ -16,7 +16,16 @@ from caesura_clients.budget_texts import budgets_in_words
 from caesura_clients.query import SessionInfo
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
-from caesura_protocol.messages import App, Phase, Program, Refusal, Segment, SessionStatus, Vector
+from caesura_protocol.messages import (
+    App,
+    Description,
+    Phase,
+    Program,
+    Refusal,
+    Segment,
+    SessionStatus,
+    Vector,
+)
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
@@ -25,6 +34,7 @@ STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
+RESULTS = {True: "yes", False: "no", None: "–"}  # of demonstrations
 
 
 def segments_view(
@@ -171,10 +181,17 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
     """All sessions, one a line."""
-    table = Table("station", "session", "state", "t \\[s]", "segments", "instance")
+    table = Table("station", "session", "task", "success", "state", "t \\[s]", "segments", "instance")
     for info in infos:
         table.add_row(
-            info.station, info.session, info.state, f"{info.t:.2f}", str(info.segments), info.instance
+            info.station,
+            info.session,
+            Text(info.task or "–"),
+            RESULTS[info.success],
+            "deleted" if info.deleted else info.state,
+            f"{info.t:.2f}",
+            str(info.segments),
+            info.instance,
         )
     return table
 
@@ -189,6 +206,19 @@ def _gaps(status: SessionStatus) -> str:
     least = "at least " if status.gaps_before else ""
     count = status.gaps_before + len(status.gaps)
     return f"{count} gaps, {least}{sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s{lost}"
+
+
+def description_line(description: Description) -> str:
+    """What people state about a session, in one line; empty where they state nothing."""
+    stated = (
+        ("task", description.task),
+        ("operator", description.operator),
+        ("success", None if description.success is None else RESULTS[description.success]),
+        ("tags", ", ".join(description.tags)),
+        ("note", description.note),
+        ("deleted", "yes" if description.deleted else None),
+    )
+    return " · ".join(f"{name} {value}" for name, value in stated if value)
 
 
 def _title(status: SessionStatus) -> str:

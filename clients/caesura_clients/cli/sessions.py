@@ -10,9 +10,12 @@ from typing import Annotated
 
 import typer
 from rich.console import Console, Group
+from rich.text import Text
 
+from caesura_clients.cli.demonstrations import describe
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.result_tables import (
+    description_line,
     outcome_line,
     phases_table,
     program_view,
@@ -23,6 +26,7 @@ from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import NotFound
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
+sessions.command("describe")(describe)
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
 
 
@@ -83,6 +87,8 @@ def show(
     if len(found.segments.phases) > 1:
         views.append(phases_table(found.segments.phases, "phases"))
     views.append(program_view(found.program))
+    if line := description_line(found.status.description):
+        views.insert(0, Text(line))
     Console().print(Group(*views, *([lost] if lost else [])))
 
 

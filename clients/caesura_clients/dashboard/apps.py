@@ -8,7 +8,7 @@ from typing import Any
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Program, Vector
-from caesura_protocol.paths import TOLD_TURN_RAD, turn_of
+from caesura_protocol.paths import NAMED_TURN_RAD, turn_of
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.screw_motion import screw_in_words
 
@@ -81,8 +81,8 @@ def path(app: App) -> str:
         return ""
     via, off = len(app.path.via), f"within {1000 * app.path.deviation_m:.1f} mm"
     turn = turn_of(app)
-    turned = f"turns {math.degrees(turn):.0f}°, " if turn >= TOLD_TURN_RAD else ""
-    way = f"{via} via points, {off}" if via else f"straight {off}"
+    turned = f"turns {math.degrees(turn):.0f}°, " if turn >= NAMED_TURN_RAD else ""
+    way = f"{via} via point{'s' if via > 1 else ''}, {off}" if via else f"straight {off}"
     return f"{1000 * app.path.length_m:.0f} mm, {turned}{way}"
 
 

@@ -41,6 +41,7 @@ def dashboard(
     config: Config = None,
 ) -> None:
     """Show stations in a browser: signals, segments, programs; and correct what was found."""
+    from caesura_clients.dashboard.demonstrations import Desk  # noqa: PLC0415
     from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
@@ -60,7 +61,11 @@ def dashboard(
         ):
             signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
             with suppress(KeyboardInterrupt):
-                serve(Site(gateway, None if read_only else corrector(caesura.transport)), address)
+                transport = caesura.transport
+                site = (
+                    Site(gateway, None) if read_only else Site(gateway, corrector(transport), Desk(transport))
+                )
+                serve(site, address)
 
 
 def _interrupt(_number: int, _frame: object) -> None:

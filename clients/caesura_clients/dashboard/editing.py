@@ -14,6 +14,7 @@ from caesura_clients.editing import is_stale, send
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Action, Edit, LimitForce
 from caesura_protocol.transport.network import Transport
+from caesura_protocol.validation_words import first_finding
 
 Request = Mapping[str, Any]
 Corrector = Callable[[str, Edit], Ack]  # station, what is asked; raises ProtocolError or CaesuraError
@@ -49,9 +50,7 @@ def parse(request: Request) -> Edit:
     try:
         return Edit.model_validate({**common, "action": _ACTION.validate_python(own)})
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise EditRefused(f"Not done: {where} is {first['input']!r:.60}; {first['msg']}") from error
+        raise EditRefused(f"Not done: {first_finding(error)}") from error
 
 
 def said(error: ProtocolError) -> str:

@@ -76,6 +76,42 @@ class Tables(LiveElement, component="web/tables.js"):
     """Tables and warnings: {warnings, tables}."""
 
 
+class StartStop(LiveElement, component="web/start_stop.js"):
+    """Start and Stop of a station (`demonstrations.controls`). on_ask: what an operator asks for."""
+
+    def __init__(self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any]) -> None:
+        super().__init__(initial)
+        self.on("ask", on_ask)
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Show what became of a start or a stop."""
+        self.run_method("answered", message, failed)
+
+
+class DescriptionForm(LiveElement, component="web/description.js"):
+    """What people state about a session (`demonstrations.description_of`). on_ask: as of StartStop."""
+
+    def __init__(
+        self,
+        initial: dict[str, Any],
+        on_ask: Callable[[GenericEventArguments], Any],
+        *,
+        editable: bool,
+        live: bool,
+    ) -> None:
+        super().__init__(initial)
+        self._props |= {"editable": editable, "live": live}
+        self.on("ask", on_ask)
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Show what became of a change."""
+        self.run_method("answered", message, failed)
+
+
+class SessionList(LiveElement, component="web/session_list.js"):
+    """Sessions with search, filters and order: {warning, sessions}."""
+
+
 class ProgramTimeline(LiveElement, component="web/program.js"):
     """The timeline of a task program (`apps.timeline`)."""
 
@@ -90,7 +126,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
         self._props |= {"station": station, "editable": editable, "replay": replay}
         self._known = SentState()
         self._stands: dict[str, Any] = {}
-        self.wants_run_lengths = False
+        self.shows_run_lengths = False
         self.on("edit", on_edit)
         self.on("run-lengths", self._want)
 
@@ -119,7 +155,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
     def _begin(self) -> None:
         super()._begin()
         self._known, self._stands = SentState(), {}
-        self.wants_run_lengths = False
+        self.shows_run_lengths = False
 
     def _want(self, event: GenericEventArguments) -> None:
-        self.wants_run_lengths = bool(event.args)
+        self.shows_run_lengths = bool(event.args)

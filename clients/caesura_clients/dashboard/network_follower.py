@@ -16,31 +16,30 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from caesura_clients.dashboard.signals import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
 from caesura_clients.following import Event, SessionRemoved, events
 from caesura_clients.query import current_sessions, samples, service_status
+from caesura_clients.repeating_threads import RepeatingThreads
 from caesura_clients.results import Update
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import SampleRange, parse_service_key, parse_station_key, service_key, station_key
-from caesura_protocol.messages import Heartbeat, Posterior, RecordedSamples, SampleBatch
+from caesura_protocol.messages import BridgeStatus, Heartbeat, Posterior, RecordedSamples, SampleBatch
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
 POLL_S = 1.0
 TICK_S = 0.2  # how soon a thread sees that it is over
-RETRY_S = 1.0
 REFRESH_S = 2.0  # of silence, then what is known is asked for again
 POSTERIORS = 600  # a station: one minute of run lengths
 STATIONS = 256  # that signals are kept of; as many as a service takes
 
 
-class NetworkFollower:
+class NetworkFollower(RepeatingThreads):
     """Follows everything while its context lasts.
 
     transport: its owner closes it, after the gateway. clock: monotonic [s]. Leaving takes up to refresh_s.
@@ -59,29 +58,16 @@ class NetworkFollower:
         self._refresh_s = refresh_s
         self.world = DashboardState()
         self._unsure = False  # has the service had no time to say which sessions are current?
-        self.heard: dict[str, NewestSamples] = {}
+        self.received: dict[str, NewestSamples] = {}
         self._rings: dict[str, SignalRing] = {}
         self._posteriors: dict[str, deque[Posterior]] = {}
         self._changing = threading.Lock()
-        self._over = threading.Event()
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        for name, work in (
-            ("results", self._follow_results),
-            ("arrivals", self._follow_arrivals),
-            ("services", self._ask_services),
-        ):
-            thread = threading.Thread(target=self._keep, args=(name, work), name=name, daemon=True)
-            thread.start()
-            self._stack.callback(thread.join)
-        self._stack.callback(self._over.set)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.close()
+        works = {
+            "results": self._follow_results,
+            "arrivals": self._follow_arrivals,
+            "services": self._ask_services,
+        }
+        super().__init__(works, on_error=self._trouble)
 
     def samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
         """The samples of a session in a range: the newest ones as they came, others from the journal.
@@ -101,15 +87,6 @@ class NetworkFollower:
         with self._changing:
             return tuple(one for one in self._posteriors.get(station, ()) if one.session == session)
 
-    def _keep(self, name: str, work: Callable[[], None]) -> None:
-        """Do the work until it is over, again after whatever the network does to it."""
-        while not self._over.is_set():
-            try:
-                work()
-            except Exception as error:  # whatever it is, it must be seen, and not end the thread
-                self._trouble(name, str(error) or type(error).__name__)
-                self._over.wait(RETRY_S)
-
     def _trouble(self, name: str, why: str = "") -> None:
         """Say what keeps a thread from its work; nothing once it works."""
         if self.world.troubles.get(name, "") != why:
@@ -119,8 +96,8 @@ class NetworkFollower:
     # --- results ---
 
     def _follow_results(self) -> None:
-        with closing(events(self.transport, refresh_s=self._refresh_s, over=self._over)) as told:
-            for event in told:
+        with closing(events(self.transport, refresh_s=self._refresh_s, over=self._over)) as reported:
+            for event in reported:
                 self._take(event)
                 self._trouble("results")
 
@@ -162,9 +139,10 @@ class NetworkFollower:
 
     def _follow_arrivals(self) -> None:
         inbox = Inbox()
-        self._change(bridges=frozenset(), alive=frozenset())
+        self._change(bridges=frozenset(), alive=frozenset(), standby={})
         with ExitStack() as stack:
             stack.enter_context(self.transport.subscribe(station_key("*", "samples"), inbox))
+            stack.enter_context(self.transport.subscribe(station_key("*", "bridge_status"), inbox))
             stack.enter_context(self.transport.watch_liveliness(station_key("*", "alive"), inbox))
             stack.enter_context(self.transport.watch_liveliness(service_key("*", "alive"), inbox))
             self._trouble("arrivals")
@@ -179,6 +157,9 @@ class NetworkFollower:
         try:
             bridge = parse_station_key(presence.key)[0]
             self._change(bridges=_with(self.world.bridges, bridge, presence.alive))
+            if not presence.alive:
+                rest = {name: one for name, one in self.world.standby.items() if name != bridge}
+                self._change(standby=rest)
         except ProtocolError:
             with suppress(ProtocolError):
                 instance = parse_service_key(presence.key)[0]
@@ -187,7 +168,10 @@ class NetworkFollower:
     def _sampled(self, delivery: ReceivedSample) -> None:
         """Store a batch of samples; a bad sender must not end the updates of all browsers."""
         try:
-            station = parse_station_key(delivery.key)[0]
+            station, part = parse_station_key(delivery.key)
+            if part == "bridge_status":
+                self._take_bridge_status(station, delivery)
+                return
             batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)
             if not isinstance(batch, SampleBatch):
                 return
@@ -196,8 +180,14 @@ class NetworkFollower:
             return
         if station not in self._rings and len(self._rings) >= STATIONS:
             return
-        self.heard[station] = NewestSamples(self.clock(), float(matrix[-1, 0]), batch.session)
+        self.received[station] = NewestSamples(self.clock(), float(matrix[-1, 0]), batch.session)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
+
+    def _take_bridge_status(self, station: str, delivery: ReceivedSample) -> None:
+        status = decode(delivery.payload, delivery.encoding, BridgeStatus)
+        known = self.world.standby
+        if known.get(station) != status and (station in known or len(known) < STATIONS):
+            self._change(standby={**self.world.standby, station: status})
 
     # --- services ---
 

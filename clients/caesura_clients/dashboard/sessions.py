@@ -10,23 +10,35 @@ from caesura_clients.results import Update
 
 
 def sessions(world: DashboardState) -> list[dict[str, Any]]:
-    """A row each; `href` leads to its replay."""
-    newest = sorted(world.updates.items(), key=lambda item: (item[0][1], item[0][0]), reverse=True)
-    return [_row(update) for _, update in newest]
+    """A row each, the newest first; `href` leads to its replay."""
+    newest = sorted(world.updates.values(), key=_age, reverse=True)
+    return [_row(update) for update in newest]
+
+
+def _age(update: Update) -> tuple[float, str, str]:
+    """Its time of day where that is known; names sort by time too."""
+    return update.status.opened or 0.0, update.session, update.station
 
 
 def _row(update: Update) -> dict[str, Any]:
-    status = update.status
+    status, stated = update.status, update.status.description
     return {
         "station": update.station,
         "session": update.session,
         "href": f"/sessions/{update.station}/{update.session}",
-        "state": status.state,
-        "length": f"{reached(update):.1f} s",
-        "segments": str(len(update.segments)),
-        "apps": str(len(update.program.apps)),
-        "gaps": str(gaps(update)),
-        "version": f"version {update.program.version}",
+        "task": stated.task or "",
+        "operator": stated.operator or "",
+        "note": stated.note or "",
+        "tags": list(stated.tags),
+        "success": stated.success,
+        "deleted": stated.deleted,
+        "opened": status.opened,
+        "closed": update.closed,
+        "length": round(reached(update), 1),
+        "segments": len(update.segments),
+        "apps": len(update.program.apps),
+        "gaps": gaps(update),
+        "version": update.program.version,
         "edited": edited(update),
         "instance": status.instance,
     }

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from caesura_protocol.extremes import Extremes, between, bins_of, extremes_of, joined, packed, points_of
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, RecordedSamples
-from caesura_protocol.runs import RunSplitter, Speed, drawn_columns, in_metres
+from caesura_protocol.runs import RunSplitter, Speed, chosen_columns, drawn_columns, in_metres
 
 BIN_S = 0.04
 SPAN_S = 60.0
@@ -95,7 +95,7 @@ class SignalRing:
         known = drawn_columns(columns)
         scale = dict(zip(columns, in_metres(columns, unit), strict=True))
         scale["speed"] = scale.get("px", 1.0)
-        chosen = tuple(name for name in known if not wanted.columns or name in wanted.columns)
+        chosen = chosen_columns(wanted.columns, known)
         points = [points_of(some, known.index(name)) * (1.0, scale[name]) for name in chosen]
         return RecordedSamples(
             station=station,

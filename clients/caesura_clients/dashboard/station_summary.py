@@ -11,15 +11,17 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from caesura_clients.results import Update
-from caesura_protocol.messages import ServiceStatus
+from caesura_protocol.messages import BridgeStatus, ServiceStatus
 
 STALE_S = 2.0
-State = Literal["teaching", "stale", "done", "ready", "gone"]
+State = Literal["teaching", "stale", "done", "ready", "standby", "failed", "gone"]
 SAID: Mapping[State, str] = {
     "teaching": "teaching",
     "stale": "stale",
     "done": "demonstration over",
     "ready": "connected, nothing taught yet",
+    "standby": "ready to start",
+    "failed": "robot not ready",
     "gone": "not connected",
 }
 
@@ -31,6 +33,7 @@ class DashboardState:
     updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
+    standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station
     alive: frozenset[str] = frozenset()  # instances that are alive
     services: tuple[ServiceStatus, ...] = ()
     rates: Mapping[str, float] = field(default_factory=dict)  # [messages/s] by instance
@@ -78,6 +81,7 @@ class StationSummary:
     said: str  # the state in words
     why: str  # it is stale; empty otherwise
     session: str
+    task: str  # its name; empty without one
     t: float  # [s] of the session
     age_s: float | None  # of the newest sample; None: none came
     kind: str  # of the current segment
@@ -99,20 +103,25 @@ SHOWN_SEGMENTS = 40  # in a card's strip
 
 
 def glances(
-    world: DashboardState, heard: Mapping[str, NewestSamples], now: float, began: float
+    world: DashboardState, received: Mapping[str, NewestSamples], now: float, began: float
 ) -> list[StationSummary]:
     """One a station. now, began: monotonic [s]; before the dashboard began nothing can have come."""
-    return [glance(world, station, heard.get(station), now, began) for station in world.stations()]
+    return [glance(world, station, received.get(station), now, began) for station in world.stations()]
 
 
 def glance(
-    world: DashboardState, station: str, heard: NewestSamples | None, now: float, began: float
+    world: DashboardState, station: str, received: NewestSamples | None, now: float, began: float
 ) -> StationSummary:
     """What there is to say of one station."""
     update = world.update(station)
     bridge = station in world.bridges
-    why = stale(world, update, bridge, heard, now - (began if heard is None else max(began, heard.at)))
-    state = _state(update, bridge, why)
+    why = stale(
+        world, update, bridge, received, now - (began if received is None else max(began, received.at))
+    )
+    status = world.standby.get(station)
+    state = _state(update, bridge, why, status)
+    if state == "failed" and status is not None and not why:
+        why = status.problem or ""
     last = update.segments[-1] if update and update.segments else None
     newest = update.segments[-SHOWN_SEGMENTS:] if update else ()
     return StationSummary(
@@ -121,8 +130,9 @@ def glance(
         said=SAID[state],
         why=why,
         session=update.session if update else "",
+        task=(update.status.description.task or "") if update else "",
         t=reached(update) if update else 0.0,
-        age_s=None if heard is None or (update and update.closed) else max(0.0, now - heard.at),
+        age_s=None if received is None or (update and update.closed) else max(0.0, now - received.at),
         kind=last.kind if last else "",
         probability=last.probability if last else None,
         segments=len(update.segments) if update else 0,
@@ -134,12 +144,16 @@ def glance(
 
 
 def stale(
-    world: DashboardState, update: Update | None, bridge: bool, heard: NewestSamples | None, silent_s: float
+    world: DashboardState,
+    update: Update | None,
+    bridge: bool,
+    received: NewestSamples | None,
+    silent_s: float,
 ) -> str:
     """Why what is shown may no longer be true; empty where it is."""
     if update is None or update.closed:
         return world.trouble
-    behind_s = heard.t - reached(update) if heard and heard.session == update.session else 0.0
+    behind_s = received.t - reached(update) if received and received.session == update.session else 0.0
     found = (
         (bool(world.trouble), world.trouble),
         (not world.alive, "no service answers"),
@@ -164,10 +178,12 @@ def gaps(update: Update | None) -> int:
 
 def troubled(found: Iterable[StationSummary]) -> int:
     """Count the stations that need an operator."""
-    return sum(one.state == "stale" or one.overloaded for one in found)
+    return sum(one.state in {"stale", "failed"} or one.overloaded for one in found)
 
 
-def _state(update: Update | None, bridge: bool, why: str) -> State:
+def _state(update: Update | None, bridge: bool, why: str, status: BridgeStatus | None) -> State:
+    if bridge and status is not None and (update is None or update.closed):
+        return "failed" if status.state == "failed" else "standby"
     if update is None:
         return "ready" if bridge else "gone"
     if update.closed:

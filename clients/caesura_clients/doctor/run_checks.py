@@ -13,7 +13,7 @@ from caesura_clients.doctor.probes import ProbeResult, probe_network
 from caesura_clients.doctor.reach import check_endpoint, no_session
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import CaesuraError, Unreachable
-from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES
+from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
@@ -107,11 +107,11 @@ def _check_wrench(recording: Recording) -> Iterator[CheckResult]:
     source, hand = recording.wrench_source, recording.hand_on_robot
     if source is None:
         yield warn("wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
-    elif source == "flange_sensor" or (source, hand) == (ESTIMATE, "no"):
+    elif stations.shows_contact(source, hand):
         yield ok("wrench", f"source {source}, hand on the robot: {hand}; contact and load are on")
     else:
         yield warn(
             "wrench",
             f"source {source}, hand on the robot: {hand}; contact and load are off",
-            stations.wrench_remedy(source),
+            stations.wrench_remedy(source, hand),
         )

@@ -18,9 +18,9 @@ from caesura_clients.doctor.signal import (
     check_signals,
     check_units,
 )
-from caesura_protocol.codec import unpack_samples
+from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
+from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
 
 FEWEST_SAMPLES = 100  # that say something of a rate
 STILL_S = 1.0  # how long no sample may come while a session is open
@@ -171,12 +171,7 @@ def _samples(station: StationProbe, status: SessionStatus) -> CheckedSamples | N
         return None  # the service refuses them, and says so
     if len(matrix) < FEWEST_SAMPLES:
         return None
-    place = {name: index for index, name in enumerate(columns.pop())}
-    signals = {
-        signal: matrix[:, [place[name] for name in names]]
-        for signal, names in COLUMNS_OF_SIGNAL.items()
-        if set(names) <= set(place)
-    }
+    signals = signals_of(columns.pop(), matrix)
     return CheckedSamples(matrix[:, 0], signals, status.wrench.source, status.length_unit)
 
 
@@ -214,8 +209,15 @@ def _check_refusals(station: StationProbe, status: SessionStatus) -> Iterator[Ch
         yield warn("refused", f"{found}{last}", remedy)
 
 
-def wrench_remedy(source: str) -> str:
-    """What turns contact and load on, for a wrench source that has them off."""
+def shows_contact(source: str, hand_on_robot: str) -> bool:
+    """Return whether a wrench shows contact and load, as it is stated."""
+    return source == "flange_sensor" or (source, hand_on_robot) == (ESTIMATE, "no")
+
+
+def wrench_remedy(source: str, hand_on_robot: str) -> str:
+    """What turns contact and load on, for a wrench that has them off."""
+    if shows_contact(source, hand_on_robot):
+        return "choose a preset with models of contact and load, such as default; else there are only moves"
     if source == ESTIMATE:
         return "where no hand is on the robot, state --hand-on-robot no; else there are only moves"
     return "with a sensor below the hand, state --wrench-source flange_sensor; else there are only moves"
@@ -232,7 +234,7 @@ def _check_wrench(station: StationProbe, status: SessionStatus) -> Iterator[Chec
         f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
     )
     if not can:
-        remedy = wrench_remedy(wrench.source)
+        remedy = wrench_remedy(wrench.source, wrench.hand_on_robot)
         if not wrench.stated:
             remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"
         yield warn("wrench", found_text, remedy)

@@ -10,12 +10,12 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
-from types import TracebackType
-from typing import Protocol, Self
+from contextlib import closing
+from typing import Protocol
 
 from caesura_clients.following import SessionRemoved, events
 from caesura_clients.query import current_sessions
+from caesura_clients.repeating_threads import RepeatingThreads
 from caesura_clients.results import Update
 from caesura_clients.viewer.live_messages import LiveMessage, LiveStation
 from caesura_protocol.codec import decode
@@ -26,7 +26,6 @@ from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.network import Transport
 
 TICK_S = 0.1  # how soon a new subscription is served, and how soon a thread sees that it is over
-RETRY_S = 1.0
 REFRESH_S = 2.0
 LOG = logging.getLogger(__name__)
 
@@ -41,7 +40,7 @@ class Sink(Protocol):
         """Show which session it is, and how many of its batches were not received."""
 
 
-class StationFeed:
+class StationFeed(RepeatingThreads):
     """Feeds a sink while its context lasts. transport: its owner closes it, after the feed."""
 
     def __init__(
@@ -62,36 +61,15 @@ class StationFeed:
         self._shown: tuple[str, int] | None = None
         self._messages_lock = threading.Lock()
         self._subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._over = threading.Event()
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        for work in (self._follow_samples, self._follow_results):
-            thread = threading.Thread(
-                target=self._repeat_until_over, args=(work,), name=work.__name__, daemon=True
-            )
-            thread.start()
-            self._stack.callback(thread.join)
-        self._stack.callback(self._over.set)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.close()
+        works = {"samples": self._follow_samples, "results": self._follow_results}
+        super().__init__(works, on_error=self._log_error)
 
     def subscribed(self, topic: str) -> None:
         """Publish what a topic has so far once more: a viewer has just subscribed to it. Returns at once."""
         self._subscribed.put(topic)
 
-    def _repeat_until_over(self, work: Callable[[], None]) -> None:
-        """Do the work until it is over, again after an error."""
-        while not self._over.is_set():
-            try:
-                work()
-            except Exception as error:  # whatever it is, it must be seen, and not end the thread
-                LOG.warning("%s: %s; trying again", self._station, str(error) or type(error).__name__)
-                self._over.wait(RETRY_S)
+    def _log_error(self, name: str, why: str) -> None:
+        LOG.warning("%s: %s: %s; trying again", self._station, name, why)
 
     def _follow_samples(self) -> None:
         inbox = Inbox()

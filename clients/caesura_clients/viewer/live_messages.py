@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from caesura_clients.results import Update
-from caesura_protocol.codec import unpack_samples
+from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.channels import TaskProgram
 from caesura_protocol.formats.mcap_write import (
@@ -31,7 +31,7 @@ from caesura_protocol.formats.mcap_write import (
     sample_entries,
 )
 from caesura_protocol.formats.raw_recording import Array
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Message, SampleBatch
+from caesura_protocol.messages import Message, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
 
 PATH_POINTS = 1000  # of a message on /path: about 150 kB
@@ -145,14 +145,10 @@ class LiveSession:
         return [*found, *(self._whole_path() if "/path" in topics else [])]
 
     def _content(self, batch: SampleBatch, matrix: Array, update: Update | None) -> McapContent:
-        column = dict(zip(batch.columns, matrix.T, strict=True))
-        signals = {
-            signal: np.column_stack([column[name] for name in names])
-            for signal, names in COLUMNS_OF_SIGNAL.items()
-            if set(names) <= column.keys()
-        }
         unit = "m" if update is None else update.status.length_unit
-        recording = Recording(matrix[:, 0], signals, length_unit=unit, name=self.name)
+        recording = Recording(
+            matrix[:, 0], signals_of(batch.columns, matrix), length_unit=unit, name=self.name
+        )
         return McapContent(
             station="",
             session=self.name,

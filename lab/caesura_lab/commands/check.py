@@ -9,15 +9,22 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import CellFile, ForceLimit, Json, reported, safety_of
+from caesura_clients.cli.options import CellFile, ForceLimit, Json, RobotOption, reported, safety_of
 from caesura_lab.teacher.person import THESIS, draw_person
-from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
+from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
-from caesura_protocol.programs.document import ProgramFile, read_document
+from caesura_protocol.programs.document import ProgramFile, on_robot, read_document
+from caesura_protocol.robots import robot_description
 
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
+]
+Retarget = Annotated[
+    bool,
+    typer.Option(
+        "--retarget", help="Of a program for another robot, leave the joints out and keep the poses."
+    ),
 ]
 Cell = Annotated[
     str | None,
@@ -30,6 +37,8 @@ def check(
     scenario: Cell = None,
     cell_file: CellFile = None,
     force_limit: ForceLimit = None,
+    robot: RobotOption = None,
+    retarget: Retarget = False,
     as_json: Json = False,
 ) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
@@ -38,17 +47,21 @@ def check(
     from caesura_lab.execution.cell_simulation import CellSimulation  # noqa: PLC0415
     from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
     from caesura_lab.execution.checks import check as check_program  # noqa: PLC0415
+    from caesura_service.robot import load_robot  # noqa: PLC0415
 
     with reported():
-        program = read_document(file)
+        program = on_robot(read_document(file), robot, retarget=retarget)
         safety = safety_of(program, cell_file, force_limit)
         cell = (
             SimulatedCell(safety)
             if scenario is None
-            else CellSimulation(_scenario(scenario), THESIS.load_kg).cell(safety)
+            else CellSimulation(_scenario(scenario, program), THESIS.load_kg).cell(safety)
         )
         report = check_program(
-            program.apps, cell, DemonstrationQuality(program.gaps, program.wrench, program.timing)
+            program.apps,
+            cell,
+            DemonstrationQuality(program.gaps, program.wrench, program.timing),
+            None if program.robot is None else load_robot(program.robot),
         )
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
@@ -68,6 +81,8 @@ def execute(
     simulated: Annotated[bool, typer.Option("--simulated", help="On the simulated robot.")] = False,
     scenario: Cell = None,
     seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
+    robot: RobotOption = None,
+    retarget: Retarget = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write what was recorded, .npz.")] = None,
 ) -> None:
     """Run a program on the simulated robot. The exit code is 1 where it is refused or stopped."""
@@ -80,7 +95,7 @@ def execute(
             raise CaesuraError(f"name the cell with --scenario, one of {', '.join(SCENARIOS)}")
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
-        stopped = _run(read_document(file), scenario, seed, out)
+        stopped = _run(on_robot(read_document(file), robot, retarget=retarget), scenario, seed, out)
     if stopped:
         raise typer.Exit(1)
 
@@ -93,12 +108,15 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+    from caesura_service.robot import load_robot  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
     try:
-        cell = SimulatedCell(_scenario(scenario), person, seed)
+        cell = SimulatedCell(_scenario(scenario, program), person, seed)
         quality = DemonstrationQuality(timing=program.timing)
-        done = run(program.apps, cell, program.safety, quality=quality)
+        done = run(
+            program.apps, cell, program.safety, quality=quality, robot=load_robot(program.robot or "panda")
+        )
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
         raise SourceError(f"{program.station}/{program.session} is refused:\n{lines}") from refused
@@ -107,6 +125,8 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
             done.recording.save(out)
         except OSError as error:
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+    if program.robot is None:
+        typer.echo("robot not stated: simulated on a Panda", err=True)
     seconds = float(done.trace.t[-1])
     fastest = float(np.linalg.norm(done.trace.twist[:, :3], axis=1).max())
     strongest = float(np.linalg.norm(done.trace.contact, axis=1).max())
@@ -119,7 +139,8 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
     return done.stopped is not None
 
 
-def _scenario(name: str) -> Scenario:
+def _scenario(name: str, program: ProgramFile) -> Scenario:
+    """The scenario where the program's robot reaches it. Raises CaesuraError for an unknown name."""
     if name not in SCENARIOS:
         raise CaesuraError(f"no scenario {name!r}, known: {', '.join(SCENARIOS)}")
-    return SCENARIOS[name]
+    return moved(SCENARIOS[name], robot_description(program.robot or "panda").task_offset_m)

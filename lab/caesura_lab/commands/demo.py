@@ -31,17 +31,18 @@ def demo(
     ] = False,
     scenario: Annotated[str, typer.Option(help="What is taught.")] = "pick_and_place",
     seed: Annotated[int, typer.Option(help="Another seed, another person.")] = 0,
+    robot: Annotated[str, typer.Option(help="Which arm, or the path of its robot.json.")] = "panda",
 ) -> None:
-    """Teach a simulated Panda and watch segments and the task program appear."""
+    """Teach a simulated robot and watch segments and the task program appear."""
     console = Console()
     announce_compilation()
-    source = SourceOptions(pace=math.inf if fast else 1.0, scenario=scenario, seed=seed)
+    source = SourceOptions(pace=math.inf if fast else 1.0, scenario=scenario, seed=seed, robot=robot)
     with (
         reported(),
         Service(ServiceConfig(listen="tcp/127.0.0.1:0")) as service,
         connect(service.endpoint) as reader,
-        connect(service.endpoint) as robot,
-        robot.bridge(STATION, open_source("teacher", source), session=SESSION) as bridge,
+        connect(service.endpoint) as robot_side,
+        robot_side.bridge(STATION, open_source("teacher", source), session=SESSION) as bridge,
         ThreadPoolExecutor(1, "robot") as pool,
     ):
         console.print(

@@ -21,12 +21,22 @@ from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import Verdict, judge_all
-from caesura_lab.evaluation.suites import OPEN, SUITES, Case, SuiteOptions, files, missing_recordings, suite
+from caesura_lab.evaluation.suites import (
+    OPEN,
+    SUITES,
+    TAUGHT,
+    Case,
+    SuiteOptions,
+    files,
+    missing_recordings,
+    suite,
+)
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.recording import RecordingError
+from caesura_protocol.robots import robot_description
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
 
 DEFAULT_PRESET = "default"
@@ -87,6 +97,10 @@ def evaluate(
         ),
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
+    robot: Annotated[
+        str | None,
+        typer.Option(help=f"Suites {', '.join(TAUGHT)} and {ROUNDTRIP}: which arm.", show_default="panda"),
+    ] = None,
     data: Annotated[
         Path,
         typer.Option(
@@ -143,8 +157,9 @@ def evaluate(
             _check_calibration(
                 suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
             )
+            _check_robot(robot, suite_name)
             if evidence:
-                extent = SuiteOptions(seeds or SEEDS, first_seed, data)
+                extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
                 for note in missing_recordings(suite_name, extent):
                     typer.echo(note, err=True)
@@ -152,14 +167,16 @@ def evaluate(
             elif suite_name == ROUNDTRIP and not recordings:
                 people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
                 page = (
-                    _round_trip_page(people, workers) if mutated is None else _mutation_page(mutated, workers)
+                    _round_trip_page(people, robot or "panda", workers)
+                    if mutated is None
+                    else _mutation_page(mutated, workers)
                 )
             elif suite_name == THESIS and not recordings:
                 page = _thesis_page(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
             elif suite_name == REALISM and not recordings:
                 page = _realism_page(data, range(first_seed, first_seed + (seeds or SEEDS)), workers)
             else:
-                extent = SuiteOptions(seeds or SEEDS, first_seed, data)
+                extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent)
                 missing = missing_recordings(suite_name, extent)
                 if calibrated:
@@ -202,14 +219,14 @@ def _thesis_page(seeds: range, workers: int) -> ResultPage:
     )
 
 
-def _round_trip_page(seeds: range, workers: int) -> ResultPage:
+def _round_trip_page(seeds: range, robot: str, workers: int) -> ResultPage:
     from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
 
-    cases = program_round_trip.cases(seeds)
+    cases = program_round_trip.cases(seeds, robot)
     summary = program_round_trip.summarise(
         _with_progress(each(program_round_trip.run_round_trip, cases, workers=workers), cases)
     )
-    title = program_round_trip.title(seeds)
+    title = program_round_trip.title(seeds, robot)
     return ResultPage(
         text=lambda: program_round_trip.as_text(summary, title),
         markdown=lambda: program_round_trip.as_markdown(summary, title),
@@ -292,6 +309,16 @@ def _check_calibration(
         raise TruthError(f"{file}: suffix {file.suffix!r}, expected one of {', '.join(diagram.SUFFIXES)}")
 
 
+def _check_robot(robot: str | None, suite_name: str | None) -> None:
+    """Check that a robot, where one is named, is known and is simulated. Raises RobotError or TruthError."""
+    if robot is None:
+        return
+    robot_description(robot)
+    if suite_name not in {*TAUGHT, ROUNDTRIP}:
+        suites = [*TAUGHT, ROUNDTRIP]
+        raise TruthError(f"--robot {robot} is for a --suite of {suites}, in which a robot is simulated")
+
+
 def _draw(result: calibration.CalibrationReport, file: Path) -> None:
     try:
         diagram.write(result, file)
@@ -310,8 +337,8 @@ def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
     unknown = sorted(set(presets) - set(PRESETS))
     if unknown:
         raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=sorted(PRESETS))
-    ours: list[Method] = [PresetMethod(name) for name in dict.fromkeys(presets)]
-    return [*ours, *(baselines() if with_baselines else [])]
+    own: list[Method] = [PresetMethod(name) for name in dict.fromkeys(presets)]
+    return [*own, *(baselines() if with_baselines else [])]
 
 
 def _cases(

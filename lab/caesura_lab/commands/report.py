@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -17,7 +18,6 @@ from caesura_lab.report.report_data import ReportData, collect
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 
@@ -41,7 +41,8 @@ def report(
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
         beside = truth_file(file)
         annotation = truth or (beside if beside.is_file() else None)
-        _report(recording, out, preset, annotation, asked.setting())
+        recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
+        _report(recording, out, preset, annotation)
     typer.echo(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 
@@ -51,21 +52,19 @@ def _writable(out: Path) -> None:
         raise CaesuraError(f"cannot write {out}: no such directory")
 
 
-def _report(
-    recording: Recording, out: Path, preset: str, annotation: Path | None, setting: CellSettings
-) -> None:
+def _report(recording: Recording, out: Path, preset: str, annotation: Path | None) -> None:
     announce_compilation()
     truth = None if annotation is None else read_annotation(annotation)
-    content = _collected(recording, preset, truth, setting)
+    content = _collected(recording, preset, truth)
     try:
         _writers().write_report(content, out)
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _collected(recording: Recording, preset: str, truth: Truth | None, setting: CellSettings) -> ReportData:
+def _collected(recording: Recording, preset: str, truth: Truth | None) -> ReportData:
     try:
-        return collect(recording, preset, truth, setting)
+        return collect(recording, preset, truth)
     except (ProtocolError, ValueError) as error:
         raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 

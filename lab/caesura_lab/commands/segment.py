@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -23,7 +24,6 @@ from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.recording_notes import recording_notes
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled
@@ -54,15 +54,14 @@ def segment(
         if json_out is not None and not json_out.resolve().parent.is_dir():
             raise SourceError(f"cannot write {json_out}: no such directory")
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
-        view = segmented(recording, preset, threshold, asked.setting())
+        recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
+        view = segmented(recording, preset, threshold)
         if json_out is not None:
             _write(json_out, view)
     Console().print(_shown(recording, preset, view))
 
 
-def segmented(
-    recording: Recording, preset: str, threshold: float | None = None, setting: CellSettings = UNSET
-) -> PipelineView:
+def segmented(recording: Recording, preset: str, threshold: float | None = None) -> PipelineView:
     """Its segments, with a bar on the way. Raises SourceError where there is nothing to segment."""
     announce_compilation()
     with Progress(console=Console(stderr=True), transient=True) as progress:
@@ -72,7 +71,6 @@ def segmented(
                 recording,
                 preset,
                 threshold=threshold,
-                setting=setting,
                 progress=lambda samples: progress.update(task, completed=samples),
             )
         except (ProtocolError, ValueError) as error:
@@ -87,9 +85,12 @@ def segmented(
 
 
 def announce_compilation() -> None:
-    """State on stderr that the filter is compiled first, where no compiled code is kept yet."""
+    """Compile the filter where no compiled code is kept yet, and say so on stderr."""
     if has_kernels() and not is_compiled():
         typer.echo("compiling the filter (once, about a minute)", err=True)
+        from caesura_service.prepare import prepare  # noqa: PLC0415
+
+        prepare()
 
 
 def _write(path: Path, view: PipelineView) -> None:

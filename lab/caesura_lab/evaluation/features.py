@@ -16,7 +16,7 @@ def log_features(signals: Signals, floor_m_per_s: float, floor_n: float) -> Arra
     Below the floors [m/s], [N] no difference counts.
     """
     speed = np.log(signals.speed + floor_m_per_s)[:, None]
-    if not signals.force_tells:
+    if not signals.force_shows_contact:
         return speed
     force_n = np.linalg.norm(signals.force_base, axis=1)
     return np.column_stack([speed, np.log(force_n + floor_n)])
@@ -25,4 +25,4 @@ def log_features(signals: Signals, floor_m_per_s: float, floor_n: float) -> Arra
 def vector_features(signals: Signals, unit_m_per_s: float, unit_n: float) -> Array:
     """Return velocity and, where it shows contact, force, in their units, (n, 3 or 6)."""
     velocity = signals.velocity_base / unit_m_per_s
-    return np.hstack([velocity, signals.force_base / unit_n]) if signals.force_tells else velocity
+    return np.hstack([velocity, signals.force_base / unit_n]) if signals.force_shows_contact else velocity

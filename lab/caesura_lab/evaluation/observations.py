@@ -29,7 +29,7 @@ class Signals:
     speed: Array
     force_base: Array
     holding: NDArray[np.bool_]
-    force_tells: bool
+    force_shows_contact: bool
     tared: bool
 
 
@@ -41,15 +41,15 @@ def grid_signals(recording: Recording) -> Signals:
         raise ValueError(f"{recording.name}: {len(observations)} observations, expected at least 2")
     t = np.array([o.t for o in observations])
     position_base = np.array([o.position_base for o in observations])
-    tells = conditioned.layout.source.contact_models
+    shows_contact = conditioned.layout.source.contact_models
     force_base = np.array([o.force_base for o in observations])
     return Signals(
         t=t,
         position_base=position_base,
         velocity_base=np.gradient(position_base, t, axis=0),
         speed=np.array([o.speed for o in observations]),
-        force_base=force_base if tells else np.zeros_like(force_base),
+        force_base=force_base if shows_contact else np.zeros_like(force_base),
         holding=np.array([seen.holding == 1.0 for seen in conditioned.inputs]),
-        force_tells=tells,
+        force_shows_contact=shows_contact,
         tared=conditioned.tared,
     )

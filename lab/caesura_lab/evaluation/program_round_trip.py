@@ -46,10 +46,11 @@ REST_N = 1e-6
 
 @dataclass(frozen=True)
 class RoundTripCase:
-    """One person who teaches one scenario."""
+    """One person who teaches one scenario on one arm."""
 
     scenario: str
     seed: int
+    robot: str = "panda"
 
 
 @dataclass(frozen=True)
@@ -78,14 +79,16 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
     from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
     from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish  # noqa: PLC0415
     from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
+    from caesura_service.robot import load_robot  # noqa: PLC0415
 
-    teaching = SimulatedTeaching(case.scenario, seed=case.seed)
+    robot = load_robot(case.robot)
+    teaching = SimulatedTeaching(case.scenario, seed=case.seed, robot=robot)
     recording = finish(teaching, list(teaching.chunks(1.0))).recording
     limit_n = LIMITS_N[case.scenario]
     taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
     simulated_cell = SimulatedCell(teaching.scenario, teaching.person, case.seed)
     try:
-        done = execute(taught.apps, simulated_cell, Safety(force_n=limit_n))
+        done = execute(taught.apps, simulated_cell, Safety(force_n=limit_n), robot=robot)
     except RefusedError as refused:
         return RoundTripResult(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps
@@ -192,9 +195,9 @@ def _kinds(apps: Iterable[App]) -> tuple[str, ...]:
     return tuple(app.kind for app in apps)
 
 
-def cases(seeds: Sequence[int]) -> list[RoundTripCase]:
-    """Every scenario by every person."""
-    return [RoundTripCase(scenario, seed) for scenario in SCENARIOS for seed in seeds]
+def cases(seeds: Sequence[int], robot: str = "panda") -> list[RoundTripCase]:
+    """Every scenario by every person, on one arm."""
+    return [RoundTripCase(scenario, seed, robot) for scenario in SCENARIOS for seed in seeds]
 
 
 def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripResult]]:
@@ -203,10 +206,10 @@ def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripRes
     return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
 
 
-def title(seeds: Sequence[int]) -> str:
+def title(seeds: Sequence[int], robot: str = "panda") -> str:
     """Return the title: what was measured, and within which limits."""
     return (
-        f"round trip: people {seeds[0]} to {seeds[-1]}; the same apps, targets within "
+        f"round trip on {robot}: people {seeds[0]} to {seeds[-1]}; the same apps, targets within "
         f"{1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
         f"paths within {1000 * PATH_M:.0f} mm and {math.degrees(PATH_RAD):.0f}°"
     )

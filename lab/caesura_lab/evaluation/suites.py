@@ -99,11 +99,13 @@ class SimulatedDemonstration:
     scenario: str
     seed: int
     profile: Profile
+    robot: str | None = None
 
     @property
     def name(self) -> str:
         """Enough to simulate it again."""
-        return f"{self.scenario}-{self.seed}-{self.profile}"
+        robot = "" if self.robot is None else f"-{self.robot}"
+        return f"{self.scenario}-{self.seed}-{self.profile}{robot}"
 
     @property
     def tags(self) -> tuple[str, ...]:
@@ -120,7 +122,9 @@ class SimulatedDemonstration:
         # Pinocchio takes a second to load: only for who teaches.
         from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
 
-        demonstration = teach(self.scenario, seed=self.seed, profile=self.profile, natural=True)
+        demonstration = teach(
+            self.scenario, seed=self.seed, profile=self.profile, natural=True, robot=self.robot
+        )
         return demonstration.recording, truth_of(demonstration.truth, self.name)
 
 
@@ -128,13 +132,14 @@ class SimulatedDemonstration:
 class SuiteOptions:
     """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
 
-    annotations: the directory of annotations whose recordings lie in `data`.
+    annotations: the directory of annotations whose recordings lie in `data`. robot: of the simulated teacher.
     """
 
     seeds: int = 5
     first_seed: int = 1
     data: Path = OPEN
     annotations: Path = OPEN
+    robot: str | None = None
 
 
 def suite(name: str, extent: SuiteOptions) -> list[Case]:
@@ -160,7 +165,7 @@ def skills(extent: SuiteOptions) -> list[Case]:
 def _taught(scenarios: Iterable[str], extent: SuiteOptions) -> list[Case]:
     people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
-        SimulatedDemonstration(scenario, seed, PROFILES[(i + seed) % len(PROFILES)])
+        SimulatedDemonstration(scenario, seed, PROFILES[(i + seed) % len(PROFILES)], extent.robot)
         for i, scenario in enumerate(scenarios)
         for seed in people
     ]
@@ -239,6 +244,7 @@ def _annotated(path: Path) -> list[Path]:
     return [file for file in found if file.is_file()]
 
 
+TAUGHT = ("teacher", "skills")  # suites in which a robot is simulated
 SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,

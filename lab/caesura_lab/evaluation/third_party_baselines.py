@@ -97,4 +97,4 @@ def kernel(signals: Signals, settings: KernelSettings = KERNEL) -> NDArray[np.in
 
 def _scaled(signals: Signals, motion: Array) -> Array:
     """Motion and, where it shows contact, force, (n, 3 or 6), in units of the smallest difference."""
-    return np.hstack([motion, signals.force_base / FORCE_N]) if signals.force_tells else motion
+    return np.hstack([motion, signals.force_base / FORCE_N]) if signals.force_shows_contact else motion

@@ -15,7 +15,6 @@ import numpy as np
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.teacher.guided_arm import (
     FALL,
-    FRICTION_NM,
     SimulationTrace,
     at_flange,
     start_posture,
@@ -29,7 +28,7 @@ from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
 from caesura_protocol.paths import Curve
 from caesura_protocol.rotations import cross, turning_of
-from caesura_service.constants import GRAVITY, JOINTS
+from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
@@ -69,7 +68,7 @@ class Setpoint:
 @dataclass(frozen=True)
 class ArmMeasurement:
     """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
-    that it feels, without the load that is set; joints and their speeds (7,). torque: (3,) [Nm] that it
+    that it feels, without the load that is set; joints and their speeds (n,). torque: (3,) [Nm] that it
     feels about the flange, of the same force and of what resists its turning.
     """
 
@@ -88,10 +87,10 @@ class SimulatedArm:
     def __init__(self, robot: Robot, world: CellSimulation, *, friction: float = 1.0) -> None:
         self.world = world
         self._robot, self._contact = robot, contact_with(world.surfaces)
-        self._friction_nm = friction * FRICTION_NM
+        self._friction_nm = friction * robot.friction_nm
         self._q, rotation = start_posture(robot, world.start)
         self._home = self._q
-        self._v = np.zeros(JOINTS)
+        self._v = np.zeros(robot.joints)
         self._rows: list[Array] = []
         self.load_kg = 0.0  # that is set in the controller
         self.measured = ArmMeasurement(
@@ -158,8 +157,9 @@ class SimulatedArm:
     def trace(self) -> SimulationTrace:
         """Return the trace of all ticks; the controller's wrench is in place of a hand's."""
         rows = np.array(self._rows)
-        parts = np.split(rows, [7, 14, 20, 26, 32, 35], axis=1)
-        q, v, twist, environment, hand, contact, rest = parts
+        joints = self._robot.joints
+        q, v, rows = np.split(rows, [joints, 2 * joints], axis=1)
+        twist, environment, hand, contact, rest = np.split(rows, [6, 12, 18, 21], axis=1)
         t = np.arange(len(rows)) / TICKS_PER_S
         return SimulationTrace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import ArmMeasurement, Setpoint, SimulatedArm
-from caesura_lab.execution.trajectories import ASTRAY_M, app_path, arrival_speed, press_direction
+from caesura_lab.execution.trajectories import ASTRAY_M, app_path, approach_direction, arrival_speed
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
@@ -37,6 +37,7 @@ COMPLIANT_M = 0.012  # from which depth on a target in a contact is one in a com
 PUSH_IN_S = 0.3  # least time for pushing it in
 PUSH_IN_M_PER_S = 0.09  # on its way there, on average
 BOTTOM_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far beyond it is searched
+SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that: its bottom may be hard
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
@@ -170,12 +171,14 @@ class SkillController:
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            push = along * (want + self._correction_n) + share * aside
+            fast = max(float(along @ self.measured.twist[:3]) - BOTTOM_M_PER_S, 0.0)
+            slowed_n = min(SINKING_NS_PER_M * fast, want + self._correction_n)
+            push = along * (want + self._correction_n - slowed_n) + share * aside
             measured = self.tick(replace(setpoint, push=push, along=along))
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = want + float(along @ measured.force)
+            wrong = 0.0 if slowed_n else want + float(along @ measured.force)
             self._correction_n = float(
                 np.clip(
                     self._correction_n + FORCE_GAIN_PER_S * DT * wrong,
@@ -303,22 +306,13 @@ def _seconds(app: App) -> float:
 
 
 def _move(controller: SkillController, app: App, following: App | None) -> None:
-    controller.follow_path(app)
-
-
-def _move_to_contact(controller: SkillController, app: App, following: App | None) -> None:
     _, rotation = target_pose(controller, app)
-    force = following.force if following is not None and APP_KINDS[following.kind].presses else None
-    approach = press_direction(rotation, None if force is None else np.array(force))
-    controller.follow_path(app, approach=approach)
+    controller.follow_path(app, approach=approach_direction(app, following, rotation))
 
 
 def _transport(controller: SkillController, app: App, following: App | None) -> None:
     controller.arm.load_kg = app.load_kg or 0.0
-    if following is not None and APP_KINDS[following.kind].in_contact:
-        _move_to_contact(controller, app, following)
-    else:
-        _move(controller, app, following)
+    _move(controller, app, following)
 
 
 def _apply_force(controller: SkillController, app: App, following: App | None) -> None:
@@ -361,7 +355,7 @@ def _move_fingers(controller: SkillController, app: App, following: App | None) 
 
 _SKILLS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {
     "cartesian_motion": _move,
-    "move_to_contact": _move_to_contact,
+    "move_to_contact": _move,
     "apply_force": _apply_force,
     "grasp": _grasp,
     "gripper_move": _move_fingers,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from caesura_lab.teacher.motion_profiles import Array
+from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.paths import Curve, knots_of
 from caesura_protocol.programs.safety import Safety
@@ -99,6 +100,17 @@ def arrival_speed(way_m: float, seconds: float, safety: Safety) -> float:
     """Speed [m/s] with which a contact is met: slow, and no faster than the way to it [m] asks for."""
     fits = ARRIVING_SHARE * way_m / seconds
     return min(max(fits, LEAST_SEARCH_M_PER_S), safety.contact_speed_m_per_s)
+
+
+def approach_direction(app: App, following: App | None, rotation: Array) -> Array | None:
+    """Direction (3,) in which an app meets the contact that ends it; None where none does.
+
+    It is the direction of a press that follows, else the axis of the tool. rotation: (3, 3) at the target.
+    """
+    if not ends_in_contact(app.kind, None if following is None else following.kind):
+        return None
+    force = following.force if following is not None and APP_KINDS[following.kind].presses else None
+    return press_direction(rotation, None if force is None else np.array(force))
 
 
 def press_direction(rotation: Array, force: Array | None) -> Array:

@@ -21,8 +21,10 @@ def write_sessions(
 ) -> list[Episode]:
     """Write a dataset into a new directory, all of it or none; returns its episodes.
 
-    fps: frames a second, by default the rate of the samples. task: of all sessions, by default the session's
-    name. success: by the session's name, where it is stated. language: as for `write_lerobot`.
+    fps: frames a second, by default the rate of the samples. task: of all sessions, by default that of each
+    session's description, or its name. success: by the session's name, by default that of its description.
+    language: as for `write_lerobot`.
+
     Raises EpisodeError where the sessions make no dataset, and OSError.
     """
     stated = success or {}
@@ -30,13 +32,13 @@ def write_sessions(
         EpisodeSource(
             station=one.station,
             session=one.opening.session,
-            task=task or one.opening.session,
+            task=task or one.description.task or one.opening.session,
             recording=one.recording,
             segments=tuple(one.view.segments),
             phases=tuple(one.view.phases),
             gaps=tuple(one.view.gaps),
             began_s=one.began_s,
-            success=stated.get(one.opening.session),
+            success=stated.get(one.opening.session, one.description.success),
         )
         for one in sessions
     ]

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.messages import Close, Describe, Description, Open, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
@@ -39,6 +39,7 @@ class SessionExport:
     view: PipelineView
     notes: tuple[str, ...]  # of the program
     complete: bool  # the session is closed
+    description: Description = field(default_factory=Description)  # what people state about it
 
 
 def read_session_export(journal: Journal, station: str, session: str) -> SessionExport:
@@ -49,7 +50,21 @@ def read_session_export(journal: Journal, station: str, session: str) -> Session
     whole = outcome is not None and not outcome.snapshot.status.gaps_before
     view, notes, complete = _result_of_outcome(outcome) if outcome and whole else _result_of_records(records)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
-    return SessionExport(station, opening, recording, _session_began_s(records), view, notes, complete)
+    began_s, description = _session_began_s(records), description_of(records)
+    return SessionExport(station, opening, recording, began_s, view, notes, complete, description)
+
+
+def description_of(records: Sequence[Record]) -> Description:
+    """Return the description of a session from its records: of its opening, changes, success at its close."""
+    first = records[0].message
+    found = (first.description if isinstance(first, Open) else None) or Description()
+    for record in records:
+        match record.message:
+            case Describe() as change:
+                found = change.description
+            case Close(success=bool() as success):
+                found = found.model_copy(update={"success": success})
+    return found
 
 
 def _with_preset(record: Record) -> Record:

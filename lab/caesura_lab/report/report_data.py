@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from caesura_lab.annotations import Truth
 from caesura_lab.recording_notes import recording_notes
 from caesura_lab.report.filter_trace import FilterTrace, PosteriorSnapshot, trace_filter
-from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.view import PipelineView
@@ -97,15 +96,13 @@ class ReportData:
     notes: tuple[str, ...] = ()  # on the recording and its preset
 
 
-def collect(
-    recording: Recording, preset: str, truth: Truth | None = None, setting: CellSettings = UNSET
-) -> ReportData:
-    """Segment a recording and collect what there is to show; setting: what is asked of its program.
+def collect(recording: Recording, preset: str, truth: Truth | None = None) -> ReportData:
+    """Segment a recording and collect what there is to show.
 
     Raises ProtocolError or ValueError for a preset, columns or values that cannot be segmented, and for a
     recording too short for a single observation.
     """
-    view = segment_recording(recording, preset, setting=setting)
+    view = segment_recording(recording, preset)
     if not view.segments:
         raise ValueError(f"{view.samples} samples make no observation, expected at least 0.2 s of them")
     trace = trace_filter(recording, preset)

@@ -17,7 +17,6 @@ from caesura_lab.execution.skills import JOINT_SHARE
 from caesura_protocol.paths import Curve
 from caesura_protocol.programs.safety import PLANNED_SHARE, Safety
 from caesura_service.robot import Robot
-from caesura_service.robot.kinematics import FLANGE_ACCELERATION_LIMIT, FLANGE_JERK_LIMIT
 
 Array = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ FEWEST = 24  # inverse kinematics of a movement
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Limits of the joints, (7,) each [rad/s, rad/s², rad/s³], and of the flange [m/s, rad/s, m/s², m/s³].
+    """Limits of the joints, (n,) each [rad/s, rad/s², rad/s³], and of the flange [m/s, rad/s, m/s², m/s³].
 
     lower, upper: positions of the joints [rad].
     """
@@ -46,7 +45,8 @@ class MotionLimits:
 
 def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
     """The limits that a movement with a load is planned with."""
-    carried = FLANGE_ACCELERATION_LIMIT if load_kg <= 0.0 else LOAD_N / load_kg
+    arm = robot.description
+    carried = arm.flange_acceleration_limit if load_kg <= 0.0 else LOAD_N / load_kg
     velocity = SPEED_SHARE * JOINT_SHARE * robot.velocity_limits
     return MotionLimits(
         robot.lower_limits,
@@ -54,15 +54,15 @@ def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:
         (velocity, SHARE * robot.acceleration_limits, SHARE * robot.jerk_limits),
         SPEED_SHARE * PLANNED_SHARE * safety.speed_m_per_s,
         SPEED_SHARE * PLANNED_SHARE * safety.turn_rad_per_s,
-        SHARE * min(FLANGE_ACCELERATION_LIMIT, carried),
-        SHARE * FLANGE_JERK_LIMIT,
+        SHARE * min(arm.flange_acceleration_limit, carried),
+        SHARE * arm.flange_jerk_limit,
     )
 
 
 def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimits) -> float:
     """Factor of time with which a movement keeps to the limits just so; above 1 it is too fast.
 
-    still: (4,) quaternion where the curve has none; q: (7,) joints at its start. Raises ReachError, and
+    still: (4,) quaternion where the curve has none; q: (n,) joints at its start. Raises ReachError, and
     ValueError where a joint passes the limits of its position.
     """
     seconds = float(curve.t[-1])
@@ -77,8 +77,8 @@ def hurry(curve: Curve, still: Array, robot: Robot, q: Array, limits: MotionLimi
     most = curve.peaks()[1] / limits.turn
     for order in (1, 2, 3):
         rates = motion.derivative(order)(ticks)
-        share = float((np.abs(rates[:, :7]) / limits.joints[order - 1]).max())
-        share = max(share, float(np.linalg.norm(rates[:, 7:], axis=1).max()) / flange[order - 1])
+        share = float((np.abs(rates[:, : robot.joints]) / limits.joints[order - 1]).max())
+        share = max(share, float(np.linalg.norm(rates[:, robot.joints :], axis=1).max()) / flange[order - 1])
         most = max(most, share ** (1.0 / order))
     return most
 

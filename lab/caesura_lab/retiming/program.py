@@ -22,18 +22,17 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from caesura_lab.execution.skills import CREEP_M_PER_S
-from caesura_lab.execution.trajectories import app_path, arrival_speed, press_direction
+from caesura_lab.execution.trajectories import app_path, approach_direction, arrival_speed
 from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
 from caesura_lab.retiming.time_law import TimeLawError, fastest
-from caesura_lab.teacher.guided_arm import POSTURE
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.paths import Curve, curve_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.retiming import TURNED_M, may_retime, moved, retimed
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import matrix_of
-from caesura_service.robot import ReachError, Robot, load_panda
+from caesura_service.robot import ReachError, Robot, load_robot
 
 Array = NDArray[np.float64]
 
@@ -50,7 +49,7 @@ TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 
 @dataclass(frozen=True)
 class _Way:
-    """The taught path by its length: (k,) [m], poses (k, 7) and joints (k, 7) there."""
+    """The taught path by its length: (k,) [m], poses (k, 7) and joints (k, n) there."""
 
     along: Array
     poses: Array
@@ -64,7 +63,11 @@ def optimal(
 
     keeps_pause: apps before which the taught pause is kept. A movement that cannot be timed stays as taught.
     """
-    robot, steps, notes = robot or load_panda(), dict[int, ProgramStep](), list[str]()
+    steps, notes = dict[int, ProgramStep](), list[str]()
+    if robot is None:
+        if program.robot is None:
+            notes.append("Robot not stated: timed within the limits of a Panda.")
+        robot = load_robot(program.robot or "panda")
     still = FINGERS_DOWN
     for index, app in enumerate(program.apps):
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
@@ -73,7 +76,7 @@ def optimal(
             try:
                 steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)
             except ValueError as error:
-                notes.append(f"App {index} ({app.kind}) is not re-timed: {error}.")
+                notes.append(f"{app_name(index, app.kind)} is not re-timed: {error}.")
         still = app.orientation or still
     noted = program.model_copy(update={"notes": (*program.notes, *notes)})
     return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program.apps, index), keeps_pause)
@@ -96,7 +99,8 @@ def _fastest(
     way = _way(app, still, robot)
     made = _on_its_path(app, _timed(app, way, *fastest(way.along, *_with_flange(way, limits))))
     least_s = (made.tn - made.t0) * hurry(_from_zero(curve_of(made)), still, robot, way.joints[0], limits)
-    made, until = _lasting(made, least_s), _until(app, following)
+    made = _lasting(made, least_s)
+    until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
     if until is None:
         return made
     best: ProgramStep | None = None
@@ -135,19 +139,6 @@ def _from_zero(curve: Curve) -> Curve:
     return Curve(curve.t - curve.t[0], curve.values, curve.velocities, curve.accelerations)
 
 
-def _until(app: App, following: App | None) -> Array | None:
-    """Direction (3,) in which a contact ends the app; None where none does."""
-    carries_into = (
-        APP_KINDS[app.kind].carries and following is not None and APP_KINDS[following.kind].in_contact
-    )
-    if app.kind != "move_to_contact" and not carries_into:
-        return None
-    force = following.force if following is not None and following.kind == "apply_force" else None
-    return press_direction(
-        matrix_of(app.orientation or FINGERS_DOWN), None if force is None else np.array(force)
-    )
-
-
 def _towards_contact(app: App, until: Array, safety: Safety) -> Curve:
     """What the executor makes of the path of an app that a contact ends."""
     start = curve_of(app).values[0]
@@ -168,7 +159,7 @@ def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
     count = int(np.clip(along[-1] / KNOT_M, FEWEST, MOST))
     places = np.linspace(0.0, along[-1], count + 1)
     poses = poses_at(curve, np.interp(places, along, times), still)
-    seed = np.array(POSTURE if app.joints is None else app.joints)
+    seed = robot.postures[0] if app.joints is None else np.array(app.joints)
     q, left, turn = robot.nearest_joints(poses[0, :3], poses[0, 3:], seed)
     if left > REACH_M or turn > REACH_M:
         raise ReachError(f"{1000 * left:.1f} mm and {turn:.3f} rad are left to the start of the path")
@@ -176,7 +167,7 @@ def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
 
 
 def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
-    """Joints, way and turn of the flange (k, 9), and their limits of velocity and acceleration (9,)."""
+    """Joints, way and turn of the flange (k, n + 2); limits of their velocity and acceleration (n + 2,)."""
     step = np.diff(way.poses, axis=0)
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1))])
     turned = np.concatenate([[0.0], np.cumsum(2.0 * np.linalg.norm(step[:, 3:], axis=1))])

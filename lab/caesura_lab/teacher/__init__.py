@@ -1,4 +1,4 @@
-"""The simulated teacher: a person guides a Panda through a task, with the truth beside it.
+"""The simulated teacher: a person guides a robot through a task, with the truth beside it.
 
 Start at `simulated_teaching`: `teach("pick_and_place", seed=3)` gives a whole demonstration,
 `SimulatedTeaching` a live one.

@@ -31,7 +31,9 @@ def teach(
     scenario: Annotated[str | None, typer.Argument(help="What is taught; --list shows all.")] = None,
     *,
     seed: Annotated[int, typer.Option(min=0, help="Another seed, another person; 0 is the thesis' own.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="File to write, .npz; SCENARIO.npz if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write, .npz; SCENARIO.npz if not given.")
+    ] = None,
     wrench_source: Annotated[str, typer.Option(help="What the wrench can see.")] = "flange_sensor",
     profile: Annotated[
         str | None, typer.Option(help="How the hand moves; the person's own if not given.")
@@ -41,16 +43,17 @@ def teach(
         bool,
         typer.Option("--natural", help="With habits, as the teacher suite has people; else ideal strokes."),
     ] = False,
+    robot: Annotated[str, typer.Option(help="Which arm, or the path of its robot.json.")] = "panda",
     list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
 ) -> None:
-    """Let a simulated person teach a Panda: a recording, and beside it what really happened."""
+    """Let a simulated person teach a robot: a recording, and beside it what really happened."""
     if list_scenarios or scenario is None:
         _list()
         return
     file = out or Path(f"{scenario}.npz")
     if file.suffix != ".npz":
         raise typer.BadParameter(f"{file} has suffix {file.suffix!r}, expected .npz", param_hint="--out")
-    teaching = _teaching(scenario, seed, wrench_source, profile, rate, natural=natural)
+    teaching = _teaching(scenario, seed, wrench_source, profile, rate, robot, natural=natural)
     demonstration = _simulate(teaching)
     truth_file = file.with_suffix(".ann.json")
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -64,7 +67,14 @@ def teach(
 
 
 def _teaching(
-    scenario: str, seed: int, wrench_source: str, profile: str | None, rate: float, *, natural: bool
+    scenario: str,
+    seed: int,
+    wrench_source: str,
+    profile: str | None,
+    rate: float,
+    robot: str,
+    *,
+    natural: bool,
 ) -> SimulatedTeaching:
     # Pinocchio and scipy take a second to load: only for who teaches.
     from caesura_lab.teacher.simulated_teaching import SimulatedTeaching  # noqa: PLC0415
@@ -73,7 +83,13 @@ def _teaching(
     chosen = cast(Profile, _one_of(PROFILES, profile, "--profile")) if profile else None
     try:
         return SimulatedTeaching(
-            scenario, seed=seed, wrench_source=source, profile=chosen, rate_hz=rate, natural=natural
+            scenario,
+            seed=seed,
+            wrench_source=source,
+            profile=chosen,
+            rate_hz=rate,
+            natural=natural,
+            robot=robot,
         )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error

@@ -1,4 +1,4 @@
-"""The arm in the hand: forward dynamics of a guided Panda at 1 kHz.
+"""The arm in the hand: forward dynamics of a guided robot at 1 kHz.
 
 Gravity and Coriolis torques are compensated by the robot, so what is left of the joint dynamics is mass,
 damping and friction under the wrenches at the flange (thesis 2.2 and 3.1):
@@ -21,13 +21,12 @@ from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
-from caesura_service.constants import GRAVITY, JOINTS
+from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot
 
 FALL = np.array([0.0, 0.0, -GRAVITY])
 DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
-FRICTION_NM = np.array([0.7, 0.7, 0.7, 0.7, 0.3, 0.3, 0.3])
 STRIBECK_RAD_PER_S = 0.01  # joint speed over which stiction falls to sliding friction
 STICK_RAD_PER_S = 2e-4  # below it friction acts like a very stiff damper
 HAND_TURN_STIFFNESS = 25.0  # [Nm/rad]
@@ -38,17 +37,17 @@ TORQUE_FELT_S = 0.15  # in which it takes over a torque that resists its turning
 PRESS_FELT_S = 0.3  # in which it corrects a force that it feels to be wrong
 PRESS_CORRECTION_N = 8.0
 LEAST_PRESS_N = 0.5
-POSTURE = (0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)  # [rad] elbow up, fingers down; turned to where the task is
+YAW_DIGITS = 6  # of a first posture, which is stated with as many
 
 
 @dataclass(frozen=True)
 class SimulationTrace:
     """What happened, tick by tick; base frame.
 
-    t (n,) [s]; q (n, 7) [rad]; v (n, 7) [rad/s]; twist (n, 6) of the flange [m/s, rad/s]; environment (n, 6)
-    and hand (n, 6), wrenches on the flange [N, Nm]; contact (n, 3) [N] at the fingertips; width (n,) [m];
-    load_kg (n,) held by the fingers; tip_velocity (n, 3) [m/s] of the fingertips; normal (n,) [N] with which
-    a surface pushes. The last two are empty where the executor runs a program.
+    t (n,) [s]; q (n, joints) [rad]; v (n, joints) [rad/s]; twist (n, 6) of the flange [m/s, rad/s];
+    environment (n, 6) and hand (n, 6), wrenches on the flange [N, Nm]; contact (n, 3) [N] at the fingertips;
+    width (n,) [m]; load_kg (n,) held by the fingers; tip_velocity (n, 3) [m/s] of the fingertips; normal
+    (n,) [N] with which a surface pushes. The last two are empty where the executor runs a program.
     """
 
     t: Array
@@ -72,12 +71,12 @@ class GuidedArmSimulation:
         self._contact = contact_with(plan.scenario.surfaces)
         rate_per_s = plan.person.force_rate_per_s
         self._hand_force = None if rate_per_s is None else HandForceController(plan.aims, rate_per_s, DT)
-        self._friction_nm = plan.person.joint_friction * FRICTION_NM
+        self._friction_nm = plan.person.joint_friction * robot.friction_nm
         self._damping = plan.person.guiding_damping * DAMPING
         self._stiction = plan.person.stiction
         start = plan.scenario.start
         self._q, self._orientation = start_posture(robot, start)
-        self._v = np.zeros(JOINTS)
+        self._v = np.zeros(robot.joints)
         self._weight_n = 0.0
         self._press_n = 0.0
         self._torque_nm = 0.0  # that the hand adds about the tool's axis
@@ -91,12 +90,13 @@ class GuidedArmSimulation:
     def run(self, ticks: int) -> SimulationTrace:
         """Simulate the next ticks, or what is left."""
         first, last = self._tick, min(self._tick + ticks, self._plan.ticks)
-        rows = np.empty((last - first, 39))
+        rows = np.empty((last - first, 2 * self._robot.joints + 25))
         for row, tick in zip(rows, range(first, last), strict=True):
             self._step(tick, row)
         self._tick = last
-        parts = np.split(rows, [7, 14, 20, 26, 32, 35, 38], axis=1)
-        q, v, twist, environment, hand, contact, tip_velocity, normal = parts
+        joints = self._robot.joints
+        q, v, rest = np.split(rows, [joints, 2 * joints], axis=1)
+        twist, environment, hand, contact, tip_velocity, normal = np.split(rest, [6, 12, 18, 21, 24], axis=1)
         t = np.arange(first, last) / TICKS_PER_S
         width, load_kg = self._plan.width[first:last], self._plan.load_kg[first:last]
         return SimulationTrace(
@@ -116,7 +116,8 @@ class GuidedArmSimulation:
         self._adapt_hand(tick, load_kg, normal_n, torque_nm)
         outside = contact + load_kg * FALL
         turning = torque_nm * arm.rotation_base[:, 2]
-        flange_wrench = hand + at_flange(outside, lever) - self._damping * twist
+        environment = at_flange(outside, lever)
+        flange_wrench = hand + environment - self._damping * twist
         flange_wrench[3:] += turning
         friction_nm = self._friction_nm
         if self._stiction != 1.0:
@@ -124,10 +125,12 @@ class GuidedArmSimulation:
         change = velocity_change(arm, self._v, flange_wrench, friction_nm, load_kg, lever)
         if load_kg > 0.0:
             outside = outside - load_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
-        row[:7], row[7:14], row[14:20] = self._q, self._v, twist
-        row[20:26], row[26:32], row[32:35] = at_flange(outside, lever), hand, contact
-        row[23:26] += turning
-        row[35:38], row[38] = tip[1], normal_n
+            environment = at_flange(outside, lever)
+        joints = self._robot.joints
+        row[:joints], row[joints : 2 * joints], rest = self._q, self._v, row[2 * joints :]
+        rest[:6], rest[6:12], rest[12:18] = twist, environment, hand
+        rest[9:12] += turning
+        rest[18:21], rest[21:24], rest[24] = contact, tip[1], normal_n
         self._v = self._v + change
         self._q = self._q + DT * self._v
 
@@ -181,14 +184,17 @@ def joint_friction(v: Array, sliding_nm: Array, stiction: float) -> Array:
 
 
 def start_posture(robot: Robot, position: tuple[float, float, float]) -> tuple[Array, Array]:
-    """Joint positions (7,) with the flange at a position, and its rotation (3, 3): fingers down.
+    """Joint positions (n,) with the flange at a position, and its rotation (3, 3): fingers down.
 
-    Raises ReachError where the arm does not get there.
+    About the vertical the flange is turned as in the robot's first posture. Raises ReachError where the arm
+    does not get there.
     """
     turn = float(np.arctan2(position[1], position[0]))
-    home = np.array(POSTURE)
-    home[0] = turn
-    down = np.array([np.cos(turn / 2), np.sin(turn / 2), 0.0, 0.0])
+    home = robot.postures[0].copy()
+    at_home = robot.hand_dynamics(home).rotation_base
+    yaw = turn + round(float(np.arctan2(at_home[1, 0], at_home[0, 0])), YAW_DIGITS)
+    home[0] += turn
+    down = np.array([np.cos(yaw / 2), np.sin(yaw / 2), 0.0, 0.0])
     q = robot.inverse_kinematics(position, down, home)
     return q, robot.hand_dynamics(q).rotation_base
 
@@ -202,9 +208,9 @@ def velocity_change(
     lever: Array,
     torques: Array | float = 0.0,
 ) -> Array:
-    """Change of joint velocity v (7,) in one tick under a wrench (6,) at the flange and torques (7,) [Nm].
+    """Change of joint velocity v (n,) in one tick under a wrench (6,) at the flange and torques (n,) [Nm].
 
-    friction_nm: (7,) Coulomb friction of the joints; a load at the end of the lever (3,) adds its mass.
+    friction_nm: (n,) Coulomb friction of the joints; a load at the end of the lever (3,) adds its mass.
     """
     mass = arm.mass_matrix
     if load_kg > 0.0:
@@ -212,7 +218,9 @@ def velocity_change(
         mass = mass + load_kg * at_tip.T @ at_tip
     resistance: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
     impulse: Array = DT * (arm.jacobian.T @ flange_wrench + torques - resistance * v)
-    return np.asarray(np.linalg.solve(mass + np.diag(DT * resistance), impulse), dtype=np.float64)
+    damped = np.array(mass, order="C")
+    damped.ravel()[:: len(mass) + 1] += DT * resistance  # its diagonal, in a third of the time of np.diag
+    return np.asarray(np.linalg.solve(damped, impulse), dtype=np.float64)
 
 
 def tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float], Vector]:
@@ -231,7 +239,7 @@ def at_flange(force: Array, lever: Array) -> Array:
 
 
 def tip_jacobian(jacobian: Array, lever: Array) -> Array:
-    """Velocity of the fingertips per joint velocity, (3, 7)."""
+    """Velocity of the fingertips per joint velocity, (3, n)."""
     x, y, z = lever.tolist()
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     at_tip: Array = jacobian[:3] - cross @ jacobian[3:]

@@ -78,6 +78,27 @@ class Scenario:
         return [step.to for step in self.steps if step.to is not None][-1]
 
 
+def moved(scenario: Scenario, offset: Vector) -> Scenario:
+    """Return a scenario that stands elsewhere in the base frame, with all that it touches; offset [m]."""
+    if offset == (0.0, 0.0, 0.0):
+        return scenario
+    dx, dy, dz = offset
+
+    def place(at: Vector) -> Vector:
+        return (at[0] + dx, at[1] + dy, at[2] + dz)
+
+    def surface(one: Surface) -> Surface:
+        center = (one.center_m[0] + dx, one.center_m[1] + dy)
+        return replace(one, touch_height_m=one.touch_height_m + dz, center_m=center)
+
+    steps = tuple(
+        replace(step, to=None if step.to is None else place(step.to), via=tuple(map(place, step.via)))
+        for step in scenario.steps
+    )
+    surfaces = tuple(map(surface, scenario.surfaces))
+    return replace(scenario, start=place(scenario.start), steps=steps, surfaces=surfaces)
+
+
 def tips(flange_height_m: float) -> float:
     """Height of the fingertips [m] where the flange has a height, fingers pointing down."""
     return flange_height_m - FINGERS_BELOW_FLANGE_M

@@ -17,7 +17,6 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.noise import band_noise
 from caesura_lab.teacher.plan import DT, FULL_SPEED_NOISE, TICKS_PER_S, Plan
 from caesura_protocol.messages import WrenchSource
-from caesura_service.constants import JOINTS
 from caesura_service.robot import Robot
 
 # Smallest steps reported: about 1 µm, 1 µrad, 1 mN, 0.1 mNm. Powers of two, exact in any float.
@@ -40,14 +39,14 @@ JOINT_SLIP_RAD_PER_S = 0.02
 class _SensorNoise:
     """Random sensor errors of one demonstration, one row a tick."""
 
-    joints: Array  # (n, 7) [rad]
+    joints: Array  # (n, joints) [rad]
     white: Array  # (n, 6) [N, Nm]
     coloured: Array  # (n, 6) unit variance
-    joint_coloured: Array  # (n, 7) unit variance
+    joint_coloured: Array  # (n, joints) unit variance
     drift: Array  # (n, 3) [N]
     bias: Array  # (3,) [N]
     gradient: Array  # (3, 3) [N/m]
-    joint_friction: Array  # (7,) [Nm]
+    joint_friction: Array  # (joints,) [Nm]
 
 
 class Sensors:
@@ -57,7 +56,7 @@ class Sensors:
         self, robot: Robot, plan: Plan, source: WrenchSource, rng: np.random.Generator, *, tared: bool = True
     ) -> None:
         self._robot, self._source = robot, source
-        self._chance = _draw(plan, source, rng)
+        self._chance = _draw(plan, source, robot.joints, rng)
         self._tare = self._chance.bias + self._chance.white[: round(TARE_S / DT), :3].mean(axis=0)
         self._tare = self._tare if tared else np.zeros(3)
         self._start = np.array(plan.scenario.start)
@@ -88,7 +87,7 @@ class Sensors:
         return signals
 
     def _wrench(self, trace: SimulationTrace, positions: Array, ticks: slice) -> tuple[Array, Array | None]:
-        """Measured wrench (n, 6), and the joint torques (n, 7) that it was estimated from."""
+        """Measured wrench (n, 6), and the joint torques (n, joints) that it was estimated from."""
         chance, tau = self._chance, None
         speed = np.linalg.norm(trace.twist[:, :3], axis=1)
         moving = np.minimum(self._most_noise, speed / FULL_MOTION_M_PER_S)[:, None]
@@ -131,20 +130,20 @@ class Sensors:
         return quaternions
 
 
-def _draw(plan: Plan, source: WrenchSource, rng: np.random.Generator) -> _SensorNoise:
+def _draw(plan: Plan, source: WrenchSource, joints: int, rng: np.random.Generator) -> _SensorNoise:
     n, person = plan.ticks, plan.person
     scale = np.array([1.0] * 3 + [TORQUE_NOISE_M] * 3)
     wander = person.bias_wander_n * (1.0 if person.bias_period_m else WANDER_OF_SOURCE.get(source, 0.0))
     direction = rng.normal(size=3)
     return _SensorNoise(
-        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, JOINTS)),
+        joints=person.position_noise_m / REACH_M * rng.normal(size=(n, joints)),
         white=person.force_noise_n * scale * rng.normal(size=(n, 6)),
         coloured=person.motion_noise_n * scale * band_noise(n, 6, MOTION_NOISE_HZ, TICKS_PER_S, rng),
-        joint_coloured=person.joint_noise * band_noise(n, 7, MOTION_NOISE_HZ, TICKS_PER_S, rng),
+        joint_coloured=person.joint_noise * band_noise(n, joints, MOTION_NOISE_HZ, TICKS_PER_S, rng),
         drift=0.5 * wander * np.sqrt(DT / WANDER_TIME_S) * np.cumsum(rng.normal(size=(n, 3)), axis=0),
         bias=person.bias_n * direction / np.linalg.norm(direction),
         gradient=wander / WANDER_REACH_M * rng.normal(size=(3, 3)) / np.sqrt(3.0),
-        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=JOINTS),
+        joint_friction=person.joint_noise * JOINT_FRICTION_ERROR_NM * rng.normal(size=joints),
     )
 
 

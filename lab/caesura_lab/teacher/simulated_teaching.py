@@ -1,4 +1,4 @@
-"""A simulated person who teaches a simulated Panda, live or as a whole.
+"""A simulated person who teaches a simulated robot, live or as a whole.
 
     teaching = Teaching("pick_and_place", seed=3)
     for samples in teaching.chunks(0.02):     # (n, columns), time first
@@ -7,6 +7,9 @@
 
 Seed 0 is the thesis' own demonstration; every other seed is another person on another robot. The same
 arguments give the same bytes, however the demonstration is cut into chunks.
+
+The robot is a Panda where none is named. Scenarios stand where a Panda reaches them; another robot's
+description states by how much they are moved (`task_offset_m`).
 """
 
 from __future__ import annotations
@@ -24,16 +27,20 @@ from caesura_lab.teacher.motion_profiles import Array, Profile
 from caesura_lab.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
 from caesura_lab.teacher.phases import phases_of
 from caesura_lab.teacher.plan import DT, make_plan
-from caesura_lab.teacher.scenarios import SCENARIOS, Scenario
+from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_lab.teacher.screw_truth import screws_of
 from caesura_lab.teacher.sensor import Sensors
 from caesura_lab.teacher.truth import TrueState, annotate
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WrenchSource
+from caesura_protocol.codec import signals_of
+from caesura_protocol.columns import columns_of
+from caesura_protocol.messages import WrenchSource
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
-from caesura_service.robot import Robot, load_panda
+from caesura_service.robot import Robot, load_robot
 
 RATE_HZ = 1000.0
 CHUNK_S = 0.1
+PANDA = "panda"
 Truth = dict[str, Any]
 
 
@@ -51,7 +58,9 @@ class SimulatedTeaching:
     A scenario is one of `SCENARIOS`, by name, or one of your own. natural: the person of the seed has habits
     (`with_habits`), where `person` names no other. columns: names of the sample columns, time
     first; signals: names of the signals that they make up; duration_s: how long it will take.
-    Raises ValueError for a scenario that does not exist or a rate that the simulation does not have.
+    robot: which arm is guided, or its name or the path of its description; None for a Panda.
+    Raises ValueError for a scenario that does not exist, a rate that the simulation does not have, a robot
+    that is not known, or one that does not reach the start.
     """
 
     def __init__(
@@ -64,7 +73,7 @@ class SimulatedTeaching:
         wrench_source: WrenchSource = "flange_sensor",
         rate_hz: float = RATE_HZ,
         tared: bool = True,
-        robot: Robot | None = None,
+        robot: Robot | str | None = None,
         natural: bool = False,
     ) -> None:
         if isinstance(scenario, str) and scenario not in SCENARIOS:
@@ -75,9 +84,11 @@ class SimulatedTeaching:
         drawn = THESIS if seed == 0 else draw_person(rng, f"person-{seed}")
         person = person or (with_habits(drawn, habits_stream(seed)) if natural else drawn)
         self.person = replace(person, profile=profile) if profile else person
-        self.scenario = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
         self.seed, self.wrench_source = seed, wrench_source
-        robot = robot or load_panda()
+        robot = load_robot(robot or PANDA) if robot is None or isinstance(robot, str) else robot
+        self.robot = robot.description
+        named = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
+        self.scenario = moved(named, self.robot.task_offset_m)
         plan = make_plan(self.scenario, self.person, rng)
         self.duration_s = DT * plan.ticks
         self._phases = plan.phases
@@ -86,7 +97,8 @@ class SimulatedTeaching:
         self._stride = 1.0 / (DT * rate_hz)
         self._states: list[TrueState] = []
         self.signals = _signals(wrench_source)
-        self.columns = ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+        self.columns = columns_of(self.signals, robot.joints)
+        self.setting = CellSettings(robot=robot.description.name)
 
     def chunks(self, seconds: float = CHUNK_S) -> Iterator[Array]:
         """Simulate on, `seconds` at a time: samples (n, columns), as many as the rate gives."""
@@ -118,6 +130,7 @@ class SimulatedTeaching:
             "wrench_source": self.wrench_source,
             "hand_force_in_wrench": self.wrench_source
             in ("flange_sensor_with_hand", "joint_torque_estimate"),
+            **({} if self.robot.name == PANDA else {"robot": self.robot.name}),
             **truth,
             **({"phases": phases} if phases else {}),
             **({"screws": screws} if screws else {}),
@@ -149,7 +162,7 @@ def teach(
     wrench_source: WrenchSource = "flange_sensor",
     rate_hz: float = RATE_HZ,
     tared: bool = True,
-    robot: Robot | None = None,
+    robot: Robot | str | None = None,
     natural: bool = False,
 ) -> Demonstration:
     """Simulate a whole demonstration. Arguments and errors as for `SimulatedTeaching`."""
@@ -170,12 +183,15 @@ def teach(
 def finish(teaching: SimulatedTeaching, chunks: list[Array]) -> Demonstration:
     """Put all chunks of a teaching together."""
     samples = np.concatenate(chunks)
-    widths = [len(COLUMNS_OF_SIGNAL[s]) for s in teaching.signals]
-    parts = np.split(samples[:, 1:], np.cumsum(widths)[:-1], axis=1)
-    signals = dict(zip(teaching.signals, parts, strict=True))
+    signals = signals_of(teaching.columns, samples)
     name = teaching.scenario.name
     recording = Recording(
-        samples[:, 0], signals, wrench_source=teaching.wrench_source, hand_on_robot="yes", name=name
+        samples[:, 0],
+        signals,
+        wrench_source=teaching.wrench_source,
+        hand_on_robot="yes",
+        name=name,
+        setting=teaching.setting,
     )
     return Demonstration(recording, teaching.truth())
 

@@ -1,4 +1,4 @@
-"""The source `teacher`: a simulated person teaches a Panda at the pace of a clock."""
+"""The source `teacher`: a simulated person teaches a robot at the pace of a clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ def open_teacher(options: SourceOptions) -> Source:
         raise SourceError(f"wrench source {source!r}, expected one of {', '.join(WRENCH_SOURCES)}")
     try:
         teaching = SimulatedTeaching(
-            options.scenario or DEFAULT_SCENARIO, seed=options.seed, wrench_source=source
+            options.scenario or DEFAULT_SCENARIO,
+            seed=options.seed,
+            wrench_source=source,
+            robot=options.robot,
         )
     except ValueError as error:
         raise SourceError(str(error)) from error
@@ -30,4 +33,5 @@ def open_teacher(options: SourceOptions) -> Source:
         wrench_source=teaching.wrench_source,
         hand_on_robot=hand_statement(options),
         pace=options.pace,
+        setting=teaching.setting,
     )

@@ -58,6 +58,7 @@ class TaskProgram(Message):
     apps: tuple[App, ...]
     notes: tuple[str, ...]
     force_limit_n: float | None = None  # [N] of the cell: no app exerts more
+    robot: str | None = None  # on which it was taught
 
 
 class Time(Message):

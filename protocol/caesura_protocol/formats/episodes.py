@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.raw_recording import Array
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Gap, Kind, Phase, Segment
+from caesura_protocol.messages import Gap, Kind, Phase, Segment
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
@@ -171,11 +172,11 @@ def _specs(recording: Recording) -> dict[str, FeatureSpec]:
         ),
         "observation.external_torque": ("float64", (("unit", "Nm"), source)),
     }
-    specs = {}
+    specs, there = {}, signal_columns(recording.columns)
     for name, (dtype, info) in described.items():
-        signals = [signal for signal in _PARTS[name] if signal in recording.signals]
+        signals = [signal for signal in _PARTS[name] if signal in there]
         if signals and (stated or name == "observation.state"):
-            columns = tuple(column for signal in signals for column in COLUMNS_OF_SIGNAL[signal])
+            columns = tuple(c for s in signals for c in there[s])
             specs[name] = FeatureSpec(columns, dtype, info)
     return specs
 

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_protocol import plausibility
+from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
@@ -69,11 +70,10 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     column = {rule.column: _numbers(path, mapped, table, rule) * rule.factor for rule in rules}
     arrays = {"t": column["t"]}
     for signal, names in COLUMNS_OF_SIGNAL.items():
-        missing = [name for name in names if name not in column]
-        if not missing:
-            arrays[signal] = np.column_stack([column[name] for name in names])
-        elif len(missing) < len(names):
+        if missing := missing_columns(signal, column):
             raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
+    for signal, names in signal_columns(column).items():
+        arrays[signal] = np.column_stack([column[name] for name in names])
     used = {rule.source_column for rule in rules}
     return RawRecording(arrays, mapped.options, [name for name in table.header if name not in used])
 

@@ -198,7 +198,11 @@ def _values(signal: Array) -> list[Any]:
 def _results(content: McapContent) -> list[McapMessage]:
     end = float(content.recording.t.max())
     program = TaskProgram(
-        complete=content.complete, apps=content.apps, notes=content.notes, force_limit_n=content.force_limit_n
+        complete=content.complete,
+        apps=content.apps,
+        notes=content.notes,
+        force_limit_n=content.force_limit_n,
+        robot=content.recording.setting.robot,
     )
     said: Iterable[tuple[float, str, Message]] = (
         *((one.t0, "/segments", one) for one in content.segments),

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import csv
+import re
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
+from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.safety import CellSettings
@@ -83,7 +87,7 @@ def load_recording(
         if quantity in stated and name in arrays:
             arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
-    asked = {key: _positive(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
+    asked = {key: _asked(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
         arrays["t"],
         signals,
@@ -98,8 +102,12 @@ def load_recording(
     return recording
 
 
-def _positive(path: Path, key: str, value: str) -> float:
-    """A number that a file states. Raises RecordingError where it is none above 0."""
+def _asked(path: Path, key: str, value: str) -> Any:
+    """What a file states of its cell. Raises RecordingError where it is no name, or no number above 0."""
+    if key == "robot":
+        if not re.fullmatch(NAME_PATTERN, value):
+            raise RecordingError(f"{path}: robot is {value!r}, expected a name as of `caesura robots`")
+        return value
     try:
         number = float(value)
     except ValueError:
@@ -162,8 +170,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     column = _columns(header, rows[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
-        for signal, names in COLUMNS_OF_SIGNAL.items()
-        if _is_whole(names, column)
+        for signal, names in _whole_signals(column).items()
     }
     if "t" in column:
         arrays["t"] = column["t"]
@@ -200,13 +207,13 @@ def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
     return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
 
 
-def _is_whole(names: Iterable[str], column: Mapping[str, Array]) -> bool:
-    """Is the whole signal there? Raises ValueError where a part of it is."""
-    missing = [name for name in names if name not in column]
-    found = [name for name in names if name in column]
-    if found and missing:
-        raise ValueError(f"has {', '.join(found)} but not {', '.join(missing)}")
-    return not missing
+def _whole_signals(column: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:
+    """The columns of each signal. Raises ValueError where a part of one is missing."""
+    for signal, names in COLUMNS_OF_SIGNAL.items():
+        if missing := missing_columns(signal, column):
+            found = [name for name in names if name in column]
+            raise ValueError(f"has {', '.join(found)} but not {', '.join(missing)}")
+    return signal_columns(column)
 
 
 def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:

@@ -23,7 +23,7 @@ from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.poses import Transform, flange_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, READ, WRENCH
 from caesura_protocol.formats.signal_aligner import NS
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS, JOINTS_MOST
 from caesura_protocol.recording import RecordingError
 
 Values = Mapping[str, Sequence[float]]
@@ -39,7 +39,7 @@ class TopicRule:
     topic: str = ""
     type: str | None = None
     signals: tuple[str, ...] | None = None  # of all its signals, only these
-    joints: tuple[str, ...] | None = None  # names of the seven, from the base on
+    joints: tuple[str, ...] | None = None  # names of all of the arm, from the base on
     gripper: tuple[str, ...] | None = None  # names of the fingers' joints, whose positions add up
     force_of: str | None = None  # whose force on the other: environment, robot
     mark: bool = False  # every message is a mark, whatever it says
@@ -63,8 +63,8 @@ def _rule(mapped: ColumnMapping, topic: str, entry: Any) -> TopicRule:
         raise mapped.error(f"{where}: force_of is {rule.force_of!r}, expected {' or '.join(FORCE_OF)}")
     if rule.type not in {None, *READ} and not rule.mark:
         raise mapped.error(f"{where}: type is {rule.type!r}, expected one of {', '.join(READ)}")
-    if rule.joints is not None and len(rule.joints) != JOINTS:
-        raise mapped.error(f"{where}: joints has {len(rule.joints)} names, expected {JOINTS}")
+    if rule.joints is not None and not 1 <= len(rule.joints) <= JOINTS_MOST:
+        raise mapped.error(f"{where}: joints has {len(rule.joints)} names, expected 1 to {JOINTS_MOST}")
     mapped.check_keys(f"{where} signals", rule.signals or (), COLUMNS_OF_SIGNAL)
     return rule
 
@@ -93,8 +93,8 @@ def stamp_of(message: Any, where: str) -> int:
 
 def values_of(message_type: str, message: Any, rule: TopicRule) -> Values:
     """Return the values of a message, by signal. Raises RecordingError where joints are missing."""
-    told = _READERS[message_type](message, rule)
-    return told if rule.signals is None else {s: told[s] for s in rule.signals if s in told}
+    reported = _READERS[message_type](message, rule)
+    return reported if rule.signals is None else {s: reported[s] for s in rule.signals if s in reported}
 
 
 def frame_of(message_type: str, message: Any) -> str | None:
@@ -123,13 +123,13 @@ def _wrench_stamped(message: Any, rule: TopicRule) -> Values:
 
 
 def _joint_state(message: Any, rule: TopicRule) -> Values:
-    told: dict[str, Sequence[float]] = {}
+    reported: dict[str, Sequence[float]] = {}
     if _wanted("q", rule) and _has_arm(message, rule):
-        told["q"] = _joints(message, rule)
+        reported["q"] = _joints(message, rule)
     fingers = _fingers(message, rule)
     if fingers:
-        told["gripper"] = (sum(fingers) * (2.0 if len(fingers) == 1 else 1.0),)
-    return told
+        reported["gripper"] = (sum(fingers) * (2.0 if len(fingers) == 1 else 1.0),)
+    return reported
 
 
 def _wanted(signal: str, rule: TopicRule) -> bool:
@@ -179,8 +179,8 @@ def _arm_joint(name: str) -> int | None:
 
 
 def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) -> list[float]:
-    """The seven joints, from the base on: by the rule's names, or by the numbers in their names."""
-    if not names and len(values) == JOINTS:
+    """The joints, from the base on: by the rule's names, or seven by the numbers in their names."""
+    if not names and len(values) == (JOINTS if rule.joints is None else len(rule.joints)):
         return [float(value) for value in values]
     by_name = dict(zip(names, values, strict=True)) if len(names) == len(values) else {}
     if rule.joints is not None:
@@ -191,11 +191,11 @@ def _in_order(names: Sequence[str], values: Sequence[float], rule: TopicRule) ->
         if [number for number, _ in sorted(numbered)] != list(range(1, JOINTS + 1)):
             joint_names = []
     missing = [name for name in joint_names if name not in by_name]
-    if len(joint_names) != JOINTS or missing:
+    if not joint_names or missing:
         what = f"no joint {missing[0]!r}" if missing else f"joints that are not one arm's 1 to {JOINTS}"
         raise RecordingError(
             f"{rule.topic}: {what}; it has {', '.join(names) or 'none'} with {len(values)} values: "
-            "name seven, from the base on, as joints in a mapping"
+            "name all of the arm, from the base on, as joints in a mapping"
         )
     return [float(by_name[name]) for name in joint_names]
 

@@ -130,10 +130,10 @@ class Decoder:
 
     def read(self, name: str, payload: bytes, type_hash: str | None = None) -> Any:
         """A message. type_hash: as the sender names its definition, if it does. Raises CannotDecode."""
-        ours = self._hash(name)
-        if type_hash is not None and type_hash.startswith("RIHS01_") and type_hash != ours:
+        own = self._hash(name)
+        if type_hash is not None and type_hash.startswith("RIHS01_") and type_hash != own:
             raise CannotDecode(
-                f"{name} has another definition there ({type_hash}) than here ({ours}): "
+                f"{name} has another definition there ({type_hash}) than here ({own}): "
                 "name its .msg file as definition in a mapping"
             )
         try:

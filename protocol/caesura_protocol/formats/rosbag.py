@@ -17,13 +17,13 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 
+from caesura_protocol.codec import signals_of
 from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.raw_recording import RawRecording
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
 
 TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
@@ -94,7 +94,7 @@ def _first_messages(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[
 def _content(
     path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection
 ) -> RawRecording:
-    joiner = SignalAligner(plan.signals)
+    joiner = SignalAligner(plan.signals, joints=plan.joints)
     used = {name: topics[name] for name in topics if name in plan.topic_of.values()}
     rows: list[Row] = []
     for topic, message in _messages(reader, used):
@@ -105,7 +105,6 @@ def _content(
             f"{path}: no time at which all of {', '.join(plan.signals)} have a value; do their stamps agree?"
         )
     matrix = np.array(rows, dtype=np.float64)
-    columns = dict(zip(joiner.columns, matrix.T, strict=True))
-    arrays = {s: np.column_stack([columns[c] for c in COLUMNS_OF_SIGNAL[s]]) for s in joiner.signals}
     unread = sorted({c.topic for c in reader.connections} - set(used))
-    return RawRecording({"t": columns["t"].copy(), **arrays}, dict(plan.options), unread)
+    arrays = {"t": matrix[:, 0].copy(), **signals_of(joiner.columns, matrix)}
+    return RawRecording(arrays, dict(plan.options), unread)

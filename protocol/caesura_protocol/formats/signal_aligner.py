@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.columns import columns_of
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, JOINTS
 
 NS = 10**9
 MAX_AGE_S = 0.5
@@ -28,10 +29,10 @@ class SignalAligner:
     it must be short, in a file it may be FOREVER.
     """
 
-    def __init__(self, signals: Sequence[str], *, patience_s: float = FOREVER) -> None:
+    def __init__(self, signals: Sequence[str], *, patience_s: float = FOREVER, joints: int = JOINTS) -> None:
         self.signals = tuple(name for name in COLUMNS_OF_SIGNAL if name in signals)
         self.leader = "pos" if "pos" in self.signals else "q"
-        self.columns = ("t", *(c for s in self.signals for c in COLUMNS_OF_SIGNAL[s]))
+        self.columns = columns_of(self.signals, joints)
         self.skipped = 0  # values of the leader for which another signal was not there
         self.latest_s = 0.0  # the newest row
         self._patience_ns = patience_s * NS
@@ -89,8 +90,8 @@ class SignalAligner:
             if self._now.keys() != self._others.keys():
                 return None
             self._first = stamp
-        for name, (told, _) in self._now.items():
-            if name != "gripper" and stamp - told > MAX_AGE_S * NS:
+        for name, (reported, _) in self._now.items():
+            if name != "gripper" and stamp - reported > MAX_AGE_S * NS:
                 return None
         row = [(stamp - self._first) / NS]
         for name in self.signals:

@@ -11,10 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
-from caesura_protocol.messages import ESTIMATE
+from caesura_protocol.messages import ESTIMATE, JOINTS
 from caesura_protocol.recording import RecordingError
 
 _RANK = {FRANKA_STATE: 3, POSE: 2, JOINT_STATE: 1, WRENCH: 4}
@@ -34,6 +35,7 @@ class TopicSelection:
 
     topic_of: Mapping[str, str]  # by signal
     options: Mapping[str, str]  # of the recording
+    joints: int = JOINTS  # of the arm
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -42,8 +44,8 @@ class TopicSelection:
 
     def select_values(self, topic: Topic, message: Any) -> Values:
         """Return the selected values of a message, by signal."""
-        told = values_of(topic.type, message, topic.rule)
-        return {s: values for s, values in told.items() if self.topic_of.get(s) == topic.name}
+        reported = values_of(topic.type, message, topic.rule)
+        return {s: values for s, values in reported.items() if self.topic_of.get(s) == topic.name}
 
 
 def select_topics(
@@ -51,11 +53,11 @@ def select_topics(
 ) -> TopicSelection:
     """Select the topics and signals by some first messages of every topic. Raises RecordingError."""
     topics = {topic.name: topic for topic, _ in messages}
-    told: dict[str, set[str]] = {}
+    reported: dict[str, set[str]] = {}
     for topic, message in messages:
         for signal in values_of(topic.type, message, topic.rule):
-            told.setdefault(signal, set()).add(topic.name)
-    topic_of = {signal: _best(signal, names, topics) for signal, names in told.items()}
+            reported.setdefault(signal, set()).add(topic.name)
+    topic_of = {signal: _best(signal, names, topics) for signal, names in reported.items()}
     if not {"pos", "q"} & topic_of.keys():
         raise RecordingError(
             f"no topic carries the pose or the joints of the robot; "
@@ -63,7 +65,9 @@ def select_topics(
         )
     if "pos" in topic_of and topic_of.get("quat") not in {None, topic_of["pos"]}:
         del topic_of["quat"]
-    return TopicSelection(topic_of, _options(topic_of, messages, mapped, wrench_source))
+    rules = (topics[name].rule.joints for name in map(topic_of.get, JOINT_SIGNALS) if name is not None)
+    joints = next((len(names) for names in rules if names is not None), JOINTS)
+    return TopicSelection(topic_of, _options(topic_of, messages, mapped, wrench_source), joints)
 
 
 def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
@@ -89,7 +93,7 @@ def _options(
         return {"wrench_source": "none", **said}
     topic, message = next((topic, message) for topic, message in messages if topic.name == of)
     return {
-        **{key: said[key] for key in ("hand_on_robot",) if key in said},
+        **{key: said[key] for key in ("hand_on_robot", "robot") if key in said},
         "wrench_source": said.get("wrench_source") or wrench_source or _source_of(topic),
         "force_frame": said.get("force_frame") or _frame_of(topic, message),
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -22,6 +23,8 @@ from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, 
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.programs.timing import ProgramTiming
+from caesura_protocol.robots import robot_description
+from caesura_protocol.validation_words import Place, dotted, first_finding
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[2] = 2
@@ -73,6 +76,7 @@ class ProgramFile(BaseModel):
     wrench: WrenchReport | None = None
     groups: tuple[Group, ...] = ()  # the apps of each phase
     timing: ProgramTiming | None = None  # None: as it was taught
+    robot: Name | None = None  # on which it was taught; None: not stated
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
@@ -100,6 +104,7 @@ def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase]
         gaps=program.gaps,
         wrench=program.wrench,
         groups=groups_of(program.apps, phases),
+        robot=program.robot,
     )
 
 
@@ -118,18 +123,47 @@ def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
     return program.model_copy(update={"safety": safety, "apps": steps})
 
 
+def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False) -> ProgramFile:
+    """The program on a robot, by its name or file; None: on the one that it states.
+
+    Raises CaesuraError for another robot than the program was taught on, unless it is re-targeted: its joints
+    are then left out, and its poses stay.
+    """
+    if robot is None:
+        return program
+    name = robot_description(robot).name
+    if program.robot in {None, name}:
+        return program.model_copy(update={"robot": name})
+    if not retarget:
+        raise CaesuraError(
+            f"the program was taught on {program.robot}, not on {name}: with --retarget its joints are left "
+            "out and its poses stay"
+        )
+    steps = tuple(app.model_copy(update={"joints": None}) for app in program.apps)
+    note = f"Taught on {program.robot}, re-targeted to {name}: its poses stay, its joints are left out."
+    return program.model_copy(update={"robot": name, "apps": steps, "notes": (*program.notes, note)})
+
+
 def read_document(path: Path) -> ProgramFile:
     """Read a program. Raises BadProgramError."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BadProgramError(f"{path}: cannot be read as JSON: {error}") from error
+    except OSError as error:
+        raise BadProgramError(f"{path}: cannot be read: {error.strerror}") from error
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise BadProgramError(f"{path}: {place}: no JSON, expected a program as a JSON object") from error
+    except ValueError as error:
+        raise BadProgramError(f"{path}: no text in UTF-8, expected a program as a JSON object") from error
+    except RecursionError as error:
+        raise BadProgramError(f"{path}: nested too deeply, expected a program as a JSON object") from error
     if not isinstance(content, dict):
         raise BadProgramError(f"{path}: holds a {type(content).__name__}, expected an object")
     try:
         return _parsed(content, path.stem)
     except ValidationError as error:
-        raise BadProgramError(f"{path}: {_first(error, content)}") from error
+        found = first_finding(error, named=partial(_place_in, content))
+        raise BadProgramError(f"{path}: {found}") from error
 
 
 def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
@@ -139,23 +173,21 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
         apps = [App.model_validate(app) for app in content["program"]]
         phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
         safety = Safety(force_n=content.get("force_limit_n"))
-        taught = {key: content[key] for key in ("notes", "gaps", "wrench") if key in content}
+        taught = {key: content[key] for key in ("notes", "gaps", "wrench", "robot") if key in content}
         written = document_of_apps(tuple(apps), name, safety)
         groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}
         return ProgramFile.model_validate(written.model_dump() | taught | groups)
     return document(Program.model_validate(content))
 
 
-def _first(error: ValidationError, content: dict[str, Any]) -> str:
-    """The first thing that is wrong, with the app that it is in."""
-    one = error.errors()[0]
-    place = ".".join(str(part) for part in one["loc"])
-    if len(one["loc"]) > 1 and one["loc"][0] == "apps":
-        index = int(one["loc"][1])
-        app = content["apps"][index]
-        kind = app.get("kind", "?") if isinstance(app, dict) else "?"
-        place = f"{app_name(index, str(kind))}: {'.'.join(str(part) for part in one['loc'][2:])}"
-    return f"{place}: {one['msg']}, got {one['input']!r:.80}"
+def _place_in(content: dict[str, Any], place: Place) -> str:
+    """The name of a field, with the app that it is in."""
+    if len(place) < 2 or place[0] != "apps":
+        return dotted(place)
+    index = int(place[1])
+    app = content["apps"][index]
+    name = app_name(index, str(app.get("kind", "?")) if isinstance(app, dict) else "?")
+    return f"{name}: {dotted(place[2:])}" if place[2:] else name
 
 
 def _step(app: App) -> ProgramStep:

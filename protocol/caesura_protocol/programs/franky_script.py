@@ -17,6 +17,7 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.robots import robot_description
 from caesura_protocol.screw_motion import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
@@ -40,7 +41,9 @@ CONSTANTS = {
 
 
 def franky_script(program: ProgramFile) -> str:
-    """The script's text. Raises ValueError where a number is not finite."""
+    """The script's text. Raises ValueError for a robot of another maker, or a number that is not finite."""
+    if program.robot is not None and robot_description(program.robot).script != "franky":
+        raise ValueError(f"a franky script is for a Franka arm, and its robot is {program.robot}")
     template = files("caesura_protocol.programs").joinpath("franky_template.py.txt").read_text("utf-8")
     name = f"{program.station}/{program.session}, revision {program.revision}"
     apps = [_row(app) for app in program.apps]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App
-from caesura_protocol.paths import TOLD_TURN_RAD, curve_of, knots_of, path_in_words, turn_of
+from caesura_protocol.paths import NAMED_TURN_RAD, curve_of, knots_of, path_in_words, turn_of
 from caesura_protocol.rotations import matrices_of
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ def path_svg(app: App) -> str:
     scale, middle = (SIZE - 2.0 * MARGIN) / span, 0.5 * (low + high)
     side = int(high[1] - low[1] > high[0] - low[0])
     views = (_View("top x, y", 0, 1, 0.0), _View(f"side {'xy'[side]}, z", side, 2, SIZE + GAP))
-    turns = turn_of(app) >= TOLD_TURN_RAD
+    turns = turn_of(app) >= NAMED_TURN_RAD
     parts = [_drawn(view, way, poses, scale, middle, turns=turns) for view in views]
     label = f"path of {path_in_words(app)}, from above and from the side"
     bar = next((mm for mm in BARS_MM if mm * scale <= BAR_SHARE * SIZE), BARS_MM[-1])

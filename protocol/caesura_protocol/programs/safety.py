@@ -59,18 +59,18 @@ DEFAULT = Safety()
 class CellSettings(NamedTuple):
     """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
 
-    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad].
+    force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad];
+    robot: which arm works there, by its name.
     """
 
     force_limit_n: float | None = None
     path_tolerance_m: float | None = None
     path_tolerance_rad: float | None = None
+    robot: str | None = None
 
     def completed_by(self, other: CellSettings) -> CellSettings:
         """Return this setting, completed by another where it states nothing."""
-        return CellSettings(
-            *(theirs if own is None else own for own, theirs in zip(self, other, strict=True))
-        )
+        return other._replace(**{name: own for name, own in self._asdict().items() if own is not None})
 
 
 UNSET = CellSettings()

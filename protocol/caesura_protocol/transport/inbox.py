@@ -58,6 +58,12 @@ class IncomingQuery(Protocol):
     def refuse(self, error: Encoded) -> None:
         """Send a refusal."""
 
+    def matches(self, key: str) -> bool:
+        """Return whether the key that was asked intersects another."""
+
+    def drop(self) -> None:
+        """End the query for the asker."""
+
     def __enter__(self) -> Self: ...
 
     def __exit__(

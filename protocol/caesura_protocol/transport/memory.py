@@ -10,11 +10,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Self
+from typing import Any, NamedTuple, Protocol, Self
 
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
+from caesura_protocol.transport.inbox import ReceivedSample, TokenChange
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority, QueryReplies, unanswered
 
 
@@ -24,18 +24,31 @@ def intersect(one: str, other: str) -> bool:
     >>> intersect("caesura/v1/station/*/alive", "caesura/v1/station/cell-1/alive")
     True
     """
-    ours, theirs = one.split("/"), other.split("/")
-    pairs = zip(ours, theirs, strict=False)
-    return len(ours) == len(theirs) and all("*" in pair or pair[0] == pair[1] for pair in pairs)
+    own, others = one.split("/"), other.split("/")
+    pairs = zip(own, others, strict=False)
+    return len(own) == len(others) and all("*" in pair or pair[0] == pair[1] for pair in pairs)
+
+
+class Offered(Protocol):
+    """What takes items: an Inbox, or a CallbackInbox."""
+
+    def offer(self, item: Any) -> object:
+        """Take an item."""
+
+
+class CallbackInbox(NamedTuple):
+    """Passes each item to a callback, in the thread that puts or queries."""
+
+    offer: Callable[[Any], object]
 
 
 class MemoryNetwork:
     """All declarations of all its transports."""
 
     def __init__(self) -> None:
-        self.subscribers: list[tuple[str, Inbox]] = []
-        self.queryables: list[tuple[str, Inbox]] = []
-        self.watchers: list[tuple[str, Inbox]] = []
+        self.subscribers: list[tuple[str, Offered]] = []
+        self.queryables: list[tuple[str, Offered]] = []
+        self.watchers: list[tuple[str, Offered]] = []
         self.tokens: list[str] = []
         self.lose: Callable[[ReceivedSample], bool] = lambda delivery: False
         self.lock = threading.RLock()
@@ -98,13 +111,13 @@ class MemoryTransport:
             return tuple(sorted({token for token in self._network.tokens if intersect(key, token)}))
 
     @contextmanager
-    def subscribe(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def subscribe(self, key: str, inbox: Offered) -> Iterator[None]:
         """Enqueue a ReceivedSample for everything that is put on the key."""
         with self._declared(self._network.subscribers, key, inbox):
             yield
 
     @contextmanager
-    def declare_queryable(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def declare_queryable(self, key: str, inbox: Offered) -> Iterator[None]:
         """Enqueue an IncomingQuery for every query on the key."""
         with self._declared(self._network.queryables, key, inbox):
             yield
@@ -123,21 +136,23 @@ class MemoryTransport:
                 self._offer(self._network.watchers, key, TokenChange(key, alive=False))
 
     @contextmanager
-    def watch_liveliness(self, key: str, inbox: Inbox) -> Iterator[None]:
+    def watch_liveliness(self, key: str, inbox: Offered) -> Iterator[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""
         with self._declared(self._network.watchers, key, inbox):
             for token in self.list_tokens(key):
                 inbox.offer(TokenChange(token, alive=True))
             yield
 
-    def _offer(self, declared: list[tuple[str, Inbox]], key: str, item: ReceivedSample | TokenChange) -> None:
+    def _offer(
+        self, declared: list[tuple[str, Offered]], key: str, item: ReceivedSample | TokenChange
+    ) -> None:
         with self._network.lock:
             inboxes = [inbox for known, inbox in declared if intersect(known, key)]
         for inbox in inboxes:
             inbox.offer(item)
 
     @contextmanager
-    def _declared(self, declared: list[tuple[str, Inbox]], key: str, inbox: Inbox) -> Iterator[None]:
+    def _declared(self, declared: list[tuple[str, Offered]], key: str, inbox: Offered) -> Iterator[None]:
         with self._network.lock:
             declared.append((key, inbox))
         try:
@@ -166,10 +181,18 @@ class MemoryQuestion:
         """Send a refusal."""
         self.refusals.append(decode_error(*error))
 
+    def matches(self, key: str) -> bool:
+        """Return whether the key that was asked intersects another."""
+        return intersect(self.key, key)
+
+    def drop(self) -> None:
+        """End the query for the asker."""
+        self.ended.set()
+
     def __enter__(self) -> Self:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.ended.set()
+        self.drop()

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -54,7 +54,7 @@ encoding_of = lru_cache(len(MESSAGE_TYPES))(zenoh.Encoding)
 
 _QUOTED_REASON = re.compile(r'msg: "((?:[^"\\]|\\.)*)')
 
-_PRIORITIES: Mapping[Priority, zenoh.Priority] = {
+PRIORITIES: Mapping[Priority, zenoh.Priority] = {
     "data_high": zenoh.Priority.DATA_HIGH,
     "data": zenoh.Priority.DATA,
     "data_low": zenoh.Priority.DATA_LOW,
@@ -104,7 +104,7 @@ class ZenohTransport:
                 content.payload,
                 encoding=encoding_of(content.encoding),
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=_PRIORITIES[priority],
+                priority=PRIORITIES[priority],
             )
 
     def query(
@@ -173,7 +173,7 @@ class ZenohTransport:
     def watch_liveliness(self, key: str, inbox: Inbox) -> Iterator[None]:
         """Enqueue a TokenChange for every token that is there, comes or goes."""
         with _map_zenoh_errors(self.endpoint):
-            handler = direct(lambda sample: inbox.offer(_presence(sample)))
+            handler = direct(lambda sample: inbox.offer(token_change(sample)))
             declared = self._session.liveliness().declare_subscriber(key, handler, history=True)
         with _undeclared(declared.undeclare):
             yield
@@ -186,10 +186,12 @@ class ZenohQuestion:
         self._query = query
         self.key = str(query.key_expr)
         self.parameters = str(query.parameters)[:MAX_TEXT]
-        payload = query.payload
-        self.content = (
-            None if payload is None else Encoded(payload.to_bytes(), str(query.encoding)[:MAX_TEXT])
-        )
+
+    @cached_property
+    def content(self) -> Encoded | None:
+        """The payload of the question; copied only where it is read."""
+        payload = self._query.payload
+        return None if payload is None else Encoded(payload.to_bytes(), str(self._query.encoding)[:MAX_TEXT])
 
     def reply(self, key: str, answer: Encoded) -> None:
         """Send one answer."""
@@ -201,13 +203,21 @@ class ZenohQuestion:
         with _map_zenoh_errors(self.key):
             self._query.reply_err(error.payload, encoding=error.encoding)
 
+    def matches(self, key: str) -> bool:
+        """Return whether the key that was asked intersects another."""
+        return self._query.key_expr.intersects(key)
+
+    def drop(self) -> None:
+        """End the query for the asker."""
+        self._query.drop()  # type: ignore[no-untyped-call]
+
     def __enter__(self) -> Self:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._query.drop()  # type: ignore[no-untyped-call]
+        self.drop()
 
 
 def direct(enqueue: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
@@ -221,7 +231,8 @@ def _delivery(sample: zenoh.Sample) -> ReceivedSample:
     return ReceivedSample(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)[:MAX_TEXT])
 
 
-def _presence(sample: zenoh.Sample) -> TokenChange:
+def token_change(sample: zenoh.Sample) -> TokenChange:
+    """Return which token appeared or went."""
     return TokenChange(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
 

@@ -160,7 +160,7 @@ class Window:
         ages = np.arange(size)
         log_mass, log_survival = hazard.log_mass(ages + 1)[:, None], hazard.log_survival(ages)
         followed = np.empty((size, len(log_transition)))  # [start], by the group of the segment before
-        probability = np.empty(size)
+        started = np.empty((size, len(log_transition)))  # [start], by the group of the segment that starts
         for i in range(size - 1, -1, -1):
             evidence, links = self._evidence[(first + i) % self.size, : size - i], self.links(first + i)
             terms = log_mass[: size - i] + evidence
@@ -168,8 +168,8 @@ class Window:
             terms[-1] = log_survival[size - 1 - i] + evidence[-1]
             backward = log_sum_exp(terms, axis=0)
             followed[i] = log_sum_exp(backward + _weights(log_transition, free=links.free), axis=1)
-            probability[i] = log_sum_exp(links.prior + backward)
-        result: Array = np.exp(np.minimum(probability - log_total, 0.0))
+            started[i] = links.prior + backward
+        result: Array = np.exp(np.minimum(log_sum_exp(started) - log_total, 0.0))
         return result
 
     def sum_from(

@@ -171,13 +171,13 @@ class GripperHoldingChain:
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
-        told, before = append(rows[0], 0.0), append(rows[1], np.nan)
+        evidence, before = append(rows[0], 0.0), append(rows[1], np.nan)
         if np.isnan(observed.holding):
-            return told, before
+            return evidence, before
         first = self.probability if observed.holding else 1.0 - self.probability
         flip = np.where(before == observed.holding, 1.0 - self.change, self.change)
         likelihood = np.where(np.isnan(before), first, flip)
-        return told + np.log(likelihood), np.full(before.size, observed.holding)
+        return evidence + np.log(likelihood), np.full(before.size, observed.holding)
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""

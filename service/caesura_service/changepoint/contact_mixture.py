@@ -44,13 +44,13 @@ class ContactMixture:
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
-        n, total, counts, told = (append(array, np.zeros(array.shape[1:])) for array in rows)
+        n, total, counts, weighed = (append(array, np.zeros(array.shape[1:])) for array in rows)
         shares = counts + np.asarray(self.alpha)
         shares /= shares.sum(axis=1, keepdims=True)
         joint = np.log(shares) + self._log_densities(observed.force, n, total)
         predictive = log_sum_exp(joint, axis=1)
         counts = counts + np.exp(joint - predictive[:, None])
-        return n + 1, total + observed.force[_Z], counts, told + predictive
+        return n + 1, total + observed.force[_Z], counts, weighed + predictive
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""

@@ -46,16 +46,18 @@ def check_pure(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
         _freeze((observed.position, observed.force))
         given = _bytes(rows)
         extended = model.extend(rows, observed)
-        told = model.log_evidence(_freeze(extended))
+        evidence = model.log_evidence(_freeze(extended))
         assert _bytes(rows) == given, "extend changes the rows it is given"
-        assert told.shape == (len(rows[0]) + 1,), (
-            f"evidence has shape {told.shape}, expected one a hypothesis"
+        assert evidence.shape == (len(rows[0]) + 1,), (
+            f"evidence has shape {evidence.shape}, expected one a hypothesis"
         )
         for vector in (observed.position, observed.force):
             kept = any(np.shares_memory(array, vector) for array in extended)
             assert not kept, "rows keep the observation's own memory"
         assert _bytes(model.extend(rows, observed)) == _bytes(extended), "the same rows give other bits"
-        assert _bytes([model.log_evidence(extended)]) == _bytes([told]), "the same rows give other evidence"
+        assert _bytes([model.log_evidence(extended)]) == _bytes([evidence]), (
+            "the same rows give other evidence"
+        )
         rows = extended
 
 

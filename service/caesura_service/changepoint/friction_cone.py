@@ -36,8 +36,8 @@ class FrictionConeWeight:
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation. The first of all is no step."""
         step = observed.position - rows[0][-1] if len(rows[0]) else np.zeros(AXES)
-        told = append(rows[1], 0.0) + self.log_weight(observed.force, step)
-        return np.tile(observed.position, (len(told), 1)), told
+        evidence = append(rows[1], 0.0) + self.log_weight(observed.force, step)
+        return np.tile(observed.position, (len(evidence), 1)), evidence
 
     def log_weight(self, force: Array, step: Array) -> float:
         """Of a force (3,) [N] at the end of a step (3,) [m]."""

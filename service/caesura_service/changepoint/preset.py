@@ -11,7 +11,7 @@ from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
+from caesura_service.changepoint.segment_model_set import ContactState, SegmentKind, SegmentModelSet
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 
 SEGMENTATION_HZ = 10.0
@@ -111,6 +111,10 @@ class Preset:
             contact=contact, transport=transport, orientation=orientation, torque=torque, bias_n=bias_n
         )
         return filter_for(lattice, self.hazard, self.filter)
+
+    def has_kind_in(self, contact: ContactState) -> bool:
+        """Whether it has a kind of segment in a contact state."""
+        return any(kind.contact == contact for kind in self.kinds)
 
     @property
     def hazard(self) -> Hazard:

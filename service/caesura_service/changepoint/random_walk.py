@@ -51,8 +51,8 @@ class StudentRandomWalk:
         before = append(rows[0], rows[0][-1] if len(rows[0]) else z)
         step2 = ((z - before) ** 2).sum(axis=1)
         weight = log_absence(step2, self.still) + log_presence(z @ z, self.presence)
-        told = append(rows[1], 0.0) + self._log_density(step2) + weight
-        return np.tile(z, (len(before), 1)), told
+        evidence = append(rows[1], 0.0) + self._log_density(step2) + weight
+        return np.tile(z, (len(before), 1)), evidence
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""

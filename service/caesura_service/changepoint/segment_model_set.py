@@ -18,6 +18,7 @@ from caesura_service.changepoint.models import ChannelModel, Choice, ModelInput,
 
 Array = NDArray[np.float64]
 LatticeRows = tuple[Rows, ...]
+ContactState = Literal["free", "contact", "transport"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class SegmentKind:
 
     name: str
     motion: Literal["motion", "steady"]
-    contact: Literal["free", "contact", "transport"]
+    contact: ContactState
     channels: tuple[str, ...]
     weight: float = 1.0
 

@@ -62,7 +62,7 @@ def certs(
     except (SecurityError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
-    _tell(kept)
+    _print_summary(kept)
 
 
 def _holders(asked: dict[Role, _Names]) -> Iterable[Identity]:
@@ -70,7 +70,7 @@ def _holders(asked: dict[Role, _Names]) -> Iterable[Identity]:
         yield from identities(role, names or ())
 
 
-def _tell(kept: CredentialStore) -> None:
+def _print_summary(kept: CredentialStore) -> None:
     """What was written, and what to do with it."""
     for file in kept.written:
         typer.echo(f"wrote {file}")

@@ -211,7 +211,7 @@ def _router(network: NetworkSettings, over: threading.Event) -> Iterator[str]:
     try:
         yield endpoint
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        session.close()
 
 
 def names_of(instance: str, count: int, default: str) -> list[str]:

@@ -26,7 +26,7 @@ from caesura_protocol.extremes import (
 )
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
-from caesura_protocol.runs import SPEED_WINDOW_S, Speed
+from caesura_protocol.runs import SPEED_WINDOW_S, Speed, chosen_columns
 from caesura_service.decimation.assembly import Assembly
 from caesura_service.decimation.overview import SessionOverview
 from caesura_service.journal import BatchRow, BatchSource, JournalError, Key, SessionExtent
@@ -56,14 +56,18 @@ class SampleReader:
         self._held_bytes = held_bytes
         self._overviews: dict[Key, SessionOverview] = {}  # the one that was asked for last stands last
 
-    def read(self, owned: Owned, wanted: SampleRange) -> RecordedSamples:
-        """The samples of a session in a range, decimated.
+    def read(
+        self, owned: Owned, wanted: SampleRange, slice_s: float = float("inf")
+    ) -> RecordedSamples | None:
+        """Return the samples of a session in a range, decimated; None where slice_s did not suffice.
 
-        Columns that the session lacks are left out. Raises ProtocolError `unknown_session` where the journal
-        has none of it; JournalError.
+        The next call reads on. Columns that the session lacks are left out. Raises ProtocolError
+        `unknown_session` where the journal has none of it; JournalError.
         """
-        overview, _ = self._overview(owned)
-        columns = _chosen(wanted.columns, overview.columns)
+        overview, is_complete = self._overview(owned, slice_s)
+        if not is_complete:
+            return None
+        columns = chosen_columns(wanted.columns, overview.columns)
         bin_s, extremes = self._extremes(overview, wanted)
         points = [points_of(extremes, overview.columns.index(name)) for name in columns]
         holes, more = _listed(overview.holes, wanted)
@@ -87,10 +91,11 @@ class SampleReader:
 
     def advance(self, owned: Owned, slice_s: float = SLICE_S) -> bool:
         """Read a session's overview for about slice_s; returns whether it is complete. Raises as `read`."""
-        return self._overview(owned, time.monotonic() + slice_s)[1]
+        return self._overview(owned, slice_s)[1]
 
-    def _overview(self, owned: Owned, until: float = float("inf")) -> tuple[SessionOverview, bool]:
-        """All of the session up to now, and whether it is; until: [s] when it stops reading."""
+    def _overview(self, owned: Owned, slice_s: float) -> tuple[SessionOverview, bool]:
+        """All of the session up to now, and whether it is; slice_s: [s] after which it stops reading."""
+        until = time.monotonic() + slice_s
         key = (owned.station, owned.session)
         extent = self._source.find(key)
         if extent is None:
@@ -164,11 +169,6 @@ class SampleReader:
             if inside.start < inside.stop:
                 parts.append(extremes_of(index[inside], run.t[inside], values[inside]))
         return joined(parts) if parts else nothing(len(overview.columns))
-
-
-def _chosen(asked: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
-    """The columns to answer: those asked for that the session has."""
-    return tuple(name for name in known if name in asked) if asked else known
 
 
 def _listed(holes: list[Gap], wanted: SampleRange) -> tuple[tuple[Gap, ...], int]:

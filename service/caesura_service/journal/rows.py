@@ -12,6 +12,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
     Close,
+    Describe,
     Error,
     Open,
     SampleBatch,
@@ -20,13 +21,19 @@ from caesura_protocol.messages import (
 from caesura_service.journal.checksums import checksum, is_intact
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalDamagedError, Key, Outcome, Record, Recordable
-from caesura_service.journal.schema import SELECT_EPOCH, SELECT_PAGE, SELECT_STATIONS, select_copies
+from caesura_service.journal.schema import (
+    HAS_DESCRIPTIONS,
+    SELECT_EPOCH,
+    SELECT_PAGE,
+    SELECT_STATIONS,
+    select_copies,
+)
 
 logger = logging.getLogger(__name__)
 
 PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
-_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Error, Close)
+_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Describe, Error, Close)
 
 
 class RecordRow(NamedTuple):
@@ -162,11 +169,12 @@ def outcome_of(
 def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:
     """Return the extent of every session, of a station's, or of one; oldest first."""
     given = [name for name in key if name is not None]
-    rows = database.execute(select_copies(len(given)), given)
-    found = ((last_seq, edits, SessionRow(*row)) for last_seq, edits, *row in rows)
+    has_descriptions = database.execute(HAS_DESCRIPTIONS).fetchone() is not None
+    rows = database.execute(select_copies(len(given), has_descriptions=has_descriptions), given)
+    found = ((last_seq, edits, described, SessionRow(*row)) for last_seq, edits, described, *row in rows)
     return tuple(
-        Copy(*row[1:5], bool(row.closed), last_seq, row.size, edits)
-        for last_seq, edits, row in found
+        Copy(*row[1:5], bool(row.closed), last_seq, row.size, edits, described)
+        for last_seq, edits, described, row in found
         if row.is_intact
     )
 

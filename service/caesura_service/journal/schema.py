@@ -16,15 +16,15 @@ from functools import cache
 from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
-from caesura_protocol.messages import Close
+from caesura_protocol.messages import Close, Describe
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 LOCK_SUFFIX = ".lock"
-CLOSE, EDIT = encoding_of(Close), encoding_of(Edit)
+CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(Edit), encoding_of(Describe)
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -65,6 +65,10 @@ CREATE TABLE IF NOT EXISTS stations (
 # What came with version 3: records may be edits, which are few and have to be counted.
 SCHEMA_3 = f"""
 CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encoding = '{EDIT}'"""
+# What came with version 5: records may be descriptions.
+SCHEMA_5 = f"""
+CREATE INDEX IF NOT EXISTS descriptions_of_session ON records (session_id) WHERE encoding = '{DESCRIBE}'"""
+HAS_DESCRIPTIONS = "SELECT 1 FROM sqlite_master WHERE type = 'index' AND name = 'descriptions_of_session'"
 # Overviews of closed sessions, for plots: a cache, made again where it is missing. So it has no version.
 SCHEMA_OVERVIEWS = """
 CREATE TABLE IF NOT EXISTS overviews (
@@ -146,8 +150,12 @@ SELECT
         )
     ), -1),
     (SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{EDIT}'),
+    {{described}},
     known.*
 FROM sessions AS known WHERE {{which}} ORDER BY id"""
+_COUNT_DESCRIPTIONS = (
+    f"(SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{DESCRIBE}')"
+)
 _WHICH = (
     KNOWN,
     f"{KNOWN} AND station = ?",
@@ -168,12 +176,15 @@ SELECT_EPOCH = "SELECT * FROM stations WHERE station = ?"
 INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?, ?, ?)"
 
 
-def select_copies(names: int) -> str:
+def select_copies(names: int, *, has_descriptions: bool) -> str:
     """Return the query for all sessions, a station's, or one: by how many names of the key are given.
+
+    has_descriptions: False for a journal of an older version, which has none and no index over them.
 
     Each form is found by the index over both names: what it costs does not grow with the other sessions.
     """
-    return _SELECT_COPIES.format(which=_WHICH[names])
+    described = _COUNT_DESCRIPTIONS if has_descriptions else "0"
+    return _SELECT_COPIES.format(which=_WHICH[names], described=described)
 
 
 @cache
@@ -300,6 +311,7 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
     with transaction(database):  # a process that cannot write fails here
         database.execute(SCHEMA_2)
         database.execute(SCHEMA_3)
+        database.execute(SCHEMA_5)
         database.execute(SCHEMA_OVERVIEWS)
         for table, column, kind in COLUMNS_4:
             if not database.execute(HAS_COLUMN, (table, column)).fetchone():

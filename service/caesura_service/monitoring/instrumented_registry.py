@@ -26,7 +26,7 @@ class InstrumentedRegistry(Registry):
         super().__init__(**given)
         self._monotonic = monotonic
         self.station_counters = StationCounterSet(monotonic())
-        self._event_logger = SessionEventLogger()
+        self._event_logger = SessionEventLogger(monotonic)
         # Each session at its last count: reading it in between does not change the count.
         self._last_states: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
 
@@ -100,7 +100,7 @@ class InstrumentedRegistry(Registry):
         refusal = None if same else self.counters.last_refusal
         call = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
         self.station_counters.count_call(call, self.index.sessions, now)
-        self._event_logger.log_call(call, now)
+        self._event_logger.log_call(call)
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
         return self.index.sessions.get(station or "", ())

@@ -1,23 +1,23 @@
 """The log of sessions: one line an event, with station and session as fields.
 
 What a peer can cause as often as it likes (a refusal, a question for batches, a question without an answer)
-is logged once in LOG_INTERVAL_S for each station and reason, with the number of suppressed lines.
+is logged at LOG_RATE for each station and reason, with the number of suppressed lines.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 from caesura_protocol.messages import Gap
-from caesura_service.monitoring.log_throttle import LogThrottle
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.publishing.session_state import SessionState
+from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
 
-LOG_INTERVAL_S = 10.0
 GAP_REASONS = {
     "source": "the robot's samples paused",
     "evicted": "the samples were refused, or no bridge has them any more",
@@ -27,27 +27,26 @@ GAP_REASONS = {
 class SessionEventLogger:
     """Logs the effects of calls of the registry."""
 
-    def __init__(self) -> None:
-        self._throttle = LogThrottle(LOG_INTERVAL_S)
+    def __init__(self, clock: Callable[[], float]) -> None:
+        """clock: monotonic [s]."""
+        self._rate = RateLimit(LOG_RATE, clock=clock)
+        self._suppressed: dict[str, int] = {}  # lines since the last one; of the newest SENDERS
 
-    def log_call(self, call: RegistryCall, now: float) -> None:
-        """Log the changes of a call. now: [s]."""
+    def log_call(self, call: RegistryCall) -> None:
+        """Log the changes of a call."""
         for change in call.changes:
             _log_change(change)
         for output in call.outputs:
             if isinstance(output, RequestReplay):
                 asked = f"asks for batches {output.first} to {output.last}"
-                self._log_throttled(logging.INFO, now, ("asked",), output.station, output.session, asked)
+                self._log_throttled(logging.INFO, ("asked",), output.station, output.session, asked)
         if isinstance(call.message, ReplayEnded) and not (call.message.answered or call.message.evicted):
             why = f"its bridge did not answer for batches from {call.message.first} on"
-            self._log_throttled(
-                logging.WARNING, now, ("unanswered",), call.station, call.message.session, why
-            )
+            self._log_throttled(logging.WARNING, ("unanswered",), call.station, call.message.session, why)
         if call.refusal is not None:
             name = call.message.session if call.message else None
             self._log_throttled(
                 logging.WARNING,
-                now,
                 ("refused", call.refusal.code),
                 call.station,
                 name,
@@ -58,18 +57,20 @@ class SessionEventLogger:
     def _log_throttled(
         self,
         level: int,
-        now: float,
         about: tuple[str, ...],
         station: str | None,
         session: str | None,
         what: str,
         times: int = 1,
     ) -> None:
-        held = self._throttle.kept_back((station, *about), now, times)
-        if held is None:
+        key = " ".join((station or "", *about))
+        before = self._suppressed.pop(key, 0) + times - 1
+        if self._rate.allows(key):
+            _log(level, station, session, f"{what} (and {before} more like it)" if before else what)
             return
-        more = f" (and {held} more like it)" if held else ""
-        _log(level, station, session, f"{what}{more}")
+        self._suppressed[key] = before + 1
+        if len(self._suppressed) > SENDERS:
+            del self._suppressed[next(iter(self._suppressed))]
 
 
 def _log_change(change: Change) -> None:

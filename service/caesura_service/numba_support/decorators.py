@@ -38,12 +38,12 @@ def cache_directory(room: Path) -> Path:
     """Where a room's compiled code is kept: as NUMBA_CACHE_DIR says, in the room, or in a copy of that."""
     if GIVEN:
         return Path(GIVEN) / digest(room)
-    ours = room / "__pycache__" / digest(room)
-    if os.access(ours if ours.exists() else room, os.W_OK):
-        return ours
+    own = room / "__pycache__" / digest(room)
+    if os.access(own if own.exists() else room, os.W_OK):
+        return own
     copy = _own_directory() / digest(room)
-    if ours.exists() and not copy.exists():
-        shutil.copytree(ours, copy, dirs_exist_ok=True)
+    if own.exists() and not copy.exists():
+        shutil.copytree(own, copy, dirs_exist_ok=True)
     return copy
 
 

@@ -20,7 +20,16 @@ from contextlib import suppress
 from types import TracebackType
 
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.messages import Close, Command, Edit, Heartbeat, JournalReport, Open, SampleBatch
+from caesura_protocol.messages import (
+    Close,
+    Command,
+    Describe,
+    Edit,
+    Heartbeat,
+    JournalReport,
+    Open,
+    SampleBatch,
+)
 from caesura_service.journal import Journal, JournalError, Key, PeerJournals
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
@@ -164,13 +173,12 @@ class Registry:
                 return self._open(station, command, now)
             session = self._require_session(station, command.session)
             with _AS_OVERLOADED:
-                if isinstance(command, Edit) and not session.has_pipeline:
-                    session.check_revision(command)
+                if not session.has_pipeline and _needs_rebuilding(command, session):
                     owner = self.ownership.owner(station, now)
                     return [Reply(self._rebuilder.request(station, session, owner))]
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
-            if isinstance(command, Edit):  # which is the editor's affair, not that of the session's bridge
+            if isinstance(command, Edit | Describe):  # the editor's affair, not that of the session's bridge
                 self.counters = self.counters.with_refusal(error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
@@ -255,7 +263,7 @@ class Registry:
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         with _AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
-        session = self._factory.new(station, opening, owner)
+        session = self._factory.new(station, opening, owner, now)
         with _AS_OVERLOADED:
             known = self._journals.copies_of_station(station, command.session).get(command.session)
         with _AS_CONFLICT:
@@ -386,6 +394,14 @@ class Registry:
 
 def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> bool:
     return session is None or is_behind(session, copies)
+
+
+def _needs_rebuilding(command: Command, session: Session) -> bool:
+    """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
+    if isinstance(command, Edit):
+        session.check_revision(command)
+        return True
+    return isinstance(command, Describe) and not session.has_records  # only a peer's journal has them
 
 
 class _JournalErrorsAs:

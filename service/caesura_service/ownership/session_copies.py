@@ -16,8 +16,8 @@ class SessionCopies(NamedTuple):
 
     @property
     def best(self) -> Copy:
-        """Return the copy that is furthest along; the local one if it has the same batches and edits."""
-        return max(self._all, key=lambda copy: (copy.closed, copy.last_seq, copy.edits))
+        """Return the copy that is furthest along; the local one if the peer's has nothing more."""
+        return max(self._all, key=lambda copy: copy.progress[:-1])
 
     @property
     def _all(self) -> list[Copy]:

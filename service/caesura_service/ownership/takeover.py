@@ -35,8 +35,11 @@ class SessionFactory:
         self._journal = journal
         self._limits = limits
 
-    def new(self, station: str, opening: Open, owner: Owner) -> Session:
-        """Return a new session without batches. Raises ProtocolError `malformed` or `conflict`."""
+    def new(self, station: str, opening: Open, owner: Owner, opened: float) -> Session:
+        """Return a new session without batches. Raises ProtocolError `malformed` or `conflict`.
+
+        opened: time of day of its opening [s].
+        """
         validate_columns(opening)
         try:
             pipeline = self._pipeline_factory(opening, self._default_preset)
@@ -45,16 +48,26 @@ class SessionFactory:
         except Exception as error:
             why = f"the session could not be opened: {type(error).__name__}: {error}"
             raise ProtocolError("conflict", why) from error
-        return self._session(station, opening, pipeline, owner)
+        return self._session(station, opening, pipeline, owner, opened)
 
-    def from_outcome(self, station: str, outcome: Outcome, owner: Owner) -> Session:
-        """Return the closed session of an outcome."""
-        session = self._session(station, outcome.opening, ClosedPipeline(outcome.snapshot), owner)
-        session.load_outcome(outcome, state_from_snapshot(outcome.snapshot, owner))
+    def from_outcome(self, station: str, outcome: Outcome, owner: Owner, opened: float) -> Session:
+        """Return the closed session of an outcome. opened: time of day of its opening [s]."""
+        session = self._session(station, outcome.opening, ClosedPipeline(outcome.snapshot), owner, opened)
+        session.load_outcome(outcome, state_from_snapshot(outcome.snapshot, owner)._replace(opened=opened))
         return session
 
-    def _session(self, station: str, opening: Open, pipeline: Pipeline, owner: Owner) -> Session:
-        return Session(station, opening, pipeline, owner=owner, journal=self._journal, limits=self._limits)
+    def _session(
+        self, station: str, opening: Open, pipeline: Pipeline, owner: Owner, opened: float
+    ) -> Session:
+        return Session(
+            station,
+            opening,
+            pipeline,
+            owner=owner,
+            journal=self._journal,
+            limits=self._limits,
+            opened=opened,
+        )
 
 
 class Takeover:
@@ -101,13 +114,13 @@ class Takeover:
         """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
-        if outcome is None or outcome.snapshot.status.revision != copies.best.edits:
-            return None  # or it was corrected after that, and the power went before it was kept anew
+        if outcome is None or not _is_current(outcome, copies.best):
+            return None
         if copies.best is not copies.own:
             self._peer_only.add((station, name))
             with suppress(JournalError):
                 self._own.delete(station, name)
-        return self._factory.from_outcome(station, outcome, owner)
+        return self._factory.from_outcome(station, outcome, owner, copies.opened)
 
     def _replay_or_open(self, copies: SessionCopies, owner: Owner) -> Steps:
         key = copies.best.key
@@ -129,7 +142,8 @@ class Takeover:
 
     def _replay_own(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
         records = self._journals.own_records(copy)
-        session = self._factory.new(copy.station, _require_open(next(records).message), owner)
+        first = next(records)
+        session = self._factory.new(copy.station, _require_open(first.message), owner, first.at)
         for _ in session.replay_records(records, self._journals.own_edits(copy)):
             yield []
         return session
@@ -140,7 +154,7 @@ class Takeover:
         first = next(self._journals.peer_records(copies.peer, 0), None)
         if first is None:
             raise JournalError(f"{copies.peer.path} cannot be read")
-        session = self._factory.new(copies.best.station, _require_open(first.message), owner)
+        session = self._factory.new(copies.best.station, _require_open(first.message), owner, first.at)
         session.begin(first.at)
         return session
 
@@ -160,7 +174,14 @@ def is_behind(session: Session, copies: SessionCopies) -> bool:
         return False
     peer = copies.peer.copy
     further = peer.closed or peer.last_seq >= session.next_seq
-    return (session.is_open and further) or peer.edits > session.revision
+    described = peer.described > session.state.described
+    return (session.is_open and further) or peer.edits > session.revision or described
+
+
+def _is_current(outcome: Outcome, copy: Copy) -> bool:
+    """Whether no correction or description came after it: the power may go before it is stored anew."""
+    status = outcome.snapshot.status
+    return (status.revision, status.described) == (copy.edits, copy.described)
 
 
 def _require_open(message: object) -> Open:

@@ -6,7 +6,8 @@ segment of a phase of kind k emits
 
 - its contact state (free, contact, transport), by `PhaseKind.own` or, in an interruption, `aside`,
 - its duration, log-normal (`own_s`, `aside_s`); of a segment that still grows, that it lasts so long,
-- whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began,
+- whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began.
+  A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
 - where a phase is resumed after an interruption: near an end of one of its strokes with probability
   `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together.
 
@@ -145,8 +146,9 @@ class Chain:
     the phase has, up to `memory`. kind, aside, age: (states,). States of age 1 are starts, and start no
     interruption. first: (states,) probability at the first segment. end: (states,) that a demonstration
     ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands
-    apart, because where that happens counts. log_next_into: (states, states) log of both together, of the
-    first given the second. resuming: which of its entries resume a phase. states: (states,) their numbers.
+    apart, because where that happens counts. next is there twice, for a second segment that rests and for one
+    that moves; so is log_next_into: (states, states) log of both together, of the first given the second.
+    resuming: which of its entries resume a phase. states: (states,) their numbers.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -175,13 +177,19 @@ class Chain:
         enters = (weight / others[:, None])[self.kind[:, None], self.kind]
         after_own = np.where(is_aside, interrupted, 1.0 - ends - interrupted)
         inside = np.where(after_aside, is_aside * (1.0 - resumed), after_own)
-        self.next: Array = goes_on * inside + switches * ~after_aside * ends * enters
+        switches = switches * ~after_aside * ends * enters
+        own_state = np.array([max(range(3), key=one.own.__getitem__) for one in parameters.kinds])
+        moving = np.array([one.moving for one in parameters.kinds])[self.kind]
+        alike = own_state[self.kind][:, None] == own_state[self.kind]
+        # A phase after one in its own contact state begins with a movement, with probability 1 for `moving`.
+        begins_if = np.where(alike, np.stack([0.0 * moving, 1.0 / moving])[:, None], 1.0)
+        self.next: Array = goes_on * inside + switches * begins_if  # (2, states, states)
         self.resumes: Array = goes_on * after_aside * ~is_aside * resumed
         with np.errstate(divide="ignore"):
-            self.log_next_into: Array = np.log(self.next + self.resumes).T.copy()
+            self.log_next_into: Array = np.log((self.next + self.resumes).swapaxes(1, 2).copy())
         self.resuming, self.states = np.nonzero(self.resumes.T), np.arange(self.kind.size)
         self._states = np.array([[one.own, one.aside] for one in parameters.kinds])
-        self._own_state = [max(range(3), key=one.own.__getitem__) for one in parameters.kinds]
+        self._own_state = own_state.tolist()
 
     def emission(self, segment: SegmentFeatures) -> Array:
         """(states,) density of a segment's contact state and duration, over the highest; at least LEAST."""

@@ -28,6 +28,7 @@ class ForwardStep:
 
     share: (states,) probability of each state. log_best: (states,) of the best path into it. come_from:
     (states,) the state before on that path. emission, resumed: (states,) as the chain has them for it.
+    moves: as the segment does.
     """
 
     share: Array
@@ -35,6 +36,7 @@ class ForwardStep:
     come_from: NDArray[np.intp]
     emission: Array
     resumed: Array
+    moves: bool
 
 
 def first_step(chain: Chain, segment: SegmentFeatures) -> ForwardStep:
@@ -44,7 +46,9 @@ def first_step(chain: Chain, segment: SegmentFeatures) -> ForwardStep:
     with np.errstate(divide="ignore"):
         log_best = np.log(share)
     nowhere = np.full(share.size, -1)
-    return ForwardStep(share / share.sum(), log_best - log_best.max(), nowhere, emission, np.ones(share.size))
+    return ForwardStep(
+        share / share.sum(), log_best - log_best.max(), nowhere, emission, np.ones(share.size), segment.moves
+    )
 
 
 def next_step(
@@ -52,12 +56,15 @@ def next_step(
 ) -> ForwardStep:
     """Return what is known after one more segment; before: those before it, the last one last."""
     emission, resumed = chain.emission(segment), chain.resumed(segment, before)
-    share = emission * (last.share @ chain.next + (last.share * resumed) @ chain.resumes)
-    paths = last.log_best + chain.log_next_into
+    follows, log_follows = chain.next[int(segment.moves)], chain.log_next_into[int(segment.moves)]
+    share = emission * (last.share @ follows + (last.share * resumed) @ chain.resumes)
+    paths = last.log_best + log_follows
     paths[chain.resuming] += np.log(resumed)[chain.resuming[1]]
     come_from = paths.argmax(axis=1)
     log_best = paths[chain.states, come_from] + np.log(emission)
-    return ForwardStep(share / share.sum(), log_best - log_best.max(), come_from, emission, resumed)
+    return ForwardStep(
+        share / share.sum(), log_best - log_best.max(), come_from, emission, resumed, segment.moves
+    )
 
 
 def settled(step: ForwardStep) -> ForwardStep:
@@ -79,7 +86,7 @@ def posterior(chain: Chain, steps: Sequence[ForwardStep], *, ended: bool) -> lis
         found.append(joint / joint.sum())
         if before is not None:
             weighed = step.emission * ahead
-            ahead = chain.next @ weighed + step.resumed * (chain.resumes @ weighed)
+            ahead = chain.next[int(step.moves)] @ weighed + step.resumed * (chain.resumes @ weighed)
             ahead = ahead / ahead.max()
     return found[::-1]
 

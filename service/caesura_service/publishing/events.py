@@ -10,6 +10,7 @@ from caesura_protocol.messages import (
     Ack,
     Changepoints,
     Close,
+    Describe,
     Edit,
     Heartbeat,
     Open,
@@ -44,7 +45,7 @@ class ReplayEnded:
     oldest: int | None = None  # the oldest batch that it still has, where it said so
 
 
-Incoming = Open | SampleBatch | Heartbeat | Close | Edit | ReplayEnded
+Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | ReplayEnded
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,12 @@ def _next_program(state: SessionState, **changes: Any) -> SessionState:
 
 def _program_context(view: PipelineView) -> dict[str, Any]:
     """Return the fields of a program, beside its apps, that a check compares it with."""
-    return {"gaps": view.gaps[-MAX_GAPS:], "wrench": view.wrench, "force_limit_n": view.force_limit_n}
+    return {
+        "gaps": view.gaps[-MAX_GAPS:],
+        "wrench": view.wrench,
+        "force_limit_n": view.force_limit_n,
+        "robot": view.robot,
+    }
 
 
 def _posterior_key(view: PipelineView) -> tuple[object, ...]:

@@ -15,6 +15,7 @@ from caesura_protocol.messages import (
     MAX_GAPS,
     App,
     Changepoints,
+    Description,
     Posterior,
     Program,
     Refusal,
@@ -64,6 +65,9 @@ class SessionState(NamedTuple):
     revision: int = 0  # edits so far
     undoable: bool = False
     redoable: bool = False
+    description: Description = Description()
+    described: int = 0  # changes of the description so far
+    opened: float | None = None  # [s] time of day of its first opening
 
     @property
     def is_open(self) -> bool:
@@ -121,6 +125,9 @@ def status_of(state: SessionState) -> SessionStatus:
         revision=state.revision,
         undoable=state.undoable,
         redoable=state.redoable,
+        description=state.description,
+        described=state.described,
+        opened=state.opened,
     )
 
 

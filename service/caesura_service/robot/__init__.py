@@ -1,4 +1,4 @@
-"""The robot: kinematics and dynamics of the Panda behind one typed interface."""
+"""The robot: kinematics and dynamics of an arm behind one typed interface."""
 
 from caesura_service.robot.kinematics import (
     FlangePose,
@@ -6,6 +6,7 @@ from caesura_service.robot.kinematics import (
     ReachError,
     Robot,
     load_panda,
+    load_robot,
 )
 
-__all__ = ["FlangePose", "HandDynamics", "ReachError", "Robot", "load_panda"]
+__all__ = ["FlangePose", "HandDynamics", "ReachError", "Robot", "load_panda", "load_robot"]

@@ -36,6 +36,7 @@ SNAPSHOTS = session_key("*", "*", "snapshot")
 SAMPLES_OF_SESSIONS = session_key("*", "*", "samples")
 SERVICES_ALIVE = service_key("*", "alive")
 STATIONS_ALIVE = station_key("*", "alive")
+BRIDGE_STATUS = station_key("*", "bridge_status")
 
 
 def _service(instance: str) -> Access:
@@ -58,31 +59,40 @@ def _service(instance: str) -> Access:
 
 
 def _bridge(station: str) -> Access:
-    """The robot of one station. It asks for its own sessions to say at the end what became of them."""
+    """The robot of one station. It queries its own sessions, and whether another bridge has its station.
+
+    It may also start and stop itself, so that a pedal at the robot needs no credentials of its own.
+    """
+    control = station_key(station, "bridge_control")
     return Access(
-        put=(station_key(station, "samples"),),
-        query=(station_key(station, "control"), session_key(station, "*", "snapshot")),
-        answer=(station_key(station, "replay"),),
+        put=(station_key(station, "samples"), station_key(station, "bridge_status")),
+        query=(
+            station_key(station, "control"),
+            control,
+            station_key(station, "program"),
+            session_key(station, "*", "snapshot"),
+        ),
+        answer=(station_key(station, "replay"), control),
         hold=(station_key(station, "alive"),),
-        watch=(SERVICES_ALIVE,),
+        watch=(SERVICES_ALIVE, station_key(station, "alive")),
     )
 
 
 def _dashboard(_name: str) -> Access:
     """Return the access of a viewer: samples and results of every station, and no change."""
     return Access(
-        subscribe=(*RESULTS, PROGRAMS, SAMPLES, service_key("*", "status")),
+        subscribe=(*RESULTS, PROGRAMS, SAMPLES, BRIDGE_STATUS, service_key("*", "status")),
         query=(SNAPSHOTS, SAMPLES_OF_SESSIONS, PROGRAMS, service_key("*", "status")),
         watch=(SERVICES_ALIVE, STATIONS_ALIVE),
     )
 
 
 def _operator(name: str) -> Access:
-    """A dashboard that may also send commands to every station."""
+    """A dashboard that may also send commands to every station, and start and stop its bridge."""
     reader = _dashboard(name)
     return Access(
         subscribe=reader.subscribe,
-        query=(*reader.query, station_key("*", "control")),
+        query=(*reader.query, station_key("*", "control"), station_key("*", "bridge_control")),
         watch=reader.watch,
     )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.models import ModelInput
-from caesura_service.constants import JOINTS
+from caesura_service.constants import JOINTS_MOST
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screwing import Course
@@ -25,10 +25,10 @@ Row = tuple[float, ...]
 
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
-_ORIENTATION, _JOINTS = slice(12, 16), slice(16, 23)  # nan where unknown, as the gripper
-_SCALE, _ROTATION, _TORQUE, _COLUMNS = 23, slice(24, 27), slice(27, 30), 30
+_ORIENTATION, _JOINTS = slice(12, 16), slice(16, 16 + JOINTS_MOST)  # nan where unknown, as the gripper
+_SCALE, _ROTATION, _TORQUE, _COLUMNS = 24, slice(25, 28), slice(28, 31), 31
 _ROW = struct.Struct(f"{_COLUMNS}d")
-_NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS, (0.0,) * 3
+_NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS_MOST, (0.0,) * 3
 _NO_TORQUE = (np.nan,) * 3
 ROWS_AT_HAND = 64  # which the looks at what is going on ask for again and again
 SAME_S = 1e-3  # two times this close are the same
@@ -72,7 +72,7 @@ class ObservationStore:
                 observation.after_gap,
                 np.nan if width is None else width,
                 *(_NO_ORIENTATION if orientation is None else orientation),
-                *(_NO_JOINTS if joints is None else joints),
+                *(_NO_JOINTS if joints is None else (*joints, *_NO_JOINTS[len(joints) :])),
                 force_scale(observation),
                 *(_UNTURNED if observation.rotation is None else observation.rotation.tolist()),
                 *(_NO_TORQUE if observation.torque_base is None else observation.torque_base.tolist()),
@@ -193,7 +193,7 @@ class ObservationStore:
         return Moment(
             position=self.position(index),
             orientation=_known(row[_ORIENTATION]),
-            joints=_known(row[_JOINTS]),
+            joints=tuple(q for q in row[_JOINTS] if not math.isnan(q)) or None,
             gripper_width=None if math.isnan(row[_GRIPPER]) else row[_GRIPPER],
             force=self.force(index),
         )

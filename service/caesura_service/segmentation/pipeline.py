@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol import messages
+from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
@@ -23,9 +24,10 @@ from caesura_service.changepoint.models import UNTURNED, ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
+from caesura_service.constants import JOINTS
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
-from caesura_service.robot import load_panda
+from caesura_service.robot import load_robot
 from caesura_service.segmentation.corrections import (
     Change,
     EditContext,
@@ -41,7 +43,7 @@ from caesura_service.segmentation.observation_store import ObservationStore, for
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.segmentation.time_slices import give_way
-from caesura_service.segmentation.view import NO_GRIPPER, Pipeline, PipelineView
+from caesura_service.segmentation.view import ASSUMED_ROBOT, NO_GRIPPER, Pipeline, PipelineView
 from caesura_service.signals import (
     Conditioner,
     ConditioningOutput,
@@ -90,8 +92,17 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
 
 
 def layout_of(opening: Open) -> SampleLayout:
-    """How the samples of a session are read. Raises ValueError for columns that cannot be segmented."""
-    robot = load_panda() if "q1" in opening.columns else None
+    """How the samples of a session are read.
+
+    Seven joints of a robot that is not stated are read as those of a Panda. Raises ValueError for a robot
+    that is not known, and for columns that cannot be segmented.
+    """
+    joints = len(signal_columns(opening.columns).get("q", ()))
+    name = opening.robot or ("panda" if joints == JOINTS else None)
+    robot = None if name is None else load_robot(name)
+    if robot is not None and joints not in {0, robot.joints}:
+        stated = f"robot is {name!r}, which has {robot.joints} joints"
+        raise ValueError(f"{stated}; the columns have {joints}: q1 to q{joints}")
     return SampleLayout(
         columns=opening.columns,
         wrench_source=opening.wrench_source,
@@ -100,6 +111,7 @@ def layout_of(opening: Open) -> SampleLayout:
         metres_per_unit=UNITS["length"][opening.length_unit],
         pose_of_joints=None if robot is None else robot.flange_poses,
         wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
+        joints=joints or JOINTS,
     )
 
 
@@ -145,9 +157,17 @@ class SegmentationPipeline:
         self._opening = opening
         self._preset = preset
         self._source = layout.source
+        self._in_use = layout.source.with_preset(
+            preset.name, contact=preset.has_kind_in("contact"), load=preset.has_kind_in("transport")
+        )
         weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
         without = weighs and "gripper" not in opening.columns
-        self._standing_notes = (layout.source.note, *([NO_GRIPPER] if without else []))
+        assumed = opening.robot is None and layout.needs_robot
+        self._standing_notes = (
+            self._in_use.note,
+            *([NO_GRIPPER] if without else []),
+            *([ASSUMED_ROBOT] if assumed else []),
+        )
         self._conditioner = Conditioner(layout)
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._heeded = FilterConstraints()
@@ -340,13 +360,14 @@ class SegmentationPipeline:
             wrench=_wrench_report(
                 self._opening,
                 self._conditioner.layout.source_in_use,
-                self._source,
+                self._in_use,
                 self._conditioner.tare,
                 self._conditioner.tare_note,
             ),
             delay_s=self._conditioner.delay_s,
             length_unit=self._opening.length_unit,
             force_limit_n=self._opening.force_limit_n,
+            robot=self._opening.robot,
             phases=phases,
         )
 

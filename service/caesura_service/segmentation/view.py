@@ -16,6 +16,9 @@ from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, 
 from caesura_service.segmentation.corrections import Change, ResolvedEdit
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
+ASSUMED_ROBOT = (
+    "Robot not stated: its seven joints are read as those of a Panda. State --robot where it is another one."
+)
 NO_GRIPPER = (
     "No gripper state: a light load (with preset default below about 0.75 kg) is shown as motion. "
     "Send the column gripper where the robot has one."
@@ -42,6 +45,7 @@ class PipelineView(NamedTuple):
     capped: int
     length_unit: LengthUnit = "m"  # of the samples that came
     force_limit_n: float | None = None  # [N] of the cell
+    robot: str | None = None  # None: not stated
     phases: Sequence[Phase] = ()
 
 

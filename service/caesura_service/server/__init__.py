@@ -1,6 +1,7 @@
-"""The network side of the service, and its only zenoh importer."""
+"""The network side of the service, over Zenoh or in memory."""
 
-from caesura_service.server.network import NetworkError, NetworkSettings
+from caesura_service.server.network import Join, NetworkSettings, join
+from caesura_service.server.transport import NetworkError
 from caesura_service.server.zenoh_server import ZenohServer
 
-__all__ = ["NetworkError", "NetworkSettings", "ZenohServer"]
+__all__ = ["Join", "NetworkError", "NetworkSettings", "ZenohServer", "join"]

@@ -16,7 +16,8 @@ from typing import Literal, get_args
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import is_name
 from caesura_protocol.messages import MAX_BUDGETS, Budget, StationBudgets
-from caesura_service.server.rates import SENDERS, Rate, RateLimit, RateSettings
+from caesura_service.server.rates import RateSettings
+from caesura_service.token_bucket import SENDERS, Rate, RateLimit
 
 Use = Literal["work", "messages", "bytes", "commands"]
 USES: tuple[Use, ...] = get_args(Use)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, NamedTuple, Self
 
-import zenoh
-
-from caesura_protocol.codec import decode_error
+from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
-from caesura_service.server.rates import SENDERS
+from caesura_service.server.transport import Payload
+from caesura_service.token_bucket import SENDERS
 
 UNKNOWN = "?"  # the station of keys that name none
 OCTETS = "application/octet-stream"
@@ -30,11 +30,10 @@ class RawPayload(NamedTuple):
     size: int
 
     @classmethod
-    def from_zbytes(cls, key: str, payload: zenoh.ZBytes | None, encoding: str) -> Self:
-        """Copy what was received on a key; None counts as an empty payload."""
-        size = 0 if payload is None else len(payload)
-        kept = payload is not None and size <= MAX_MESSAGE_BYTES
-        whole = payload.to_bytes() if payload is not None and kept else b""
+    def of(cls, key: str, payload: Payload, encoding: str) -> Self:
+        """Copy what was received on a key."""
+        size = len(payload)
+        whole = bytes(payload) if size <= MAX_MESSAGE_BYTES else b""
         return cls(key[:MAX_TEXT], whole, encoding[:MAX_TEXT], size)
 
     def check_size(self) -> None:
@@ -57,7 +56,7 @@ class CommandReceived:
     """A query on a station's `control` key. The worker answers it."""
 
     content: RawPayload
-    query: zenoh.Query
+    query: IncomingQuery
 
 
 @dataclass(slots=True)
@@ -67,7 +66,7 @@ class PendingReplay:
     request: RequestReplay
     replies: int = 0
     dropped: int = 0  # replies for which there was no room
-    refusal: RawPayload | None = field(default=None)
+    refusal: Encoded | None = None
     _over: threading.Lock = field(default_factory=threading.Lock)  # held from its end on
 
     def end(self) -> bool:
@@ -91,7 +90,7 @@ class PendingReplay:
         if self.refusal is None:
             return None
         try:
-            return decode_error(self.refusal.payload, self.refusal.encoding)
+            return decode_error(*self.refusal)
         except ProtocolError:
             return None
 
@@ -178,16 +177,6 @@ def station_of(source: str) -> str:
     return source.split("/")[-2] if "/" in source else source  # of any key, valid or not: no parsing
 
 
-def content_of(message: zenoh.Sample) -> RawPayload:
-    """Copy the payload of a sample."""
-    return RawPayload.from_zbytes(str(message.key_expr), message.payload, str(message.encoding))
-
-
-def content_of_query(query: zenoh.Query) -> RawPayload:
-    """Copy the payload of a query."""
-    return RawPayload.from_zbytes(str(query.key_expr), query.payload, str(query.encoding or OCTETS))
-
-
-def content_of_error(error: zenoh.ReplyError) -> RawPayload:
-    """Copy the payload of an error reply."""
-    return RawPayload.from_zbytes("", error.payload, str(error.encoding))
+def content_of_query(query: IncomingQuery) -> RawPayload:
+    """Copy the payload of a query; one without a payload has an empty one."""
+    return RawPayload.of(query.key, *(query.content or (b"", OCTETS)))

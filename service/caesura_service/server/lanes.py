@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Self
 
 from caesura_service.server.background_thread import JOIN_S
-from caesura_service.server.rates import LOG_RATE, RateLimit
+from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import NamedTuple
 
-import zenoh
-
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
-from caesura_protocol.transport.zenoh_transport import direct
+from caesura_protocol.transport.inbox import TokenChange
 from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged
-from caesura_service.server.network import QUERY_TIMEOUT_S
+from caesura_service.server.transport import Network
 
 SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
 
@@ -24,11 +22,10 @@ class LiveTokens(NamedTuple):
     stations: frozenset[str]
 
 
-def query_live_tokens(network: zenoh.Session) -> LiveTokens:
+def query_live_tokens(network: Network) -> LiveTokens:
     """Query the live tokens, before any are watched: afterwards the answer may be partial."""
-    found = [
-        _parse_token(key, True) for wanted in (SERVICES, STATIONS) for key in _query_keys(network, wanted)
-    ]
+    keys = (*network.list_tokens(SERVICES), *network.list_tokens(STATIONS))
+    found = [_parse_token(key, True) for key in keys]
     return LiveTokens(
         frozenset(one.name for one in found if one and one.kind == "service"),
         frozenset(one.name for one in found if one and one.kind == "station"),
@@ -36,7 +33,7 @@ def query_live_tokens(network: zenoh.Session) -> LiveTokens:
 
 
 def watch_tokens(
-    network: zenoh.Session, report: Callable[[LivelinessChanged | RouterLinkChanged], object], *, client: bool
+    network: Network, report: Callable[[LivelinessChanged | RouterLinkChanged], object], *, client: bool
 ) -> ExitStack:
     """Report live peers, arrivals and departures, and for a client the loss and return of its router.
 
@@ -44,26 +41,18 @@ def watch_tokens(
     """
     stack = ExitStack()
 
-    def report_token(sample: zenoh.Sample) -> None:
-        presence = _parse_token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
-        if presence is not None:
+    def report_token(change: TokenChange) -> None:
+        if (presence := _parse_token(*change)) is not None:
             report(presence)
 
-    def report_link(event: zenoh.TransportEvent) -> None:
-        report(RouterLinkChanged(event.kind == zenoh.SampleKind.PUT))
+    def report_link(up: bool) -> None:
+        report(RouterLinkChanged(up))
 
     if client:
-        listener = network.info.declare_transport_events_listener(direct(report_link))
-        stack.callback(listener.undeclare)
+        stack.callback(network.watch_link(report_link).undeclare)
     for key in (SERVICES, STATIONS):
-        watch = network.liveliness().declare_subscriber(key, direct(report_token), history=True)
-        stack.callback(watch.undeclare)
+        stack.callback(network.watch_liveliness(key, report_token).undeclare)
     return stack
-
-
-def _query_keys(network: zenoh.Session, key: str) -> list[str]:
-    replies = network.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
-    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
 def _parse_token(key: str, alive: bool) -> LivelinessChanged | None:

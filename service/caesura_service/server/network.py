@@ -19,7 +19,7 @@ import resource
 import socket
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,8 @@ from caesura_service.security.zenoh_files import (
     ROUTER_MAX_BYTES,
     with_handshake_timeout,
 )
+from caesura_service.server.transport import Network, NetworkError
+from caesura_service.server.zenoh_network import ZenohNetwork
 
 logger = logging.getLogger(__name__)
 
@@ -75,10 +77,6 @@ _PATHS = (
 )
 
 
-class NetworkError(Exception):
-    """The network could not be joined, or was left."""
-
-
 @dataclass(frozen=True)
 class NetworkSettings:
     """Where the service is found.
@@ -95,12 +93,16 @@ class NetworkSettings:
     insecure: bool = False
 
 
-def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Session, str]:
-    """Return a zenoh session and its endpoint. Raises NetworkError, also once `stop` is set."""
+Join = Callable[[NetworkSettings, threading.Event], tuple[Network, str]]  # returns a session and its endpoint
+
+
+def join(settings: NetworkSettings, stop: threading.Event) -> tuple[ZenohNetwork, str]:
+    """Return a session and its endpoint. Raises NetworkError, also once `stop` is set."""
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when a process opens its first session
     config = _config(settings.config_file)
     if settings.connect is not None:
-        return _join_as_client(config, settings.connect, settings, stop), settings.connect
+        session = _join_as_client(config, settings.connect, settings, stop)
+        return ZenohNetwork(session), settings.connect
     _check_is_for_a_router(config, settings.config_file)
     endpoints = [_with_port(endpoint) for endpoint in _endpoints(config, settings)]
     _check_exposure(endpoints, config, insecure=settings.insecure)
@@ -111,7 +113,8 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[zenoh.Sessio
     }
     _insert(config, own)
     _allow_open_files()
-    return _open_session(config, ", ".join(endpoints)), endpoints[0].partition("#")[0]
+    session = _open_session(config, ", ".join(endpoints))
+    return ZenohNetwork(session), endpoints[0].partition("#")[0]
 
 
 def _join_as_client(

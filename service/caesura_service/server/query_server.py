@@ -14,12 +14,11 @@ import logging
 import threading
 from collections.abc import Callable, Mapping
 
-import zenoh
-
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
 from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
+from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import SessionState, program_of, snapshot_of
 from caesura_service.server.background_thread import BackgroundThread
@@ -33,9 +32,9 @@ from caesura_service.server.inbound import (
     source_of_key,
     sources_of,
 )
-from caesura_service.server.rates import LOG_RATE, Rate, RateLimit
 from caesura_service.server.result_publisher import reply_error, reply_message, with_load
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
+from caesura_service.token_bucket import LOG_RATE, Rate, RateLimit
 
 logger = logging.getLogger(__name__)
 
@@ -62,20 +61,20 @@ class QueryServer(BackgroundThread):
         self._registry = registry
         self._work_queue, self._budgets = work, budgets
         self._status = status
-        self._queue: WorkQueue[tuple[Callable[[zenoh.Query], None], zenoh.Query]] = WorkQueue(
+        self._queue: WorkQueue[tuple[Callable[[IncomingQuery], None], IncomingQuery]] = WorkQueue(
             QueueSettings(capacity=QUERIES, shares=1)
         )
         super().__init__("caesura-answers", self._queue.wake)
 
-    def snapshot(self, query: zenoh.Query) -> None:
+    def snapshot(self, query: IncomingQuery) -> None:
         """Enqueue a query for sessions."""
         self._enqueue_query(self._answer_snapshot, query)
 
-    def program(self, query: zenoh.Query) -> None:
+    def program(self, query: IncomingQuery) -> None:
         """Enqueue a query for stations' programs."""
         self._enqueue_query(self._answer_program, query)
 
-    def status(self, query: zenoh.Query) -> None:
+    def status(self, query: IncomingQuery) -> None:
         """Enqueue a query for the service's status."""
         self._enqueue_query(self._answer_status, query)
 
@@ -84,9 +83,9 @@ class QueryServer(BackgroundThread):
         own: dict[ErrorCode, int] = {"overloaded": self.rejected_commands} if self.rejected_commands else {}
         return {code: refused.get(code, 0) + own.get(code, 0) for code in {**refused, **own}}
 
-    def command(self, query: zenoh.Query) -> None:
+    def command(self, query: IncomingQuery) -> None:
         """Enqueue a command for the worker; in an overload only where it opens no new session."""
-        station = source_of_key(str(query.key_expr)).station
+        station = source_of_key(query.key).station
         if (refusal := self._budgets.reject_command(station or UNKNOWN)) is not None:
             self._reject_command(query, refusal)
         elif station is not None and self._work_queue.is_overloaded(*sources_of(station)):
@@ -94,13 +93,13 @@ class QueryServer(BackgroundThread):
         else:
             self._forward_command(CommandReceived(content_of_query(query), query))
 
-    def _enqueue_query(self, handle: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
+    def _enqueue_query(self, handle: Callable[[IncomingQuery], None], query: IncomingQuery) -> None:
         if self._query_rate.allows("every reader"):  # a query does not name its client
             self._enqueue(handle, query)
         else:
             _reply_overloaded(query, "too many questions a second", self._query_rate.rates[0].per_s)
 
-    def _enqueue(self, handle: Callable[[zenoh.Query], None], query: zenoh.Query) -> None:
+    def _enqueue(self, handle: Callable[[IncomingQuery], None], query: IncomingQuery) -> None:
         if not self._queue.offer((handle, query), "queries"):
             _reply_overloaded(query, "too many questions are waiting", self._queue.capacity)
 
@@ -114,9 +113,9 @@ class QueryServer(BackgroundThread):
             except Exception:
                 if self._log_rate.allows("any"):
                     logger.exception("a question was not answered")
-                query.drop()  # type: ignore[no-untyped-call]
+                query.drop()
 
-    def _admit_command(self, query: zenoh.Query) -> None:
+    def _admit_command(self, query: IncomingQuery) -> None:
         command = CommandReceived(content_of_query(query), query)
         if not self._opens_new_session(command.content):
             self._forward_command(command)
@@ -149,18 +148,17 @@ class QueryServer(BackgroundThread):
             refusal = ProtocolError("overloaded", why, value=most, limit=most)
             self._reject_command(command.query, refusal)
 
-    def _reject_command(self, query: zenoh.Query, refusal: ProtocolError) -> None:
+    def _reject_command(self, query: IncomingQuery, refusal: ProtocolError) -> None:
         with self._counting:
             self.rejected_commands += 1
         with query:
             reply_error(query, refusal)
 
-    def _answer_snapshot(self, query: zenoh.Query) -> None:
+    def _answer_snapshot(self, query: IncomingQuery) -> None:
         with query:
-            asked = query.key_expr
             for state in self._registry.index.all_states():
                 key = session_key(state.station, state.session, "snapshot")
-                if asked.intersects(key):
+                if query.matches(key):
                     reply_message(query, key, self._snapshot(state))
 
     def _snapshot(self, state: SessionState) -> Snapshot:
@@ -169,20 +167,19 @@ class QueryServer(BackgroundThread):
             update={"status": with_load(snapshot.status, self._work_queue, self._budgets)}
         )
 
-    def _answer_program(self, query: zenoh.Query) -> None:
+    def _answer_program(self, query: IncomingQuery) -> None:
         with query:
-            asked = query.key_expr
             for state in self._registry.index.newest_states():
                 key = station_key(state.station, "program")
-                if asked.intersects(key):
+                if query.matches(key):
                     reply_message(query, key, program_of(state))
 
-    def _answer_status(self, query: zenoh.Query) -> None:
+    def _answer_status(self, query: IncomingQuery) -> None:
         with query:
             status = self._status()
             reply_message(query, service_key(status.instance, "status"), status)
 
 
-def _reply_overloaded(query: zenoh.Query, why: str, limit: float) -> None:
+def _reply_overloaded(query: IncomingQuery, why: str, limit: float) -> None:
     with query:
         reply_error(query, ProtocolError("overloaded", why, limit=limit))

@@ -1,4 +1,4 @@
-"""Token buckets that limit how often a sender may send and how much work it may cause.
+"""The rates that limit how often a sender may send and how much work it may cause.
 
 Sizes and queues bound what a sender may hold; rates bound the work that it may cause. The numbers lie well
 above what honest clients do, so a sender that meets them is broken or hostile. Samples: a robot of 1 kHz that
@@ -12,29 +12,15 @@ who ask for everything twice a second.
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import inf
-from typing import NamedTuple
 
-SENDERS = 1024  # with own buckets; another is admitted once the one quiet for longest has full buckets
-
-
-class Rate(NamedTuple):
-    """Tokens per second, and the most at once."""
-
-    per_s: float
-    burst: float
-
+from caesura_service.token_bucket import Rate
 
 SAMPLE_RATE = Rate(5000.0, 10_000.0)  # messages of a station
 BYTE_RATE = Rate(16e6, 32e6)  # bytes of them
 COMMAND_RATE = Rate(500.0, 1000.0)  # of a station
 QUERY_RATE = Rate(2000.0, 4000.0)  # to the instance
 WORK_RATE = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
-LOG_RATE = Rate(0.1, 1.0)  # log lines about a station, or about what it caused
 
 
 @dataclass(frozen=True)
@@ -46,89 +32,3 @@ class RateSettings:
     commands: Rate = COMMAND_RATE
     queries: Rate = QUERY_RATE
     work: Rate = WORK_RATE
-
-
-class _Bucket(NamedTuple):
-    """The tokens of each rate that a sender had left at a time."""
-
-    tokens: Sequence[float]
-    at: float  # [s]
-
-
-class RateLimit:
-    """A token bucket for each sender, of one rate or several at once; any thread may call it.
-
-    `allows` takes tokens that are there, before a message is accepted. `charge` takes the cost of work,
-    which is measured afterwards: the bucket may go into debt, and the sender waits until it is out of it.
-    """
-
-    def __init__(
-        self, *rates: Rate, senders: int = SENDERS, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.rates = rates
-        self._senders = senders
-        self._clock = clock
-        self._buckets: dict[str, _Bucket] = {}  # the sender that sent last stands last
-        self._full = _Bucket([rate.burst for rate in rates], -inf)
-        self._lock = threading.Lock()
-
-    def allows(self, sender: str, cost: float = 1.0, *further: float) -> bool:
-        """Take so many tokens of each rate, if the sender has them all; return whether it had."""
-        return self.lacking(sender, cost, *further) is None
-
-    def lacking(self, sender: str, cost: float = 1.0, *further: float) -> int | None:
-        """Take tokens as `allows`; return the index of the first rate that lacks tokens, or None."""
-        with self._lock:
-            now = self._clock()
-            bucket = self._buckets.pop(sender, None)
-            if bucket is None:
-                if not self._has_room(now):
-                    return 0
-                bucket = self._full
-            filled = self._filled(bucket, now)
-            left = [tokens - each for tokens, each in zip(filled, (cost, *further), strict=True)]
-            lacks = next((index for index, tokens in enumerate(left) if tokens < 0.0), None)
-            self._buckets[sender] = bucket if lacks is not None else _Bucket(left, now)
-        return lacks
-
-    def charge(self, sender: str, cost: float) -> None:
-        """Take tokens of the only rate, also into debt; too many senders evict the oldest bucket."""
-        with self._lock:
-            now = self._clock()
-            (tokens,) = self._filled(self._buckets.pop(sender, self._full), now)
-            self._buckets[sender] = _Bucket([tokens - cost], now)
-            if len(self._buckets) > self._senders:
-                del self._buckets[next(iter(self._buckets))]
-
-    def is_spent(self, sender: str) -> bool:
-        """Return whether a rate has no tokens left."""
-        bucket = self._buckets.get(sender)
-        return bucket is not None and min(self._filled(bucket, self._clock())) <= 0.0
-
-    def used(self, sender: str) -> list[float]:
-        """Return the tokens of each rate that are missing to a full bucket."""
-        filled = self._filled(self._buckets.get(sender, self._full), self._clock())
-        return [rate.burst - tokens for rate, tokens in zip(self.rates, filled, strict=True)]
-
-    def senders(self) -> list[str]:
-        """Return the senders that have a bucket."""
-        with self._lock:
-            return list(self._buckets)
-
-    def _filled(self, bucket: _Bucket, now: float) -> list[float]:
-        """Return the tokens of each rate at a time, at most its burst. now: [s]."""
-        passed_s = now - bucket.at
-        return [
-            by_now if (by_now := tokens + passed_s * per_s) < burst else burst
-            for (per_s, burst), tokens in zip(self.rates, bucket.tokens, strict=True)
-        ]
-
-    def _has_room(self, now: float) -> bool:
-        """Whether there is room for a sender; the oldest one with full buckets is evicted for it."""
-        if len(self._buckets) < self._senders:
-            return True
-        oldest = next(iter(self._buckets))
-        if self._filled(self._buckets[oldest], now) != self._full.tokens:
-            return False
-        del self._buckets[oldest]
-        return True

@@ -10,9 +10,7 @@ import logging
 from collections.abc import Mapping
 from functools import partial
 
-import zenoh
-
-from caesura_protocol.codec import encode_error
+from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.fragments import fragment
 from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
@@ -26,20 +24,19 @@ from caesura_protocol.messages import (
     Segments,
     SessionStatus,
 )
-from caesura_protocol.transport.zenoh_transport import encoding_of
+from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     Arrival,
     PendingReplay,
+    RawPayload,
     ReplayFinished,
     SamplesReceived,
-    content_of,
-    content_of_error,
     sources_of,
 )
 from caesura_service.server.lanes import Lanes
-from caesura_service.server.network import QUERY_TIMEOUT_S
+from caesura_service.server.transport import Incoming, Network, NetworkError, Publisher
 from caesura_service.server.work_queue import WorkQueue
 
 logger = logging.getLogger(__name__)
@@ -58,13 +55,11 @@ STREAMS: Mapping[type[Result], SessionPart] = {
 
 
 class ResultPublisher:
-    """Puts and queries over one zenoh session; only the worker calls it."""
+    """Puts and queries over one network session; only the worker calls it."""
 
-    def __init__(
-        self, network: zenoh.Session, queue: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes
-    ) -> None:
+    def __init__(self, network: Network, queue: WorkQueue[Arrival], budgets: Budgets, lanes: Lanes) -> None:
         self._network = network
-        self._publishers: dict[str, zenoh.Publisher] = {}  # whichever was used last stands last
+        self._publishers: dict[str, Publisher] = {}  # whichever was used last stands last
         self._queue, self._budgets, self._lanes = queue, budgets, lanes
         self._under_way = 0
         self._waiting: dict[tuple[str, str], RequestReplay] = {}
@@ -76,14 +71,14 @@ class ResultPublisher:
             message = with_load(message, self._queue, self._budgets)
         try:
             put(self._publisher(key_of(message), low=isinstance(message, Posterior)), message)
-        except (ProtocolError, zenoh.ZError):
+        except (ProtocolError, NetworkError):
             logger.exception("%s was not published", type(message).__name__)
 
-    def _publisher(self, key: str, *, low: bool) -> zenoh.Publisher:
+    def _publisher(self, key: str, *, low: bool) -> Publisher:
         publisher = self._publishers.pop(key, None) or publisher_of(self._network, key, low=low)
         self._publishers[key] = publisher
         if len(self._publishers) > PUBLISHERS:
-            self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
+            self._publishers.pop(next(iter(self._publishers))).undeclare()
         return publisher
 
     def request_replay(self, request: RequestReplay) -> None:
@@ -103,13 +98,13 @@ class ResultPublisher:
             if not self._lanes.submit(request.station, partial(self._send_request, request)):
                 self._finish_replay(PendingReplay(request))
 
-    def reply(self, query: zenoh.Query, key: str, station: str, reply: Ack | ProtocolError) -> None:
+    def reply(self, query: IncomingQuery, key: str, station: str, reply: Ack | ProtocolError) -> None:
         """Reply to a command of a station; the reply is dropped where too many of the station wait."""
         if not self._lanes.submit(station, partial(_send_reply, query, key, reply)):
-            query.drop()  # type: ignore[no-untyped-call]
+            query.drop()
 
     def _send_request(self, request: RequestReplay) -> None:
-        """Query a bridge's ring; the reply may block (BLOCK), in a queue behind live samples (DATA_LOW).
+        """Query a bridge's ring.
 
         A query that fails is finished at once, because it counts as under way until then.
         """
@@ -122,33 +117,23 @@ class ResultPublisher:
 
     def _get_batches(self, replay: PendingReplay, request: RequestReplay) -> None:
         wanted = ReplayRange(request.first, request.last, request.last - request.first + 1, request.session)
-        selector = f"{station_key(request.station, 'replay')}?{replay_parameters(wanted)}"
-        handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
-            lambda reply: self._receive_reply(replay, reply),
-            lambda: self._finish_replay(replay),
-            indirect=False,
-        )
-        self._network.get(
-            selector,
-            handler,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.DATA_LOW,
-            timeout=QUERY_TIMEOUT_S,
+        self._network.request(
+            station_key(request.station, "replay"),
+            replay_parameters(wanted),
+            received=partial(self._receive_reply, replay),
+            refused=partial(_receive_refusal, replay),
+            ended=partial(self._finish_replay, replay),
         )
 
-    def _receive_reply(self, replay: PendingReplay, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            replay.replies += 1
-            arrival = SamplesReceived(content_of(reply.ok), replay.request.station)
-            station = replay.request.station
-            size = len(arrival.content.payload)
-            has_room = self._budgets.reject_work(station) is None and self._queue.offer(
-                arrival, station, size, station
-            )
-            replay.dropped += not has_room
-        elif reply.err is not None:
-            replay.refusal = content_of_error(reply.err)
+    def _receive_reply(self, replay: PendingReplay, reply: Incoming) -> None:
+        replay.replies += 1
+        station = replay.request.station
+        arrival = SamplesReceived(RawPayload.of(*reply), station)
+        size = len(arrival.content.payload)
+        has_room = self._budgets.reject_work(station) is None and self._queue.offer(
+            arrival, station, size, station
+        )
+        replay.dropped += not has_room
 
     def _finish_replay(self, replay: PendingReplay) -> None:
         """Enqueue the end of a replay, once: Zenoh ends some of the queries that fail."""
@@ -156,19 +141,15 @@ class ResultPublisher:
             self._queue.put_unbounded(ReplayFinished(replay), replay.request.station)
 
 
-def publisher_of(network: zenoh.Session, key: str, *, low: bool = False) -> zenoh.Publisher:
+def publisher_of(network: Network, key: str, *, low: bool = False) -> Publisher:
     """Declare a publisher that never waits. low: with low priority."""
-    return network.declare_publisher(
-        key,
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.DATA_LOW if low else zenoh.Priority.DATA_HIGH,
-    )
+    return network.declare_publisher(key, "data_low" if low else "data_high")
 
 
-def put(publisher: zenoh.Publisher, message: Message) -> None:
-    """Put a message. Raises ProtocolError for one that is too large, or ZError."""
+def put(publisher: Publisher, message: Message) -> None:
+    """Put a message. Raises ProtocolError for one that is too large, or NetworkError."""
     for encoded in fragment(message):
-        publisher.put(encoded.payload, encoding=encoding_of(encoded.encoding))
+        publisher.put(encoded)
 
 
 def with_load(status: SessionStatus, queue: WorkQueue[Arrival], budgets: Budgets) -> SessionStatus:
@@ -185,7 +166,11 @@ def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Progra
     return session_key(message.station, message.session, STREAMS[type(message)])
 
 
-def _send_reply(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> None:
+def _receive_refusal(replay: PendingReplay, refusal: Encoded) -> None:
+    replay.refusal = refusal
+
+
+def _send_reply(query: IncomingQuery, key: str, reply: Ack | ProtocolError) -> None:
     with query:
         if isinstance(reply, ProtocolError):
             reply_error(query, reply)
@@ -193,16 +178,15 @@ def _send_reply(query: zenoh.Query, key: str, reply: Ack | ProtocolError) -> Non
             reply_message(query, key, reply)
 
 
-def reply_message(query: zenoh.Query, key: str, message: Message) -> None:
+def reply_message(query: IncomingQuery, key: str, message: Message) -> None:
     """Reply to a query on a key of this instance; an error where it is too large."""
     try:
         for encoded in fragment(message):
-            query.reply(key, encoded.payload, encoding=encoded.encoding)
+            query.reply(key, encoded)
     except ProtocolError as error:
         reply_error(query, error)
 
 
-def reply_error(query: zenoh.Query, error: ProtocolError) -> None:
+def reply_error(query: IncomingQuery, error: ProtocolError) -> None:
     """Reply with an error that states the reason."""
-    encoded = encode_error(error)
-    query.reply_err(encoded.payload, encoding=encoded.encoding)
+    query.refuse(encode_error(error))

@@ -11,20 +11,19 @@ import logging
 import time
 from collections.abc import Callable
 
-import zenoh
-
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_samples_parameters, parse_session_key
 from caesura_protocol.messages import RecordedSamples
+from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
-from caesura_service.decimation.reader import Owned
+from caesura_service.decimation.reader import SLICE_S, Owned
 from caesura_service.journal import JournalError, Key
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.rates import LOG_RATE, Rate, RateLimit
 from caesura_service.server.result_publisher import reply_error, reply_message
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
+from caesura_service.token_bucket import LOG_RATE, Rate, RateLimit
 
 logger = logging.getLogger(__name__)
 
@@ -43,13 +42,13 @@ class SampleServer(BackgroundThread):
         self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
         self._looks_at = 0.0  # [s]
         self._query_rate, self._log_rate = RateLimit(queries), RateLimit(LOG_RATE)
-        self._queue: WorkQueue[tuple[zenoh.Query, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
+        self._queue: WorkQueue[tuple[IncomingQuery, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-samples", self._queue.wake)
 
-    def take(self, query: zenoh.Query) -> None:
+    def take(self, query: IncomingQuery) -> None:
         """Enqueue a query. Called by the network's threads."""
         try:
-            station, session, _ = parse_session_key(str(query.key_expr))
+            station, session, _ = parse_session_key(query.key)
         except ProtocolError as error:  # a wildcard: of all sessions it would be too much
             with query:
                 reply_error(query, error)
@@ -92,18 +91,18 @@ class SampleServer(BackgroundThread):
             if is_made:
                 self._ended.discard(key)
 
-    def _step(self, query: zenoh.Query, station: str, session: str) -> None:
+    def _step(self, query: IncomingQuery, station: str, session: str) -> None:
         """Answer a query, or read some more of the session that it is for, and let other stations go on."""
         owned = self._owned(station, session)
         if owned is None:
-            query.drop()  # type: ignore[no-untyped-call]
+            query.drop()
             return  # another instance may have it
-        reply = self._reply(owned, str(query.parameters))
+        reply = self._reply(owned, query.parameters)
         if reply is None and self._queue.put((query, station, session), station):
             return
         with query:
             if isinstance(reply, RecordedSamples):
-                reply_message(query, str(query.key_expr), reply)
+                reply_message(query, query.key, reply)
             else:
                 reply_error(query, reply or ProtocolError("overloaded", "too many queries for samples"))
 
@@ -111,7 +110,7 @@ class SampleServer(BackgroundThread):
         """None: more of the session has to be read before."""
         try:
             wanted = parse_samples_parameters(parameters)
-            return self._reader.read(owned, wanted) if self._reader.advance(owned) else None
+            return self._reader.read(owned, wanted, SLICE_S)
         except ProtocolError as error:
             return error
         except JournalError as error:

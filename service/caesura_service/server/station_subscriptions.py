@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Set
-from typing import Any
-
-import zenoh
 
 from caesura_protocol.keys import station_key
-from caesura_protocol.transport.zenoh_transport import direct
+from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.server.subscriber_poller import SubscriberPoller
+from caesura_service.server.transport import Declaration, Network
 
 ALL = "*"
 
@@ -20,15 +18,15 @@ class StationSubscriptions:
 
     def __init__(
         self,
-        network: zenoh.Session,
+        network: Network,
         *,
         samples: SubscriberPoller,
-        control: Callable[[zenoh.Query], None],
-        program: Callable[[zenoh.Query], None],
+        control: Callable[[IncomingQuery], None],
+        program: Callable[[IncomingQuery], None],
     ) -> None:
         self._network = network
         self._samples, self._control, self._program = samples, control, program
-        self._declared: dict[str, tuple[Any, ...]] = {}
+        self._declared: dict[str, tuple[Declaration, ...]] = {}
         self._closed = False
         self._lock = threading.Lock()
 
@@ -46,12 +44,12 @@ class StationSubscriptions:
         self._closed = True
         self.set(frozenset())
 
-    def _declare(self, station: str) -> tuple[Any, ...]:
+    def _declare(self, station: str) -> tuple[Declaration, ...]:
         network = self._network
         self._samples.declare(network, station_key(station, "samples"))
         return (
-            network.declare_queryable(station_key(station, "control"), direct(self._control)),
-            network.declare_queryable(station_key(station, "program"), direct(self._program)),
+            network.declare_queryable(station_key(station, "control"), self._control),
+            network.declare_queryable(station_key(station, "program"), self._program),
         )
 
     def _undeclare(self, station: str) -> None:

@@ -13,14 +13,10 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from typing import Any
-
-import zenoh
 
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.rates import LOG_RATE, RateLimit
-
-Receive = Callable[[], zenoh.Sample | None]  # from a channel; raises ZError once it is undeclared and empty
+from caesura_service.server.transport import Incoming, Network, Subscriber
+from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 
@@ -33,22 +29,21 @@ CHANNEL = 256  # messages of one expression; in a full one the link waits, whose
 class SubscriberPoller(BackgroundThread):
     """Passes received samples to a callback, one at a time, while the context lasts."""
 
-    def __init__(self, handle: Callable[[zenoh.Sample], None]) -> None:
+    def __init__(self, handle: Callable[[Incoming], None]) -> None:
         """take: only enqueues; called in more threads than one, never at once."""
         self._handle = handle
-        self._declared: dict[str, tuple[Any, Receive]] = {}
+        self._declared: dict[str, Subscriber] = {}
         self._turn = threading.Lock()
         self._log_rate = RateLimit(LOG_RATE)
         super().__init__("caesura-gathering", lambda: None)
 
-    def declare(self, network: zenoh.Session, key: str) -> None:
+    def declare(self, network: Network, key: str) -> None:
         """Subscribe to a key expression."""
-        subscriber = network.declare_subscriber(key, zenoh.handlers.FifoChannel(CHANNEL))
-        self._declared[key] = subscriber, subscriber.handler.try_recv
+        self._declared[key] = network.declare_subscriber(key, CHANNEL)
 
     def undeclare(self, key: str) -> None:
         """Unsubscribe, after passing on what was received."""
-        self._declared[key][0].undeclare()
+        self._declared[key].undeclare()
         self.drain()
         del self._declared[key]
 
@@ -56,18 +51,15 @@ class SubscriberPoller(BackgroundThread):
         """Pass on every received sample; return how many. Any thread may call it."""
         handled = 0
         with self._turn:
-            for _, receive in tuple(self._declared.values()):
+            for subscriber in tuple(self._declared.values()):
                 most = CHANNEL  # a station that never stops keeps no other waiting
-                try:
-                    while most and (sample := receive()) is not None:
-                        self._handle_one(sample)
-                        most -= 1
-                except zenoh.ZError:  # empty, and no longer declared
-                    pass
+                while most and (sample := subscriber.try_recv()) is not None:
+                    self._handle_one(sample)
+                    most -= 1
                 handled += CHANNEL - most
         return handled
 
-    def _handle_one(self, sample: zenoh.Sample) -> None:
+    def _handle_one(self, sample: Incoming) -> None:
         try:
             self._handle(sample)
         except Exception:

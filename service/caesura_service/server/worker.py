@@ -48,10 +48,10 @@ from caesura_service.server.inbound import (
     source_of_key,
     station_of,
 )
-from caesura_service.server.rates import LOG_RATE, SENDERS, RateLimit
 from caesura_service.server.result_publisher import ResultPublisher
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import WHOLE, WorkQueue
+from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
 Given = TypeVarTuple("Given")

@@ -1,8 +1,7 @@
 """The service on the network: its subscriptions, queryables, and its start and stop.
 
-Every callback of the network only enqueues: one that works would stop all reception. They run directly in the
-network's thread, and samples are drained before a command: in a thread for each declaration a close overtook
-the batches before it in one of six runs, and was refused and repeated.
+Every callback of the network only enqueues: one that works would stop all reception. Samples are drained
+before a command, so that a close does not overtake the batches before it.
 
 At the start sessions are taken over, then subscribed to, then announced by the token, so that others release
 only what this instance has. Stopping goes the same way backwards, and closes the network session last: an
@@ -19,11 +18,9 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-import zenoh
-
 from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import ServiceStatus
-from caesura_protocol.transport.zenoh_transport import direct
+from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
@@ -38,17 +35,19 @@ from caesura_service.server.inbound import (
 )
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
-from caesura_service.server.network import DEFAULT_ENDPOINT, NetworkSettings, join
+from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer
-from caesura_service.server.rates import LOG_RATE, RateLimit, RateSettings
+from caesura_service.server.rates import RateSettings
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
 from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.subscriber_poller import SubscriberPoller
+from caesura_service.server.transport import Incoming, Network
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
+from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 
@@ -68,8 +67,12 @@ class ZenohServer:
         rates: RateSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
+        join: Join = join,
     ) -> None:
-        """samples: answers for the journal; stop: set when the process no longer waits for a router."""
+        """samples: answers for the journal; stop: set when the process no longer waits for a router.
+
+        join: joins the network by its settings; `memory_network.in_memory` needs none.
+        """
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
         self._registry = registry
@@ -78,6 +81,7 @@ class ZenohServer:
         self._version = version
         self._clock = clock
         self._stop = stop or threading.Event()
+        self._join = join
         self._queue: WorkQueue[Arrival] = WorkQueue(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
         rates = rates or RateSettings()
@@ -89,7 +93,7 @@ class ZenohServer:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        network, self.endpoint = join(self._settings, self._stop)
+        network, self.endpoint = self._join(self._settings, self._stop)
         with ExitStack() as stack:
             stack.callback(network.close)
             stack.enter_context(self._queries)
@@ -146,7 +150,7 @@ class ZenohServer:
             budgets=self.budgets.busiest(),
         )
 
-    def _declare(self, stack: ExitStack, network: zenoh.Session) -> None:
+    def _declare(self, stack: ExitStack, network: Network) -> None:
         """Declare what belongs to no station: status, snapshots, the overload monitor."""
         key = service_key(self._owner.instance, "status")
         announced = publisher_of(network, key)
@@ -156,28 +160,28 @@ class ZenohServer:
             (session_key("*", "*", "samples"), self._samples.take),
             (key, self._queries.status),
         ):
-            stack.callback(network.declare_queryable(asked, direct(callback)).undeclare)
+            stack.callback(network.declare_queryable(asked, callback).undeclare)
 
-    def _announce(self, stack: ExitStack, network: zenoh.Session) -> None:
+    def _announce(self, stack: ExitStack, network: Network) -> None:
         """Declare the own token, then watch those of others."""
-        token = network.liveliness().declare_token(service_key(self._owner.instance, "alive"))
+        token = network.declare_token(service_key(self._owner.instance, "alive"))
         stack.callback(token.undeclare)
         client = self._settings.connect is not None
         stack.enter_context(watch_tokens(network, self._queue.put, client=client))
         self._queue.put_unbounded(Watching())
 
-    def _handle_command(self, query: zenoh.Query) -> None:
+    def _handle_command(self, query: IncomingQuery) -> None:
         self._poller.drain()  # samples put before the command are processed before it
         self._queries.command(query)
 
-    def _handle_samples(self, sample: zenoh.Sample) -> None:
-        key, payload = str(sample.key_expr), sample.payload
+    def _handle_samples(self, sample: Incoming) -> None:
+        key, payload, encoding = sample
         source, station = source_of_key(key)
         lane = station or UNKNOWN
         if (refusal := self.budgets.reject_put(lane, len(payload))) is not None:
             self._drop(source, refusal.message)
             return
-        content = RawPayload.from_zbytes(key, payload, str(sample.encoding))
+        content = RawPayload.of(key, payload, encoding)
         self._queue.offer(SamplesReceived(content, station), source, len(content.payload), lane)
 
     def _drop(self, source: str, why: str) -> None:

@@ -71,6 +71,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
         capped=status.capped,
         length_unit=status.length_unit,
         force_limit_n=snapshot.program.force_limit_n,
+        robot=snapshot.program.robot,
         phases=packed(Phase, snapshot.segments.phases),
     )
 
@@ -101,4 +102,7 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         revision=status.revision,
         undoable=status.undoable,
         redoable=status.redoable,
+        description=status.description,
+        described=status.described,
+        opened=status.opened,
     )

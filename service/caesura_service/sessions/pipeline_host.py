@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Action, Open, Redo, Undo
+from caesura_protocol.messages import Action, Description, Open, Redo, Undo
 from caesura_service.journal import Edit
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
@@ -38,8 +38,16 @@ class PipelineHost:
     """
 
     def __init__(
-        self, station: str, opening: Open, pipeline: Pipeline, *, owner: Owner, limits: Limits
+        self,
+        station: str,
+        opening: Open,
+        pipeline: Pipeline,
+        *,
+        owner: Owner,
+        limits: Limits,
+        opened: float | None = None,
     ) -> None:
+        """opened: time of day of the first opening [s], where it is known."""
         self.corrections = EditHistory()
         self._pipeline = pipeline
         self._applied_corrections: tuple[ResolvedEdit, ...] = ()  # corrections that the pipeline applies
@@ -52,6 +60,7 @@ class PipelineHost:
         self._status_pending = False  # a status is to be published once the throttle allows it
         preset = opening.preset or ""
         first = messages.initial_state(station, opening.session, owner, preset, pipeline.view)
+        first = first._replace(description=opening.description or Description(), opened=opened)
         self._latest: tuple[SessionState, int, int] = (first, 0, 0)  # and the batches and samples since
 
     @property
@@ -135,6 +144,12 @@ class PipelineHost:
         self._status_t = max(self._status_t, self.state.view.t)
         self._program_t, self._program_pending = observed_until_s(self.state.view), False
         return [*outputs]
+
+    def describe(self, description: Description, *, changes: int = 1) -> Publish:
+        """Replace the description, and publish it. changes: how many `Describe` this counts as."""
+        described = self.state.described + changes
+        self.state = self.state._replace(description=description, described=described)
+        return self.publish_status()
 
     # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
     # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all

@@ -19,7 +19,18 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Ack, Close, Edit, Error, Heartbeat, Open, Redo, SampleBatch, Undo
+from caesura_protocol.messages import (
+    Ack,
+    Close,
+    Describe,
+    Edit,
+    Error,
+    Heartbeat,
+    Open,
+    Redo,
+    SampleBatch,
+    Undo,
+)
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
@@ -46,10 +57,14 @@ class Session:
         owner: Owner,
         journal: Journal,
         limits: Limits,
+        opened: float | None = None,
     ) -> None:
-        """opening: with its preset filled in, so that a replay does not depend on the service's choice."""
+        """opening: with its preset filled in, so that a replay does not depend on the service's choice.
+
+        opened: time of day of the first opening [s], where it is known.
+        """
         self._opening = opening
-        self._host = PipelineHost(station, opening, pipeline, owner=owner, limits=limits)
+        self._host = PipelineHost(station, opening, pipeline, owner=owner, limits=limits, opened=opened)
         self._journal = SessionJournal(station, opening.session, journal)
         self._receiver = BatchReceiver(station, opening, self._host, self._journal, limits)
         self._collects_edits = False  # edits are collected, their corrections filtered at the end
@@ -81,6 +96,11 @@ class Session:
         return self._has_pipeline
 
     @property
+    def has_records(self) -> bool:
+        """Whether this instance's journal has the session's records, so that more can follow."""
+        return self.is_open or self._journal.exist
+
+    @property
     def revision(self) -> int:
         """Edits so far."""
         return self.state.revision
@@ -109,7 +129,7 @@ class Session:
                         self._receiver.declare_lost(target)
                     case AppliedEdit() as edit:
                         self._host.replay_edit(edit, record.at)
-                    case Open() | SampleBatch() | Close() as message:
+                    case Open() | SampleBatch() | Close() | Describe() as message:
                         self.receive(message, record.at)
                 yield
         self._receiver.reset_backoff()
@@ -122,17 +142,20 @@ class Session:
 
         edits: as in `replay_records`. Publishes nothing. Raises as `receive`.
         """
-        before = self.is_open, self.revision
+        before = self.is_open, self.revision, self.state.described
+        known = self.state.described  # so many of the descriptions were applied earlier
         try:
             with self._collecting_edits():
                 self._host.prefilter_edits(edits)
                 for record in records:
-                    if self.is_open or isinstance(record.message, AppliedEdit):
+                    if isinstance(record.message, Describe) and known > 0:
+                        known -= 1
+                    elif self.is_open or isinstance(record.message, AppliedEdit | Describe):
                         self._apply_peer_record(record)
                     yield
         finally:
             self._receiver.reset_backoff()
-            if (self.is_open, self.revision) != before:
+            if (self.is_open, self.revision, self.state.described) != before:
                 self._store_outcome()
 
     @contextmanager
@@ -178,8 +201,8 @@ class Session:
                 return self._receive_opening(message, now)
             case Close():
                 return self._receive_close(message, now)
-            case Edit():
-                return self._receive_edit(message, now)
+            case Edit() | Describe():
+                return self._receive_change(message, now)
 
     def check_revision(self, edit: Edit) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""
@@ -230,8 +253,8 @@ class Session:
         return self._receiver.announce_seq(heartbeat.seq, now)
 
     def _receive_opening(self, reopening: Open, now: float) -> list[Output]:
-        if reopening.preset is None:
-            reopening = reopening.model_copy(update={"preset": self._opening.preset})
+        own = {"preset": reopening.preset or self._opening.preset, "description": self._opening.description}
+        reopening = reopening.model_copy(update=own)
         try:
             next_state(self.state.lifecycle, "open")
         except ProtocolError as refusal:
@@ -242,12 +265,14 @@ class Session:
         if reopening.epoch == self._opening.epoch:
             self._check_bridge(reopening)
         mine = {"epoch": self._opening.epoch, "bridge": self._opening.bridge}
-        if reopening.model_copy(update=mine) != self._opening:
+        if (stated := reopening.model_copy(update=mine)) != self._opening:
+            there = vars(self._opening)
+            differing = {name: value for name, value in vars(stated).items() if value != there[name]}
             raise ProtocolError(
                 "conflict",
-                "the session is open as something else",
-                value=str(reopening),
-                expected=str(self._opening),
+                f"the session is open as something else: other {', '.join(differing)}",
+                value=", ".join(f"{name} {value!r}" for name, value in differing.items()),
+                expected=", ".join(f"{name} {there[name]!r}" for name in differing),
             )
         if reopening.epoch > self._opening.epoch:
             return [*self._resume(reopening, now), self._ack()]
@@ -267,7 +292,16 @@ class Session:
         if close.last_seq > reached:
             return self._request_rest(close, now)
         self._journal.append(close, now)
+        if close.success is not None:
+            stated = self.state.description.model_copy(update={"success": close.success})
+            return [self._host.describe(stated, changes=0), *self._finish()]
         return self._finish()
+
+    def _receive_change(self, change: Edit | Describe, now: float) -> list[Output]:
+        """Process what an operator changes, of an open session or a closed one."""
+        if isinstance(change, Describe):
+            return self._receive_description(change, now)
+        return self._receive_edit(change, now)
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
         next_state(self.state.lifecycle, "edit")
@@ -280,9 +314,23 @@ class Session:
         self._store_outcome()
         return [*outputs, self._ack()]
 
+    def _receive_description(self, command: Describe, now: float) -> list[Output]:
+        next_state(self.state.lifecycle, "describe")
+        present = self.state.description
+        if present == command.description:
+            return [self._ack()]  # a repeated command, whose answer was lost
+        if present != command.before:
+            why = "another operator has described the session meanwhile: read it again"
+            raise ProtocolError("conflict", why, value=str(command.before), expected=str(present))
+        self._check_records_exist()
+        self._journal.append(command, now)
+        status = self._host.describe(command.description)
+        self._store_outcome()
+        return [status, self._ack()]
+
     def _check_records_exist(self) -> None:
         """Check that a closed session still has records. Raises ProtocolError `conflict`."""
-        if not (self.is_open or self._journal.exist):
+        if not self.has_records:
             why = "the journal no longer has the session's samples: it cannot be corrected"
             raise ProtocolError("conflict", why, value=self.name)
 
@@ -306,6 +354,8 @@ class Session:
                 self.receive(reopening, record.at)
             case Close() as close:
                 self.receive(close, record.at)
+            case Describe() as description:
+                self.receive(description, record.at)
             case AppliedEdit() as edit if edit.revision == self.revision:
                 self._journal.append(edit, record.at)
                 self._host.replay_edit(edit, record.at)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import JOINTS
 from caesura_service.signals.backend import REFERENCE, Backend
 from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.numpy_operations import FILLED, FORCE, LEFT_OPEN, TURN
@@ -49,8 +48,8 @@ def columns_of(layout: SampleLayout) -> FlangeColumns:
     """Lay out a session's flange rows; the last two columns are the gripper's width and closed flag."""
     orientation = ORIENTATION if layout.has_orientation else None
     end = TURN + 4 if orientation else TURN
-    joints = slice(end, end + JOINTS) if layout.has("q") else None
-    end += JOINTS if joints else 0
+    joints = slice(end, end + layout.joints) if layout.has("q") else None
+    end += layout.joints if joints else 0
     torque = slice(end, end + 3) if layout.has_torque else None
     end += 3 if torque else 0
     sources = np.full(end + 2, LEFT_OPEN)

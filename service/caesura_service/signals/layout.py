@@ -15,6 +15,7 @@ from typing import NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.constants import JOINTS, JOINTS_MOST
 from caesura_service.signals.backend import REFERENCE, Backend
 from caesura_service.signals.rotation import lengths
 from caesura_service.signals.wrench import (
@@ -32,10 +33,10 @@ WrenchOfJointTorques = Callable[[Array, Array], Array]
 SIGNALS: Mapping[str, tuple[str, ...]] = {
     "pos": ("px", "py", "pz"),
     "quat": ("qx", "qy", "qz", "qw"),
-    "q": tuple(f"q{i}" for i in range(1, 8)),
+    "q": tuple(f"q{i}" for i in range(1, JOINTS_MOST + 1)),
     "force": ("fx", "fy", "fz"),
     "torque": ("mx", "my", "mz"),
-    "tau": tuple(f"tau{i}" for i in range(1, 8)),
+    "tau": tuple(f"tau{i}" for i in range(1, JOINTS_MOST + 1)),
     "gripper": ("gripper",),
 }
 _KNOWN = {column: signal for signal, columns in SIGNALS.items() for column in columns}
@@ -56,9 +57,11 @@ class SampleLayout:
     columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: one of `WRENCH_SOURCES`; None: not
     stated. hand_on_robot: does a person guide this robot, "yes", "no" or "unknown"?
     force_frame: "base" or "flange". metres_per_unit: of the position columns (1, 0.01, 0.001).
-    pose_of_joints: q (n, 7) [rad] → flange positions (n, 3) [m] and quaternions (n, 4) x y z w, base frame.
-    wrench_of_joint_torques: q (n, 7), tau (n, 7) [Nm] → wrench on the flange (n, 6) [N, Nm], base axes.
-    Both are called with any number of rows; each row of the answer may depend on its own row only.
+    joints: how many the robot has.
+    pose_of_joints: q (n, joints) [rad] → flange positions (n, 3) [m] and quaternions (n, 4) x y z w.
+    wrench_of_joint_torques: q, tau (n, joints) [Nm] → wrench on the flange (n, 6) [N, Nm].
+    Both answer in the base frame, for any number of rows; each row of the answer may depend on its own row
+    only.
     Raises ValueError for columns or options that cannot be segmented.
     """
 
@@ -69,6 +72,7 @@ class SampleLayout:
     pose_of_joints: PoseOfJoints | None = None
     wrench_of_joint_torques: WrenchOfJointTorques | None = None
     hand_on_robot: str = "unknown"
+    joints: int = JOINTS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
@@ -82,7 +86,7 @@ class SampleLayout:
 
     def has(self, signal: str) -> bool:
         """Whether the signal's columns are there."""
-        return set(SIGNALS[signal]) <= set(self.columns)
+        return set(self._names(signal)) <= set(self.columns)
 
     @cached_property
     def source_in_use(self) -> str:
@@ -103,6 +107,13 @@ class SampleLayout:
         return self.has("quat") or (self.has("q") and self.pose_of_joints is not None)
 
     @property
+    def needs_robot(self) -> bool:
+        """Whether pose or wrench are computed from the joints."""
+        if not self.has("q") or self.pose_of_joints is None:
+            return False
+        return not (self.has("pos") and self.has("quat")) or "tau" in self.slices
+
+    @property
     def has_torque(self) -> bool:
         """Whether a torque of the environment is measured: beside a force that shows contact."""
         return self.has("torque") and self.has("force") and self.source.contact_models
@@ -112,7 +123,7 @@ class SampleLayout:
         """Signal → its place among the values, the columns after the time in what `take` returns."""
         place, slices = 0, {}
         for signal in self._used():
-            width = len(SIGNALS[signal])
+            width = len(self._names(signal))
             slices[signal] = slice(place, place + width)
             place += width
         return slices
@@ -150,13 +161,17 @@ class SampleLayout:
 
     @cached_property
     def _picked(self) -> NDArray[np.intp]:
-        names = ["t", *(column for signal in self._used() for column in SIGNALS[signal])]
+        names = ["t", *(column for signal in self._used() for column in self._names(signal))]
         return np.array([self.columns.index(name) for name in names], dtype=np.intp)
 
     @property
     def _limits(self) -> Array:
         """How large a value of each column may be; nothing infinite and no nan is below any limit."""
         return np.array([LIMITS[column][0] if column in LIMITS else LARGEST for column in self.columns])
+
+    def _names(self, signal: str) -> tuple[str, ...]:
+        """Columns of a signal, of a robot with so many joints."""
+        return SIGNALS[signal][: self.joints] if signal in {"q", "tau"} else SIGNALS[signal]
 
     def _used(self) -> tuple[str, ...]:
         unused = set() if self.has_torque else {"torque"}
@@ -192,7 +207,11 @@ class SampleLayout:
         for column in self.columns[1:]:
             if column not in _KNOWN:
                 raise ValueError(f"unknown column {column!r}, known: {['t', *_KNOWN]}")
-            missing = set(SIGNALS[_KNOWN[column]]) - set(self.columns)
+            if column not in self._names(_KNOWN[column]):
+                raise ValueError(
+                    f"column {column!r} is there, but its robot has {self.joints} joints in a row"
+                )
+            missing = set(self._names(_KNOWN[column])) - set(self.columns)
             if missing:
                 raise ValueError(
                     f"column {column!r} is there but {sorted(missing)} of the same signal is not"
@@ -203,10 +222,13 @@ class SampleLayout:
 
     def _check_position(self) -> None:
         if not self.has("pos") and not self.has("q"):
-            expected = f"position {list(SIGNALS['pos'])} or joints {list(SIGNALS['q'])}"
+            expected = f"position {list(SIGNALS['pos'])} or joints q1, q2, …"
             raise ValueError(f"columns are {list(self.columns)}, expected {expected}")
         if not self.has("pos") and self.pose_of_joints is None:
-            raise ValueError("columns have joints but no position, expected pose_of_joints to be given")
+            raise ValueError(
+                f"columns have {self.joints} joints and no position, expected a robot to be stated (--robot, "
+                "or robot in the recording): a pose is computed from joints of a known arm only"
+            )
 
     def _check_wrench(self) -> None:
         source = self.source_in_use

@@ -28,7 +28,7 @@ class Observation:
     position_base: Array  # (3,) [m] flange
     force_base: Array  # (3,) [N] of the environment on the robot, less its bias; zeros without a wrench
     orientation: Array | None  # (4,) x y z w, flange to base
-    joints: Array | None  # (7,) [rad]
+    joints: Array | None  # (n,) [rad]
     gripper_width: float | None  # [m]; None without a gripper, from a flag, or before either is clear
     gripper_closed: bool | None  # settled on something or nothing, as known at t
     speed: float  # [m/s] of the flange

@@ -16,11 +16,9 @@ FORCE_FRAMES = ("base", "flange")
 WRENCH_SOURCES = ("flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none")
 HANDS_ON_ROBOT = ("yes", "no", "unknown")
 
-ASSUMED_OFF = (
-    "assumed: the recording does not state its wrench source; contact and load are off. "
-    "State it with --wrench-source."
-)
-ASSUMED_NONE = "assumed: no wrench source is stated and there are no force columns; contact and load are off."
+ASSUMED = "assumed: the recording does not state its wrench source"
+ASSUMED_NONE = "assumed: no wrench source is stated and there are no force columns"
+STATE_IT = "State it with --wrench-source."
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,30 @@ class WrenchCapabilities:
     noise_n: float  # [N] scale of the static noise on each axis
     tare_speed_m_per_s: float  # up to which the force at the start is taken for bias
     bias: Literal["tare", "mixture"]  # taken once at the start, or tracked by the causal mixture
-    note: str  # one sentence for operators: the source in use and what follows from it
+    reason: str  # the source in use and what it measures, for operators
+    advice: str = ""  # a further sentence for operators
+    limiting_preset: str = ""  # the preset that lacks a model which the wrench supports
+
+    def with_preset(self, name: str, *, contact: bool, load: bool) -> WrenchCapabilities:
+        """Return what a preset uses of them; contact, load: whether it has models of these."""
+        if not self.contact_models or (contact and load):
+            return self
+        return replace(self, contact_models=contact, transport_models=load, limiting_preset=name)
+
+    @property
+    def note(self) -> str:
+        """The source in use and which models are on, in a sentence or two for operators."""
+        states: dict[str, list[str]] = {"on": [], "off": []}
+        for name, is_on in (("contact", self.contact_models), ("load", self.transport_models)):
+            states["on" if is_on else "off"].append(name)
+        found = ", ".join(
+            f"{' and '.join(names)} {'are' if len(names) > 1 else 'is'} {state}"
+            for state, names in states.items()
+            if names
+        )
+        if self.limiting_preset:
+            found += f": preset {self.limiting_preset} has no model of {' or '.join(states['off'])}"
+        return f"{self.reason}; {found}. {self.advice}".rstrip()
 
 
 @lru_cache
@@ -45,11 +66,17 @@ def wrench_capabilities(source: str, hand_on_robot: str, *, stated: bool) -> Wre
     """
     _check(source, hand_on_robot, stated=stated)
     found = _OF_ESTIMATE[hand_on_robot] if source == "joint_torque_estimate" else _CAPABILITIES[source]
-    note = f"Wrench source {source}: {found.note}"
-    if not stated:
-        found = replace(found, contact_models=False, transport_models=False, bias="tare")
-        note = f"Wrench source {source}, {ASSUMED_NONE if source == 'none' else ASSUMED_OFF}"
-    return replace(found, note=note)
+    if stated:
+        return replace(found, reason=f"Wrench source {source}: {found.reason}")
+    reason, advice = (ASSUMED_NONE, "") if source == "none" else (ASSUMED, STATE_IT)
+    return replace(
+        found,
+        contact_models=False,
+        transport_models=False,
+        bias="tare",
+        reason=f"Wrench source {source}, {reason}",
+        advice=advice,
+    )
 
 
 def assumed_source(*, has_force: bool) -> str:
@@ -75,7 +102,7 @@ _FLANGE_SENSOR = WrenchCapabilities(
     noise_n=0.2,
     tare_speed_m_per_s=0.25,  # slower movement does not show in the force
     bias="tare",
-    note="the sensor measures the environment, not the guiding hand; contact and load are on.",
+    reason="the sensor measures the environment, not the guiding hand",
 )
 _WITH_HAND = WrenchCapabilities(
     contact_models=False,
@@ -83,7 +110,7 @@ _WITH_HAND = WrenchCapabilities(
     noise_n=0.2,
     tare_speed_m_per_s=0.01,
     bias="tare",
-    note="the guiding hand is in the force; contact and load are off.",
+    reason="the guiding hand is in the force",
 )
 _ESTIMATE = WrenchCapabilities(
     contact_models=False,
@@ -91,9 +118,9 @@ _ESTIMATE = WrenchCapabilities(
     noise_n=0.5,
     tare_speed_m_per_s=0.01,
     bias="tare",
-    note="the guiding hand and about 3 N of model error are in the estimate; contact and load are off.",
+    reason="the guiding hand and about 3 N of model error are in the estimate",
 )
-_NONE = replace(_WITH_HAND, noise_n=0.0, note="no force is used; contact and load are off.")
+_NONE = replace(_WITH_HAND, noise_n=0.0, reason="no force is used")
 
 _CAPABILITIES = {
     "flange_sensor": _FLANGE_SENSOR,
@@ -104,14 +131,14 @@ _OF_ESTIMATE = {
     "yes": _ESTIMATE,
     "unknown": replace(
         _ESTIMATE,
-        note="a hand may be on the robot, and its force in the estimate; contact and load are off. "
-        "State --hand-on-robot no where there is none.",
+        reason="a hand may be on the robot, and its force in the estimate",
+        advice="State --hand-on-robot no where there is none.",
     ),
     "no": replace(
         _ESTIMATE,
         contact_models=True,
         transport_models=True,
         bias="mixture",
-        note="no hand is on the robot, and the bias of the estimate is tracked; contact and load are on.",
+        reason="no hand is on the robot, and the bias of the estimate is tracked",
     ),
 }

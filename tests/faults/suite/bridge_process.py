@@ -17,9 +17,10 @@ import numpy as np
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Chunk
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
-from faults.suite.stations import PACE, SETTINGS, LiveRobot, demonstration, station_name
+from faults.suite.stations import SETTINGS, LiveRobot, demonstration, station_name
 from harness.processes import SESSION, eventually
 
+PACE = 1.0  # a bridge that starts anew on a loaded machine takes 8 s, and has to find samples then
 LATE_S = 0.1  # a sample that is older is gone
 
 

@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 
 from caesura_protocol.messages import Ack
+from faults.suite.bridge_process import PACE
 from faults.suite.outcome import Disturbance, Played, Row
-from faults.suite.stations import PACE, STATIONS, Station, found, station_name, teaching, watching
 from faults.suite.stations import SECONDS as LASTS_S
+from faults.suite.stations import STATIONS, Station, found, station_name, teaching, watching
 from harness.processes import Process, eventually, running, serving
 
 KILLED = 4
@@ -54,7 +55,7 @@ def bridges_killed(directory: Path) -> Row:
         began_s = time.time()
         began.with_suffix(".new").write_text(str(began_s))
         began.with_suffix(".new").rename(began)
-        others = stack.enter_context(teaching(service.endpoint, numbers=range(KILLED)))
+        others = stack.enter_context(teaching(service.endpoint, numbers=range(KILLED), pace=PACE))
         disturbance = Disturbance()
         for share, process in zip(SHARES, processes, strict=True):
             eventually(partial(passed, began_s + share * LASTS_S / PACE))

@@ -69,9 +69,9 @@ class Jumping(LiveRobot):
 
     def chunks(self) -> Iterator[Chunk]:
         for chunk in super().chunks():
-            told = chunk.copy()
-            told[:, 0] = self._jump(chunk[:, 0])
-            yield told
+            reported = chunk.copy()
+            reported[:, 0] = self._jump(chunk[:, 0])
+            yield reported
 
 
 def robot_clocks(directory: Path) -> Row:
@@ -86,15 +86,17 @@ def robot_clocks(directory: Path) -> Row:
             ends.append(pool.submit(stack.enter_context(bridge).run))
         closed = [end.result(CLOSE_S).state == "closed" for end in ends]
         found = [snapshot(transport, station_name(number), SESSION) for number in range(len(jumps))]
-    told = {name: JUMPS[name][1](one) for name, one in zip(jumps, found, strict=True)}
+    reported = {name: JUMPS[name][1](one) for name, one in zip(jumps, found, strict=True)}
     whole = [one.segments.segments == undisturbed(number).segments for number, one in enumerate(found)]
     equal = all(same for same, name in zip(whole, jumps, strict=True) if name == "none")
     sent = sum(len(demonstration(number).t) for number in range(len(jumps)))
     refused = sum(sum(one.status.refused.values()) for one in found)
     taken = sum(one.status.samples for one in found)
-    note = f"said so: {told}; {refused} batches refused, {sum(len(one.status.gaps) for one in found)} gaps"
+    note = (
+        f"said so: {reported}; {refused} batches refused, {sum(len(one.status.gaps) for one in found)} gaps"
+    )
     repeats = sum(one.status.repeats for one in found)
-    met = all(told.values()) and all(closed) and equal
+    met = all(reported.values()) and all(closed) and equal
     return Row(len(jumps), sent, sent - taken, repeats, "yes (others)" if equal else "no", None, note, met)
 
 
@@ -103,10 +105,10 @@ def wall_clock(directory: Path) -> Row:
     library = next((name for name in LIBRARIES if Path(name).exists()), None)
     if library is None or shutil.which("env") is None:
         return Row(0, 0, 0, 0, "–", None, NO_LIBRARY, met=False)
-    told, seen_s = directory / "offset", list[float]()
-    told.write_text("+0")
+    reported, seen_s = directory / "offset", list[float]()
+    reported.write_text("+0")
     service = Service(directory)
-    environment = {"LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": told, "FAKETIME_NO_CACHE": 1}
+    environment = {"LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": reported, "FAKETIME_NO_CACHE": 1}
     fake = [f"{name}={value}" for name, value in environment.items()]
     service.command = [
         "env",
@@ -119,11 +121,11 @@ def wall_clock(directory: Path) -> Row:
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
         for share, off_s in SHARES:
             reached(stations, share)
-            told.write_text(f"{off_s:+d}")
+            reported.write_text(f"{off_s:+d}")
             seen_s.append(off_by_s(service.endpoint))
         reached(stations, RESTART)
         service.kill()
-        told.write_text(f"{OFF_S:+d}")
+        reported.write_text(f"{OFF_S:+d}")
         disturbance.is_over()
         service.start()
         seen_s.append(off_by_s(service.endpoint))

@@ -63,13 +63,13 @@ def in_trouble(
     service: Service, begin: Callable[[], None], end: Callable[[], None], how: str, scale: Scale = FULL
 ) -> Row:
     """The journal cannot write from a fifth to half of the demonstrations, and the status says so."""
-    told: list[str] = []
+    reported: list[str] = []
 
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
         reached(stations, 0.2)
         begin()
         with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
-            eventually(lambda: bool(told.extend(troubles(caesura)) or told))
+            eventually(lambda: bool(reported.extend(troubles(caesura)) or reported))
         reached(stations, 0.5)
         end()
         disturbance.is_over()
@@ -80,7 +80,7 @@ def in_trouble(
     finally:
         service.kill()
     refused = [sum(one.snapshot.status.refused.values()) for one in done.found]
-    note = f"{how}; batches refused as overloaded: {sum(refused)}; status: …{told[0][-80:]}"
+    note = f"{how}; batches refused as overloaded: {sum(refused)}; status: …{reported[0][-80:]}"
     return done.row(note=note, ignoring={"refusals"}, met=min(refused) > 0)
 
 

@@ -75,7 +75,7 @@ def attack(endpoint: str, what: str, per_s: float, over: threading.Event) -> dic
     return done
 
 
-class Told(NetworkFollower):
+class Sent(NetworkFollower):
     """A gateway that counts how often one of its threads met something that it did not expect."""
 
     restarts = 0
@@ -87,12 +87,12 @@ class Told(NetworkFollower):
 
 def dashboard(endpoint: str, over: threading.Event) -> dict[str, int]:
     """Follow everything; how often a thread had to begin again, and the most memory [MB]."""
-    with ZenohTransport(endpoint, timeout_s=ANSWER_S) as transport, Told(transport) as gateway:
+    with ZenohTransport(endpoint, timeout_s=ANSWER_S) as transport, Sent(transport) as gateway:
         print("ready", flush=True)
         over.wait()
-        heard = len(gateway.heard)
+        received = len(gateway.received)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    return {"restarts": gateway.restarts, "heard": heard, "peak_mb": peak_mb}
+    return {"restarts": gateway.restarts, "received": received, "peak_mb": peak_mb}
 
 
 def main() -> None:

@@ -31,7 +31,7 @@ from harness.sessions import NAME, STATION, Ring, answer, batches, closing, new_
 COUNT = 9
 BATCHES = batches(COUNT)
 OTHERS = ("open-one", "closed-one")
-WHEN_TOLD = JournalSettings(commit_s=3600.0)  # so that the calls come in the same order every time
+ON_SIGNAL = JournalSettings(commit_s=3600.0)  # so that the calls come in the same order every time
 ATTEMPTS = 12
 EVENT_T = 0.535  # [s] of the edit
 MODES = {"once": 1, "until it is said": 0}
@@ -79,7 +79,7 @@ class Instance:
     def start(self) -> None:
         """Again, where it says why it cannot."""
         for _ in range(ATTEMPTS):
-            journal = SqliteJournal(self.directory / "j.sqlite", WHEN_TOLD)
+            journal = SqliteJournal(self.directory / "j.sqlite", ON_SIGNAL)
             try:
                 self.journal = journal.__enter__()
             except JournalError as error:
@@ -258,7 +258,7 @@ def main(directory: Path, stride: int = 1) -> None:
     shim = Shim()
     prepared = directory / "prepared"
     prepared.mkdir()
-    with SqliteJournal(prepared / "j.sqlite", WHEN_TOLD) as journal:
+    with SqliteJournal(prepared / "j.sqlite", ON_SIGNAL) as journal:
         others(new_registry(journal))
     whole = Instance(directory / "whole", shim)
     shutil.copytree(prepared, whole.directory)

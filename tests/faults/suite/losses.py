@@ -43,12 +43,12 @@ class Ledger:
         """What the service says that it has."""
         acks: list[Ack] = []
 
-        def told() -> bool:
+        def reported() -> bool:
             ack = ControlClient(transport, LEDGER).ask(self._opening)
             acks[:] = [ack] if ack else []
             return bool(acks)
 
-        eventually(told)
+        eventually(reported)
         return acks[0]
 
     def write(self, endpoint: str) -> None:

@@ -87,7 +87,7 @@ class Played:
         differences = {name: field for name, field in different.items() if field}
         lost = sum(one.lost for one in self.found)
         duplicated = sum(one.duplicated for one in self.found)
-        undeclared = sum(one.undeclared for one in self.found)
+        undeclared = {one.station.name: one.undeclared_t for one in self.found if one.undeclared_t}
         closed = all(one.ack is not None and one.ack.state == "closed" for one in self.found)
         holds = {
             "exact": not differences and not lost,
@@ -95,7 +95,10 @@ class Played:
             "own": True,
         }[bar]
         notes = [self.disturbance.note, note]
-        notes += [f"{undeclared} samples lost in silence"] if undeclared else []
+        notes += [
+            f"{name}: {len(t)} samples from {t[0]:g} to {t[-1]:g} s lost in no declared gap"
+            for name, t in undeclared.items()
+        ]
         notes += [f"differ: {differences}"] if differences and bar == "exact" else []
         return Row(
             sessions=len(self.found),

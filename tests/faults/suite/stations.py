@@ -189,10 +189,10 @@ class Found:
         return len(self.taken_t) - len(np.unique(self.taken_t)) + self.snapshot.status.repeats
 
     @property
-    def undeclared(self) -> int:
-        """Lost samples that lie in no declared gap."""
+    def undeclared_t(self) -> tuple[float, ...]:
+        """[s] of the lost samples that lie in no declared gap."""
         gaps = self.snapshot.status.gaps
-        return sum(not any(gap.t0 < t < gap.tn for gap in gaps) for t in self.lost_t)
+        return tuple(t for t in self.lost_t if not any(gap.t0 < t < gap.tn for gap in gaps))
 
     def difference(self, ignoring: Collection[str] = ()) -> str | None:
         """The first field in which it differs from an undisturbed run."""

@@ -149,7 +149,7 @@ def test_a_segment_is_a_case_as_long_as_its_class_is_known():
     assert one.stated_classes == ((0.9, 2.0, 2.0), (0.8, 4.0, 4.0), (0.6, 0.0, 2.0))
 
 
-def test_ours_states_what_the_view_says():
+def test_the_method_states_what_the_view_states():
     recording = load_recording(BUTTON)
     found, view = PresetMethod("default").segment(recording), segment_recording(recording, "default")
     assert found.probabilities == {one.t: one.probability for one in view.changepoints}

@@ -61,6 +61,12 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
         (("--suite", "nonsense"), "known: ['teacher', 'skills', 'real', 'thesis', 'roundtrip', 'realism']"),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
+        (("--suite", "teacher", "--robot", "ur5"), "'ur5' is not known, expected one of"),
+        (
+            ("--suite", "real", "--robot", "ur5e"),
+            "--robot ur5e is for a --suite of ['teacher', 'skills', 'roundtrip']",
+        ),
+        ((BUTTON, "--robot", "ur5e"), "--robot ur5e is for a --suite of"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
         (("/nowhere/x.npz",), "no such file"),
         ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
@@ -73,7 +79,7 @@ def test_misuse_is_one_line(arguments: tuple, expected: str):
     assert len(result.stderr.strip().splitlines()) == 1
 
 
-def test_a_preset_that_cannot_be_applied_says_so_and_stops_nobody():
+def test_a_preset_that_cannot_be_applied_says_so_and_stops_no_other():
     real = Path(os.environ.get("CAESURA_REAL_DATA", DATA.parents[1] / "shared" / "data" / "real"))
     case = FileCase(real / "modena_panda_0.npz")
     if not case.path.is_file():

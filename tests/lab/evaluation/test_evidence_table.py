@@ -57,10 +57,10 @@ def test_the_presets_own_library_gives_the_presets_own_evidence():
         ModelInput(p, f) for p, f in zip(rng.normal(0, 0.02, (12, 3)), rng.normal(0, 1, (12, 3)), strict=True)
     ]
     same = with_profiles(STROKES, human_motion_library().profiles)
-    told = [
+    reported = [
         segment_offline(preset.lattice(), Geometric(20.0), data).log_evidence for preset in (STROKES, same)
     ]
-    assert told[0] == told[1]
+    assert reported[0] == reported[1]
 
 
 def test_movements_without_a_library_are_refused():
@@ -82,11 +82,11 @@ def test_more_profiles_are_not_more_evidence(button: LibraryEvidence):
 
 def test_the_table_counts_what_each_library_is_behind():
     names = list(LIBRARIES)
-    told = [
+    reported = [
         LibraryEvidence("a", 100, dict.fromkeys(names, 90.0) | {names[0]: 100.0}),
         LibraryEvidence("b", 50, dict.fromkeys(names, 80.0) | {names[1]: 85.0}),
     ]
-    rows = {row[0]: row[1:] for row in grid(told).rows}
+    rows = {row[0]: row[1:] for row in grid(reported).rows}
     assert rows["a"][:3] == ("100", "0.0", "-10.0")
     assert rows["b"][:3] == ("50", "-5.0", "0.0")
     assert rows["total"][:3] == ("150", "0.0", "-5.0")

@@ -63,7 +63,7 @@ def test_parts_join_and_the_same_recording_gives_the_same(method):
     assert method.segment(taught) == found
 
 
-def test_ours_says_what_it_knew_when():
+def test_the_method_states_what_it_had_inferred_when():
     timed_estimates = PresetMethod("default").segment(recording(moves=True)).timed_estimates
     assert [look.t for look in timed_estimates] == sorted(look.t for look in timed_estimates)
     assert timed_estimates[-1].t <= 10.0
@@ -81,8 +81,10 @@ def test_a_recording_too_short_to_look_at_is_refused():
 
 
 @pytest.mark.parametrize("first", [20, 31, 44])
-@pytest.mark.parametrize("force_tells", [False, True])
-def test_the_gaussian_baseline_starts_a_segment_at_its_first_observation(first: int, force_tells: bool):
+@pytest.mark.parametrize("force_shows_contact", [False, True])
+def test_the_gaussian_baseline_starts_a_segment_at_its_first_observation(
+    first: int, force_shows_contact: bool
+):
     """It named the last observation of the segment before, and so all its boundaries were 0.1 s early."""
     rng = np.random.default_rng(first)
     velocity = rng.normal(0.0, 0.002, (80, 3))
@@ -95,7 +97,7 @@ def test_the_gaussian_baseline_starts_a_segment_at_its_first_observation(first: 
         speed=np.linalg.norm(velocity, axis=1),
         force_base=rng.normal(0.0, 0.1, (80, 3)),
         holding=np.zeros(80, dtype=bool),
-        force_tells=force_tells,
+        force_shows_contact=force_shows_contact,
         tared=True,
     )
     assert gaussian_online(signals).tolist() == [first, first + 25]

@@ -40,14 +40,14 @@ def windows(
     ]
 
 
-def test_what_is_alike_is_told_apart_no_better_than_by_chance() -> None:
+def test_what_is_alike_is_distinguished_no_better_than_by_chance() -> None:
     found = separation([*windows("a", 30, 1), *windows("b", 30, 2)], "a", range(3))
     assert 0.4 < found.auc < 0.6
     assert found.low < 0.5 < found.high
     assert 0.4 < found.accuracy < 0.6
 
 
-def test_what_differs_is_told_apart() -> None:
+def test_what_differs_is_distinguished() -> None:
     found = separation([*windows("a", 15, 1), *windows("b", 15, 2, shift=2.0)], "a", range(3))
     assert found.auc > 0.95
     assert found.accuracy > 0.9

@@ -147,16 +147,16 @@ def test_a_summary_has_an_interval_about_its_value_and_is_the_same_each_time():
 def test_a_margin_is_taken_recording_by_recording():
     truths = [replace(TRUTH, name=name) for name in "abcd"]
     times = [(2.0,), (2.0, 4.0), (2.0, 4.0, 8.0), (2.0,)]
-    ours = [
-        score("ours", truth, FoundSegmentation((*found, 7.0)))
+    own = [
+        score("own", truth, FoundSegmentation((*found, 7.0)))
         for truth, found in zip(truths, times, strict=True)
     ]
-    theirs = [
-        score("theirs", truth, FoundSegmentation(found)) for truth, found in zip(truths, times, strict=True)
+    others = [
+        score("others", truth, FoundSegmentation(found)) for truth, found in zip(truths, times, strict=True)
     ]
-    recall = margins(ours, theirs[::-1])["recall"]
+    recall = margins(own, others[::-1])["recall"]
     assert (recall.value, recall.low, recall.high) == (0.0, 0.0, 0.0)
-    precision = margins(ours, theirs)["precision"]
+    precision = margins(own, others)["precision"]
     assert precision.high < 0.0
 
 

@@ -24,7 +24,7 @@ BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 N, STEP_S = 90, 0.1
 
 
-def signals(seed: int = 0, *, force_tells: bool = True) -> Signals:
+def signals(seed: int = 0, *, force_shows_contact: bool = True) -> Signals:
     """Rest, movement from 3.0 s to 6.0 s, rest; a force of 8 N from 7.0 s on."""
     rng = np.random.default_rng(seed)
     velocity, force = rng.normal(0.0, 0.0005, (N, 3)), rng.normal(0.0, 0.1, (N, 3))
@@ -37,7 +37,7 @@ def signals(seed: int = 0, *, force_tells: bool = True) -> Signals:
         speed=np.linalg.norm(velocity, axis=1),
         force_base=force,
         holding=np.zeros(N, dtype=bool),
-        force_tells=force_tells,
+        force_shows_contact=force_shows_contact,
         tared=True,
     )
 
@@ -108,15 +108,15 @@ def test_new_baselines_find_a_movement_where_it_starts_and_stops(name: str, seed
 
 
 @pytest.mark.parametrize("name", ["BOCPD log", "kernel"])
-def test_force_counts_where_it_tells_contact_only(name: str):
+def test_force_counts_where_it_shows_contact_only(name: str):
     (method,) = (one for one in baselines() if one.name == name)
     assert min(abs(method.starts(signals()) - 70)) <= 1
-    assert min(abs(method.starts(signals(force_tells=False)) - 70)) > 3
+    assert min(abs(method.starts(signals(force_shows_contact=False)) - 70)) > 3
 
 
 def test_speed_alone_sees_no_force():
     starts = student_speed(signals())
-    assert np.array_equal(starts, student_speed(signals(force_tells=False)))
+    assert np.array_equal(starts, student_speed(signals(force_shows_contact=False)))
 
 
 @pytest.mark.parametrize("scale", ["log", "linear"])
@@ -139,14 +139,14 @@ def test_a_recording_too_short_for_two_segments_has_none():
     assert kernel(short).size == 0
 
 
-def test_features_are_floored_and_leave_force_out_where_it_tells_nothing():
-    told, silent = signals(), signals(force_tells=False)
-    rows = log_features(told, 0.01, 1.0)
+def test_features_are_floored_and_leave_force_out_where_it_shows_nothing():
+    reported, silent = signals(), signals(force_shows_contact=False)
+    rows = log_features(reported, 0.01, 1.0)
     assert rows.shape == (N, 2)
-    assert np.exp(rows[:, 0]) - 0.01 == pytest.approx(told.speed)
+    assert np.exp(rows[:, 0]) - 0.01 == pytest.approx(reported.speed)
     assert rows[:, 1].min() >= 0.0
     assert log_features(silent, 0.01, 1.0).shape == (N, 1)
-    assert vector_features(told, 0.01, 1.0).shape == (N, 6)
+    assert vector_features(reported, 0.01, 1.0).shape == (N, 6)
     assert vector_features(silent, 0.01, 1.0) == pytest.approx(100.0 * silent.velocity_base)
 
 

@@ -317,5 +317,5 @@ def test_the_command_shows_the_same_in_every_format(monkeypatch: pytest.MonkeyPa
     assert settings["minimum jerk"]["R4"]["passes"] == (settings["minimum jerk"]["R4"]["share"] >= 0.9)
 
 
-def test_the_suite_knows_every_scenario_of_its_rows():
+def test_the_suite_has_every_scenario_of_its_rows():
     assert set(suite.SCENARIOS) == set(TIMED)

@@ -238,8 +238,13 @@ def test_a_target_is_reached_by_joints_that_lead_there(robot: Robot) -> None:
         assert turn < 1e-2
 
 
-def test_a_target_in_millimetres_is_named_as_such():
-    report = check([app("cartesian_motion", 0.0, 1.0, (400.0, 0.0, 300.0))])
+def test_a_target_in_millimetres_is_named_as_such(robot: Robot):
+    report = check([app("cartesian_motion", 0.0, 1.0, (400.0, 0.0, 300.0))], robot=robot)
     assert not report.passed
     assert "target x 400.000 m is outside of the workspace" in str(report.errors[0])
     assert "it is probably in mm" in str(report.errors[0])
+
+
+def test_without_a_robot_a_warning_says_that_reach_was_not_checked() -> None:
+    (finding,) = check(pick_and_place(), cell("pick_and_place")).findings
+    assert str(finding).startswith("warning: program: reach was not checked: the program states no robot")

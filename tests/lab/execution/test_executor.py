@@ -19,7 +19,7 @@ from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.guided_arm import start_posture
 from caesura_lab.teacher.person import THESIS
-from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_lab.teacher.scenarios import SCENARIOS, Surface, tips
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.screw_motion import torque_about_axis
@@ -214,6 +214,19 @@ def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> 
     done = run((app("cartesian_motion", 0.0, 0.5, (-0.02, -0.57, 0.33), path=path),), PRESSING, robot=robot)
     positions, _ = robot.flange_poses(done.trace.q[:2])
     assert positions[0] == pytest.approx(start, abs=1e-4)
+
+
+def test_a_press_whose_bottom_lies_deeper_meets_it_gently(robot: Robot) -> None:
+    """A peg sank 11 mm into its hole at 40 mm/s, and met the floor with 33 N."""
+    scenario = SCENARIOS["wiping"]
+    floor = replace(scenario, surfaces=(Surface(tips(scenario.start[2] - 0.011)),))
+    arm = SimulatedArm(robot, CellSimulation(floor, 0.25))
+    controller = SkillController(arm, DEFAULT)
+    controller.contact_direction = np.array([0.0, 0.0, -1.0])
+    controller.press(20.0, 1.5)
+    pushed = arm.trace().contact[:, 2]
+    assert pushed.max() < DEFAULT.felt_force_n
+    assert pushed[-1] == pytest.approx(20.0, abs=1.0)
 
 
 def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:

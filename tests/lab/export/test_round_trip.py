@@ -80,8 +80,8 @@ def test_every_finite_number_survives_mcap_and_csv(tmp_path, data, began, unit, 
         force_frame=frame,
     )
     began = max(began, -float(t.min()) + 1.0)
-    told = McapContent("cell-1", "s1", "default", recording, began, recording.columns)
-    write_mcap(tmp_path / "any.mcap", told)
+    reported = McapContent("cell-1", "s1", "default", recording, began, recording.columns)
+    write_mcap(tmp_path / "any.mcap", reported)
     assert_same(recording, load_recording(tmp_path / "any.mcap"))
     write_csv(tmp_path / "any.csv", recording)
     assert_same(recording, load_recording(tmp_path / "any.csv"))
@@ -118,7 +118,7 @@ def test_what_cannot_be_exported_is_one_line(tmp_path, file, out, message):
     assert not (tmp_path / out).exists()
 
 
-def test_somebody_elses_mcap_is_refused_with_what_it_has(tmp_path):
+def test_a_foreign_mcap_is_refused_with_what_it_has(tmp_path):
     with (tmp_path / "foreign.mcap").open("wb") as stream:
         writer = Writer(stream)
         writer.start()
@@ -149,7 +149,7 @@ def test_a_damaged_file_is_refused(tmp_path):
 
 def test_an_exported_session_keeps_the_limit_and_the_tolerances_of_its_cell(tmp_path: Path) -> None:
     recording = load_recording(DATA / "dispenser.npz")
-    asked = {"force_limit_n": 10.0, "path_tolerance_m": 0.005, "path_tolerance_rad": 0.05}
+    asked = {"force_limit_n": 10.0, "path_tolerance_m": 0.005, "path_tolerance_rad": 0.05, "robot": "panda"}
     journal = kept(recording, **asked)
     write_session(tmp_path / "taught.mcap", read_session_export(journal, "cell-1", "s1"))
     recording_of(journal.replay("cell-1", "s1")).save(tmp_path / "taught.npz")

@@ -99,7 +99,7 @@ def test_without_a_wrench_there_is_no_force_to_draw():
     assert collect(without(guided(), "force"), "default").signals.force is None
 
 
-def test_a_gap_divides_what_is_drawn_and_is_told_of():
+def test_a_gap_divides_what_is_drawn_and_is_reported():
     content = collect(with_gap(guided(), 2.0, 2.6), "default")
     first, second = content.signals.stretches
     assert content.signals.t[first][-1] < 2.0

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 
 from caesura_lab.teacher.guided_arm import (
     DAMPING,
-    FRICTION_NM,
     JOINT_DAMPING,
     STICK_RAD_PER_S,
     GuidedArmSimulation,
@@ -70,7 +69,7 @@ def test_each_step_obeys_the_robots_forward_dynamics(robot: Robot) -> None:
     for k in range(0, 3100, 97):
         q, v, ahead = trace.q[k], trace.v[k], trace.v[k + 1]
         wrench = trace.hand[k] + trace.environment[k] - DAMPING * trace.twist[k]
-        resist = (FRICTION_NM / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING) * ahead
+        resist = (robot.friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING) * ahead
         torques = robot.nonlinear_torques(q, v) + robot.joint_torques_of_wrench(q, wrench) - resist
         assert_allclose((ahead - v) / DT, robot.forward_dynamics(q, v, torques), atol=1e-6)
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from caesura_lab.teacher.habits import IDEAL
 from caesura_lab.teacher.person import THESIS, draw_person, habits_stream, with_habits
-from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
+from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching
 from caesura_lab.teacher.truth import TrueState, annotate
 from lab.teacher.nominal import nominal_once
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
-natural = cache(lambda scenario, seed: teach(scenario, seed=seed, natural=True))
+
+
+def natural(scenario: str, seed: int) -> Demonstration:
+    return nominal_once(scenario, seed=seed, natural=True)
 
 
 def state(parts: list[tuple[float, tuple[float, float, float]]]) -> TrueState:
@@ -128,7 +130,7 @@ def test_tracing_by_ideal_people_is_two_traces_between_two_moves() -> None:
 
 
 @pytest.mark.parametrize("seed", [11, 12])
-def test_the_truth_of_guided_movements_knows_contacts_as_before(seed: int) -> None:
+def test_the_truth_of_guided_movements_has_contacts_as_before(seed: int) -> None:
     demonstration: Demonstration = natural("dispenser", seed)
     kinds = [m["kind"] for m in demonstration.truth["changepoints"] if m["level"] == "major"]
     assert kinds.count("contact_on") == kinds.count("contact_off") == 2

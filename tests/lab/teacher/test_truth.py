@@ -104,12 +104,12 @@ def test_a_turn_just_before_a_touch_is_no_event_of_its_own() -> None:
     assert set(levels.values()) == {"major", "optional"}
 
 
-def test_no_event_is_told_twice() -> None:
+def test_no_event_is_reported_twice() -> None:
     """A slip too small to be a movement, just before the contact, takes the rest beside it."""
     moves = [(0.5, 1.9, (0.1, 0, 0)), (1.98, 2.0, (0.02, 0, 0))]
     truth = annotate(state(4.0, moves, normal=during(4.0, 2.0, 3.0, 8.0)))
-    told = [(c["kind"], c["t"]) for c in truth["changepoints"]]
-    assert len(told) == len(set(told))
+    reported = [(c["kind"], c["t"]) for c in truth["changepoints"]]
+    assert len(reported) == len(set(reported))
     assert all(s["t0"] < s["t1"] for s in truth["segments"])
 
 

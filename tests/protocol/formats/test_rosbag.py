@@ -71,15 +71,15 @@ def test_topics_of_their_own_give_the_segments_of_the_npz(demonstration, tmp_pat
     expected.save(tmp_path / "same.npz")
     assert_same(found, expected)
     assert found.ignored == ()
-    ours, npz = segment_recording(found), segment_recording(load_recording(tmp_path / "same.npz"))
-    assert ours.segments == npz.segments
-    assert ours.changepoints == npz.changepoints
+    own, npz = segment_recording(found), segment_recording(load_recording(tmp_path / "same.npz"))
+    assert own.segments == npz.segments
+    assert own.changepoints == npz.changepoints
     (file,) = [path for path in bag.iterdir() if path.suffix in {".mcap", ".db3"}]
     assert_same(load_recording(file, wrench_source=SENSOR), found)
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_a_franka_robot_state_tells_everything_of_itself(demonstration, tmp_path, storage):
+def test_a_franka_robot_state_has_every_signal(demonstration, tmp_path, storage):
     expected = whole(demonstration)
     bag = ros.write_bag(tmp_path / "bag", ros.franka_topic(expected), storage)
     found = load_recording(bag)
@@ -143,8 +143,8 @@ def mixed(demonstration: Recording, arm: tuple[str, ...] = ros.ARM) -> list[ros.
         fingers = dict.fromkeys(ros.FINGERS, 0.02)
         found.append(("/joint_states", JOINT_STATE, stamp, ros.joints(stamp, {**fingers, **values})))
         if i % 2 == 0:
-            told = ros.wrench(stamp, (i, 0, 0), frame="ft_link")
-            found.append(("/wrench", WRENCH, stamp, told))
+            reported = ros.wrench(stamp, (i, 0, 0), frame="ft_link")
+            found.append(("/wrench", WRENCH, stamp, reported))
     return found
 
 
@@ -223,7 +223,12 @@ def in_a_frame_of_its_own(demonstration: Recording) -> list[ros.Message]:
             "no topic carries the pose or the joints of the robot",
         ),
         (ros.sensor_topics, SENSOR, '[topics."/pose"]\nforce = 1', r"unknown 'force', known: type, signals"),
-        (two_arms, SENSOR, '[topics."/joint_states"]\njoints = ["a"]', "joints has 1 names, expected 7"),
+        (
+            two_arms,
+            SENSOR,
+            f'[topics."/joint_states"]\njoints = {[*"abcdefghi"]}',
+            "joints has 9 names, expected 1 to 8",
+        ),
     ],
 )
 def test_an_error_names_the_topic_and_what_there_is(

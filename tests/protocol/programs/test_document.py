@@ -105,10 +105,13 @@ def test_a_program_from_the_wire_and_a_segmented_recording_are_read_too(tmp_path
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"kind": "dance"}, r"app 2 \(dance\): kind: .*'dance'"),
-        ({"target": [0.1, 0.2]}, r"app 2 \(apply force\): target"),
-        ({"confidence": 1.5}, r"app 2 \(apply force\): confidence: .*1\.5"),
-        ({"t0": "soon"}, r"app 2 \(apply force\): t0: .*'soon'"),
+        ({"kind": "dance"}, r"app 2 \(dance\): kind is 'dance', expected 'cartesian_motion'"),
+        ({"target": [0.1, 0.2]}, r"app 2 \(apply force\): target\.2 is missing$"),
+        (
+            {"confidence": 1.5},
+            r"app 2 \(apply force\): confidence is 1\.5, expected less than or equal to 1$",
+        ),
+        ({"t0": "soon"}, r"app 2 \(apply force\): t0 is 'soon', expected a valid number$"),
     ],
 )
 def test_an_app_that_is_none_is_named_with_its_value(
@@ -118,12 +121,31 @@ def test_an_app_that_is_none_is_named_with_its_value(
         read_document(changed(as_file(press()), tmp_path / "p.json", **wrong))
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"format": "caesura.program", "version": 3}', "{}"])
-def test_what_is_no_program_is_refused_with_its_name(text: str, tmp_path: Path) -> None:
+NAMED = b'{"format": "caesura.program", "station": "a", "session": "b", "instance": "c", '
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "line 1, column 1: no JSON, expected a program as a JSON object"),
+        (b"{", "line 1, column 2: no JSON, expected a program as a JSON object"),
+        (b"\xff", "no text in UTF-8, expected a program as a JSON object"),
+        (b"[" * 100_000, "nested too deeply, expected a program as a JSON object"),
+        (b"[]", "holds a list, expected an object"),
+        (b'{"format": "caesura.program", "version": 3}', "version is 3, expected 1 or 2"),
+        (b'{"format": "caesura.program", "station": "Cell 1"}', "station is 'Cell 1', expected text of the "),
+        (NAMED + b'"apps": 3}', "apps is 3, expected an array"),
+        (NAMED + b'"apps": [3]}', "app 1 (?) is 3, expected an object"),
+        (b"{}", "station is missing"),
+    ],
+)
+def test_what_is_no_program_is_refused_with_its_name(content: bytes, found: str, tmp_path: Path) -> None:
+    """It once read "Input should be a valid tuple, got 3"."""
     path = tmp_path / "no.json"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(BadProgramError, match=r"no\.json: "):
+    path.write_bytes(content)
+    with pytest.raises(BadProgramError) as refused:
         read_document(path)
+    assert str(refused.value).startswith(f"{path}: {found}")
 
 
 def test_what_is_not_finite_is_not_written() -> None:

@@ -27,8 +27,21 @@ def demonstration(seed: int, n: int = 12) -> list[ModelInput]:
 Kinds = dict[tuple[int, int], np.ndarray]
 
 
+KINDS: dict[tuple[int, bytes], tuple[SegmentModelSet, Kinds]] = {}  # by segment model set and data
+
+
 def kind_log_evidence(lattice: SegmentModelSet, data: list[ModelInput]) -> Kinds:
-    """(kinds,) of every data[start:end] as one segment, built alone; it may look at the samples before."""
+    """(kinds,) of every data[start:end] as one segment, built alone; it may look at the samples before.
+
+    Computed once for a segment model set and data, which many tests have in common.
+    """
+    key = id(lattice), b"".join(np.asarray(value).tobytes() for observed in data for value in observed)
+    if key not in KINDS:
+        KINDS[key] = lattice, _kind_log_evidence(lattice, data)  # with the set: its id stays its own
+    return KINDS[key][1]
+
+
+def _kind_log_evidence(lattice: SegmentModelSet, data: list[ModelInput]) -> Kinds:
     found: Kinds = {}
     for start in range(len(data)):
         rows = lattice.empty()

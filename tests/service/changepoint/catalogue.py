@@ -253,10 +253,10 @@ def observations(count: int, seed: int = 0) -> list[ModelInput]:
 
 def digest() -> str:
     """Of all that every model says, bit for bit."""
-    told = hashlib.sha256()
+    weighed = hashlib.sha256()
     for model in EVERYTHING.values():
-        told.update(model.log_evidence(rows_after(model, observations(12))).tobytes())
-    return told.hexdigest()
+        weighed.update(model.log_evidence(rows_after(model, observations(12))).tobytes())
+    return weighed.hexdigest()
 
 
 if __name__ == "__main__":

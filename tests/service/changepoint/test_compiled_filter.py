@@ -46,12 +46,12 @@ def alone(model: ChannelModel) -> SegmentModelSet:
     return SegmentModelSet({"it": model}, (SegmentKind("motion", "motion", "free", ("it",)),))
 
 
-def assert_close(ours: np.ndarray, theirs: np.ndarray, rtol: float = 0.0, what: str = "") -> None:
+def assert_close(own: np.ndarray, others: np.ndarray, rtol: float = 0.0, what: str = "") -> None:
     """As numpy's, which takes ten times as long, and is asked what differs where something does."""
     with np.errstate(invalid="ignore"):
-        near = np.abs(ours - theirs) <= 1e-9 + rtol * np.abs(theirs)
-    if ours.shape != theirs.shape or not (near | (ours == theirs)).all():
-        np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-9, err_msg=what)
+        near = np.abs(own - others) <= 1e-9 + rtol * np.abs(others)
+    if own.shape != others.shape or not (near | (own == others)).all():
+        np.testing.assert_allclose(own, others, rtol=rtol, atol=1e-9, err_msg=what)
 
 
 def assert_agree(compiled: CompiledRunLengthFilter, reference: RunLengthFilter) -> None:
@@ -65,9 +65,9 @@ def assert_agree(compiled: CompiledRunLengthFilter, reference: RunLengthFilter) 
         assert_close(getattr(compiled, name), getattr(reference, name), 1e-11, name)
     assert_close(compiled.posterior, reference.posterior, 1e-7, "posterior")
     assert_close(compiled.smoothed, reference.smoothed, 1e-7, "smoothed")
-    for ours, theirs in ((compiled.map_path(), reference.map_path()), (compiled.final, reference.final)):
-        assert [segment.start for segment in ours] == [segment.start for segment in theirs]
-        for one, other in zip(ours, theirs, strict=True):
+    for own, others in ((compiled.map_path(), reference.map_path()), (compiled.final, reference.final)):
+        assert [segment.start for segment in own] == [segment.start for segment in others]
+        for one, other in zip(own, others, strict=True):
             assert_close(one.kind_log_evidence, other.kind_log_evidence, 1e-11, "kind_log_evidence")
 
 

@@ -106,8 +106,8 @@ def test_all_observations_of_free_space_together_sum_to_one(entry: Entry) -> Non
         total *= along(axis, np.linspace(-60.0, 60.0, 301), 0)
     if entry.model.noise.joint:  # type: ignore[attr-defined]
         size = np.linspace(0.0, 60.0, 401)
-        told = [density(at[0], np.array([one, 0.0, 0.0])) for one in size]
-        total *= integrate.trapezoid(4 * np.pi * size**2 * told, size) / density(*at)
+        weighed = [density(at[0], np.array([one, 0.0, 0.0])) for one in size]
+        total *= integrate.trapezoid(4 * np.pi * size**2 * weighed, size) / density(*at)
     else:
         for axis in range(3):
             total *= along(axis, np.linspace(-60.0, 60.0, 301), 1)
@@ -190,26 +190,26 @@ def test_the_maximum_is_that_of_each_profile_alone(entry: Entry) -> None:
     model = entry.model
     assert isinstance(model, ProfileModel)
     rows = entry.observe(data(6))
-    told = model.log_evidence(rows_after(model, rows))
+    weighed = model.log_evidence(rows_after(model, rows))
     mixture = replace(model, choice="mixture")
     even = mixture.log_evidence(rows_after(mixture, rows))
     count = len(model.library)
-    assert (told >= even).all()
-    assert (told <= even + 3 * np.log(count)).all()
-    assert told[0] - even[0] > 0.1
+    assert (weighed >= even).all()
+    assert (weighed <= even + 3 * np.log(count)).all()
+    assert weighed[0] - even[0] > 0.1
 
 
 @that(PLUGGED_IN)
 def test_the_load_that_is_plugged_in_is_the_best_of_all(entry: Entry) -> None:
     values = data(5, down=4.0)
-    told = evidence_of(entry, values)
+    weighed = evidence_of(entry, values)
     loads = np.linspace(0.2, 1.0, 4001)
     scale2, nu0 = entry.model.noise.floor**2, entry.model.noise.nu0  # type: ignore[attr-defined]
     ssr = np.array([((values[1:] - [0.0, 0.0, -9.81 * kg]) ** 2).sum(axis=0) for kg in loads])
     alone = known_mean_log_evidence(len(values) - 1, ssr, nu0, scale2).sum(axis=1)
-    assert told >= alone.max() - 1e-12
-    assert told == pytest.approx(alone.max(), abs=1e-5)
-    assert told > log_mean_exp(alone) + 1.0
+    assert weighed >= alone.max() - 1e-12
+    assert weighed == pytest.approx(alone.max(), abs=1e-5)
+    assert weighed > log_mean_exp(alone) + 1.0
 
 
 def test_what_the_gripper_holds_next_is_a_probability() -> None:
@@ -256,11 +256,11 @@ def test_a_step_costs_the_same_early_and_late(name: str) -> None:
 
 
 def test_a_collection_in_between_is_no_work_of_the_model() -> None:
-    told: list[str] = []
+    weighed: list[str] = []
 
     def callback(phase: str, info: dict[str, int]) -> None:
-        told.append(phase)
-        for _ in range(len(told)):  # more every time
+        weighed.append(phase)
+        for _ in range(len(weighed)):  # more every time
             pass
 
     before = gc.get_threshold()
@@ -272,7 +272,7 @@ def test_a_collection_in_between_is_no_work_of_the_model() -> None:
     finally:
         gc.set_threshold(*before)
         gc.callbacks.remove(callback)
-    assert told
+    assert weighed
 
 
 def test_nothing_depends_on_the_process_or_on_the_global_random_state() -> None:

@@ -73,7 +73,7 @@ def test_a_recording_can_be_segmented_without_it(name: str) -> None:
         ((0.0, 0.0, -15.0), np.nan, "transport"),
     ],
 )
-def test_a_load_is_told_from_free_space_by_its_weight_and_the_gripper(
+def test_a_load_is_distinguished_from_free_space_by_its_weight_and_the_gripper(
     force_n: tuple[float, float, float], gripper: float, expected: str
 ) -> None:
     """After one second at rest without a force the arm moves for two seconds with this one."""

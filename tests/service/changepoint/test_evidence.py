@@ -129,7 +129,7 @@ def test_an_unknown_gripper_says_nothing() -> None:
     assert GripperHoldingChain(0.2).log_evidence(rows).tolist() == [0.0]
 
 
-def test_a_load_is_told_from_the_weight_and_has_a_least() -> None:
+def test_a_load_is_found_from_the_weight_and_has_a_least() -> None:
     model = ThesisLoadForce(Noise(1.0, 0.5), least_kg=0.2)
     heavy = rows_after(model, np.tile([0.0, 0.0, -0.5 * 9.81], (10, 1)), "force")
     none = rows_after(model, np.zeros((10, 3)), "force")

@@ -45,7 +45,7 @@ def test_what_no_surface_does_to_a_sliding_hand_is_no_sliding(
     assert weight(normal_n, along_n) < -3.0, what
 
 
-def test_a_hand_that_stands_tells_no_direction() -> None:
+def test_a_hand_that_stands_shows_no_direction() -> None:
     still = np.array([0.01 * PACE_M, 0.0, 0.0])
     assert weight(PRESS_N, PRESS_N, still) == pytest.approx(0.0, abs=0.01)
 
@@ -54,10 +54,10 @@ def test_a_hand_that_stands_tells_no_direction() -> None:
 def test_it_is_a_weight_of_at_most_1_that_turns_with_the_base_frame(
     force: np.ndarray, step: np.ndarray, turn: list[float]
 ) -> None:
-    told, turned = FRICTION.log_weight(force, step), Rotation.from_rotvec(turn)
-    assert told <= 0.0
+    evidence, turned = FRICTION.log_weight(force, step), Rotation.from_rotvec(turn)
+    assert evidence <= 0.0
     assert FRICTION.log_weight(turned.apply(force), turned.apply(step)) == pytest.approx(
-        told, rel=1e-6, abs=1e-6
+        evidence, rel=1e-6, abs=1e-6
     )
 
 

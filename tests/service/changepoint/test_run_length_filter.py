@@ -64,7 +64,8 @@ def test_a_conditioned_filter_agrees_with_the_sum_over_all_segmentations_with_th
     lattice: SegmentModelSet, taken: tuple[int, ...], at: int
 ) -> None:
     data = demonstration(2)
-    then, in_the_end = (BruteForce(lattice, some, HAZARD, taken) for some in (data[:at], data))
+    kinds = kind_log_evidence(lattice, data)
+    then, in_the_end = (BruteForce(lattice, some, HAZARD, taken, kinds=kinds) for some in (data[:at], data))
     for made in (RunLengthFilter, CompiledRunLengthFilter):
         online = made(lattice, HAZARD, EXACT)
         for observed in data:

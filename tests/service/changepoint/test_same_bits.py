@@ -35,17 +35,17 @@ def coming_and_going() -> Iterator[None]:
 
 def bits(name: str, crowded: bool) -> str:
     """A digest of all that a filter says after every observation."""
-    online, told = made(name), hashlib.blake2b()
+    online, evidence = made(name), hashlib.blake2b()
     neighbours = coming_and_going()
     for observed, boundary in pieces(np.random.default_rng(0), OBSERVATIONS):
         online.step(observed, boundary=boundary)
         if crowded:
             next(neighbours)
         for array in (online.starts, online.kind_log_evidence, online.log_joint, online.smoothed):
-            told.update(array.tobytes())
+            evidence.update(array.tobytes())
     for ended in (*online.final, *online.map_path()):
-        told.update(ended.kind_log_evidence.tobytes())
-    return told.hexdigest()
+        evidence.update(ended.kind_log_evidence.tobytes())
+    return evidence.hexdigest()
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -147,11 +147,15 @@ def test_a_session_without_records_is_refused_by_name(tmp_path):
 def test_a_session_that_is_read_in_slices_is_answered_alike(tmp_path, hurdles):
     written(tmp_path, hurdles, lost=(50, 51, 900))
     wanted = SampleRange(0.0, 64.0, 100)
-    reader, slices = SampleReader(FileBatches(tmp_path)), 1
-    while not reader.advance(CLOSED, slice_s=0.0):
+    source, finds = FileBatches(tmp_path), []
+    find = source.find
+    source.find = lambda key: finds.append(key) or find(key)
+    reader, slices = SampleReader(source), 1
+    while (reply := reader.read(CLOSED, wanted, slice_s=0.0)) is None:
         slices += 1
     assert slices > 5
-    assert reader.read(CLOSED, wanted) == SampleReader(FileBatches(tmp_path)).read(CLOSED, wanted)
+    assert len(finds) == slices, "the journals are searched once for a slice"
+    assert reply == SampleReader(FileBatches(tmp_path)).read(CLOSED, wanted)
 
 
 @pytest.mark.parametrize("spoilt", [False, True])

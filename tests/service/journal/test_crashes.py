@@ -53,10 +53,10 @@ class Crashing:
 
 def of(registry: Registry) -> tuple[object, ...]:
     (standing,) = registry.index.all_states()
-    return told(standing), registry.index.sessions[STATION][0].next_seq
+    return reported(standing), registry.index.sessions[STATION][0].next_seq
 
 
-def told(standing: SessionState) -> tuple[object, ...]:
+def reported(standing: SessionState) -> tuple[object, ...]:
     snapshot = snapshot_of(unowned(standing))
     return snapshot.segments, snapshot.changepoints, snapshot.posterior, snapshot.program, standing.view
 

@@ -82,7 +82,7 @@ def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
         assert journal.sessions() == ((STATION, "other"),)
 
 
-def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
+def test_dropping_goes_on_once_no_other_process_writes(path, monkeypatch):
     refusals = [True] * 3  # more than there are reasons to look
 
     def drop(database: sqlite3.Connection) -> bool:
@@ -99,7 +99,7 @@ def test_dropping_goes_on_once_nobody_else_writes(path, monkeypatch):
         eventually(lambda: count(path, "records") == 0, DEADLINE_S)
 
 
-def test_what_somebody_else_dropped_is_told_where_nothing_can_be_dropped(path, monkeypatch):
+def test_what_another_process_dropped_is_reported_where_nothing_can_be_dropped(path, monkeypatch):
     with SqliteJournal(path, JournalSettings(age_s=100.0)) as journal:
         journal.append(record(0, "old"), now=True)
         journal.append(record(900, "theirs"), now=True)
@@ -112,7 +112,7 @@ def test_what_somebody_else_dropped_is_told_where_nothing_can_be_dropped(path, m
         assert set(journal.enforce_retention(950.0)) == {(STATION, "old")}
 
 
-def test_a_portion_is_all_that_anybody_waits_for(path):
+def test_a_portion_is_all_that_a_writer_waits_for(path):
     with SqliteJournal(path) as journal:
         taught(journal)
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
@@ -143,7 +143,7 @@ def test_what_a_killed_process_began_to_drop_is_dropped_by_the_next(path):
         eventually(lambda: count(path, "records") == 0, DEADLINE_S)
 
 
-def test_whoever_deletes_while_no_service_runs_leaves_nothing(path):
+def test_a_deletion_while_no_service_runs_leaves_nothing(path):
     with SqliteJournal(path) as journal:
         taught(journal)
     with SqliteJournal(path, alone=False) as journal:

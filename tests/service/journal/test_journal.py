@@ -233,7 +233,7 @@ class TimelyJournal(MemoryJournal):
         super().append(record, now=now)
 
 
-def test_what_nobody_could_send_again_is_written_at_once():
+def test_what_cannot_be_sent_again_is_written_at_once():
     journal = TimelyJournal()
     session, _ = open_session(journal)
     for made in batches(6):
@@ -247,7 +247,7 @@ def test_what_nobody_could_send_again_is_written_at_once():
     assert [kind for kind, now in journal.at_once if now] == ["Open", "Error", "Edit", "Open", "Close"]
 
 
-def test_copies_tell_how_far_along_each_session_is(journal):
+def test_copies_show_how_far_along_each_session_is(journal):
     assert journal.copies() == ()
     for message, at in ((opening("s1"), 1.0), (batch(0, "s1"), 2.0), (batch(2, "s1"), 3.0)):
         journal.append(Record("cell-1", "s1", at, message))

@@ -80,7 +80,7 @@ def test_what_is_appended_while_it_is_read_is_read_as_well(tmp_path, siblings):
         assert [record.message.seq for record in records] == list(range(1, 251))
 
 
-def test_an_owner_in_the_middle_of_writing_does_not_keep_anybody_waiting(tmp_path, siblings):
+def test_an_owner_in_the_middle_of_writing_does_not_keep_a_reader_waiting(tmp_path, siblings):
     with SqliteJournal(tmp_path / "other.sqlite", NEVER) as journal:
         taught(journal, 5)
         writer = sqlite3.connect(tmp_path / "other.sqlite", isolation_level=None)

@@ -38,11 +38,11 @@ def test_nothing_acknowledged_is_forgotten_by_a_power_loss(tmp_path: Path):
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment())
     try:
         assert process.stdout is not None
-        told = [int(process.stdout.readline()) for _ in range(ACKNOWLEDGED)]
+        reported = [int(process.stdout.readline()) for _ in range(ACKNOWLEDGED)]
     finally:
         process.kill()
         process.communicate(timeout=DEADLINE_S)
     power.lose()
     with SqliteJournal(path) as journal:
         kept = {record.message.seq for record in journal.replay(STATION, NAME)}
-    assert set(told) <= kept
+    assert set(reported) <= kept

@@ -138,7 +138,7 @@ def test_the_name_of_a_session_that_is_kept_is_taken(path):
 # --- retention ------------------------------------------------------------------------------------------
 
 
-def test_sessions_go_when_nobody_has_touched_them_for_too_long_closed_ones_first(path):
+def test_sessions_go_when_they_were_untouched_for_too_long_closed_ones_first(path):
     with SqliteJournal(path, JournalSettings(age_s=DAY_S)) as journal:
         registry = new_registry(journal)
         taught(registry, "open", 0.0, closed=False)

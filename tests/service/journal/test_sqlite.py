@@ -130,7 +130,7 @@ def until_refused(journal: SqliteJournal, seqs: range, *, now: bool = False) -> 
 # --- commits --------------------------------------------------------------------------------------------
 
 
-def test_a_record_is_on_disk_within_the_bounded_delay_without_anybody_asking(path):
+def test_a_record_is_on_disk_within_the_bounded_delay_without_a_flush(path):
     with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
         written = threading.Event()
         journal._succeed, succeed = lambda rows: (succeed(rows), written.set()), journal._succeed
@@ -296,7 +296,7 @@ def test_a_journal_has_one_service(path):
     written(path)
 
 
-def test_somebody_who_only_looks_may_beside_it(path):
+def test_a_process_that_only_looks_may_beside_it(path):
     with SqliteJournal(path) as journal:
         journal.append(record(0), now=True)
         with SqliteJournal(path, alone=False) as looking:

@@ -100,7 +100,7 @@ def test_what_is_taught_shows_in_what_prometheus_reads(service):
     assert after["process_resident_memory_bytes", ""] > 0
 
 
-def test_probes_tell_what_is(service):
+def test_probes_report_what_is(service):
     assert get(f"{service.web.url}/healthz") == (200, "ok\n")
     assert get(f"{service.web.url}/readyz") == (200, "ok\n")
     status, body = get(f"{service.web.url}/../etc/passwd")

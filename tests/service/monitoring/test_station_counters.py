@@ -14,7 +14,6 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Heartbeat, Open, SessionStatus
 from caesura_service.journal import MemoryJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
-from caesura_service.monitoring.log_throttle import MAX_KEYS, LogThrottle
 from caesura_service.monitoring.registry_calls import Change
 from caesura_service.monitoring.station_counters import StationCounters, StationCounterSet
 from caesura_service.publishing.events import PipelineFactory, ReplayEnded
@@ -22,6 +21,7 @@ from caesura_service.publishing.session_state import status_of
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
+from caesura_service.token_bucket import SENDERS
 from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening, published
 
 
@@ -74,7 +74,7 @@ def lines(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 @pytest.fixture(autouse=True)
-def _told(caplog):
+def _log_level(caplog):
     caplog.set_level(logging.INFO, logger="caesura_service.monitoring")
 
 
@@ -87,7 +87,7 @@ def test_what_was_processed_is_counted_by_station():
 
 
 @pytest.mark.parametrize("count", [7, 10])
-def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count):
+def test_what_changes_nothing_else_is_counted_once_whatever_is_read_meanwhile(count):
     def seldom(opening: Open, preset: str) -> Pipeline:
         fake = make_fake_pipeline(opening, preset)
         assert isinstance(fake, FakePipeline)
@@ -100,8 +100,8 @@ def test_what_changes_nothing_else_is_counted_once_whoever_asks_meanwhile(count)
         (standing,) = registry.index.newest_states()
         assert (standing.counters.batches, standing.view.samples) == (number, 20 * number)
         for ask in (registry.republish_status, lambda station: registry.report_dropped(station, 0)):
-            (told,) = published(ask(STATION), SessionStatus) or [status_of(standing)]
-            assert (told.batches, told.samples) == (number, 20 * number)
+            (reported,) = published(ask(STATION), SessionStatus) or [status_of(standing)]
+            assert (reported.batches, reported.samples) == (number, 20 * number)
         registry.tick(float(number))
         registry.handle_command(STATION, opening(), 0.0)
     counted = registry.station_counters.of_station[STATION]
@@ -126,7 +126,7 @@ def test_a_hole_is_a_question_then_a_gap(caplog):
     assert vars(caplog.records[-1])["session"] == NAME
 
 
-def test_a_session_is_told_from_opening_to_close(caplog):
+def test_a_session_is_logged_from_opening_to_close(caplog):
     registry = taught(watched(), 5)
     registry.handle_command(STATION, closing(4), 1.0)
     registry.handle_command(STATION, closing(4), 1.1)  # its acknowledgement was lost
@@ -141,7 +141,7 @@ def test_an_unstated_wrench_source_is_logged_as_assumed(caplog):
     assert lines(caplog) == ["cell-1/s1 opened, preset fake, wrench none (assumed)"]
 
 
-def test_a_station_that_opens_too_many_sessions_is_told_which_were_closed(caplog):
+def test_a_station_that_opens_too_many_sessions_has_the_closed_ones_logged(caplog):
     registry = watched(open_sessions=1)
     registry.handle_command(STATION, opening("first"), 0.0)
     registry.handle_command(STATION, opening("second"), 0.0)
@@ -152,7 +152,7 @@ def test_a_station_that_opens_too_many_sessions_is_told_which_were_closed(caplog
     ]
 
 
-def test_a_hostile_sender_is_told_of_once_and_then_by_number(caplog):
+def test_a_hostile_sender_is_logged_once_and_then_by_number(caplog):
     clock = Clock()
     registry = watched(clock)
     for _ in range(100):
@@ -167,7 +167,7 @@ def test_a_hostile_sender_is_told_of_once_and_then_by_number(caplog):
     ]
 
 
-def test_a_bridge_that_does_not_answer_is_told_of(caplog):
+def test_a_bridge_that_does_not_answer_is_logged(caplog):
     registry = taught(watched(), 3)
     registry.handle_samples(STATION, heartbeat(5), 1.0)
     registry.handle_samples(STATION, ReplayEnded(NAME, 3, answered=False), 2.0)
@@ -188,7 +188,7 @@ def test_a_batch_whose_content_is_refused_is_lost():
     assert (counted.batches, counted.lost) == (2, 1)
 
 
-def test_names_that_nobody_knows_take_no_room():
+def test_names_that_are_unknown_take_no_room():
     registry = taught(watched(), 1)
     for number in range(1000):
         registry.handle_samples(f"nobody-{number}", Heartbeat(session="x", epoch=0, seq=1), 0.0)
@@ -232,8 +232,13 @@ def test_a_change_without_a_before_adds_nothing():
     assert counted == StationCounters()
 
 
-def test_what_is_kept_quiet_takes_bounded_room():
-    quiet = LogThrottle(10.0)
-    said = [quiet.kept_back(key, 0.0) for key in range(MAX_KEYS + 50)]
-    assert said.count(0) == MAX_KEYS
-    assert quiet.kept_back("new", 20.0) == 0
+def test_suppressed_lines_take_bounded_room_and_a_new_sender_is_logged_again(caplog):
+    clock = Clock()
+    registry = watched(clock)
+    for number in range(3 * SENDERS):
+        registry.reject(f"cell-{number}", ProtocolError("malformed", "rubbish"))
+    assert len(lines(caplog)) == SENDERS
+    assert len(registry._event_logger._suppressed) == SENDERS
+    clock.now += 20.0
+    registry.reject("new", ProtocolError("malformed", "rubbish"))
+    assert lines(caplog)[-1] == "new refused: malformed: rubbish"

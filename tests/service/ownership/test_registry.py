@@ -91,20 +91,20 @@ def test_samples_for_an_unknown_session_are_counted_by_the_service(message):
 
 
 def test_a_batch_for_another_stations_session_is_forbidden_and_shown_where_it_came_from():
-    registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "theirs")
-    said = registry.handle_samples(STATION, batch(0, "theirs"), 0.0)
+    registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "others")
+    said = registry.handle_samples(STATION, batch(0, "others"), 0.0)
     (status,) = published(said, SessionStatus)
     assert (status.station, status.session, status.refused) == (STATION, "mine", {"forbidden": 1})
-    mine, theirs = registry.index.all_states()
-    assert theirs.view.samples == 0
-    assert theirs.counters.refused == {}
+    mine, others = registry.index.all_states()
+    assert others.view.samples == 0
+    assert others.counters.refused == {}
     assert registry.counters.refused == {"forbidden": 1}
     assert mine.counters.last_refusal is not None
 
 
 def test_closing_another_stations_session_is_forbidden():
-    registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "theirs")
-    refusal = answer(registry.handle_command(STATION, closing(-1, "theirs"), 0.0))
+    registry = opened(opened(new_registry(), STATION, "mine"), OTHER, "others")
+    refusal = answer(registry.handle_command(STATION, closing(-1, "others"), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert refusal.code == "forbidden"
     assert registry.index.all_states()[1].is_open
@@ -186,7 +186,7 @@ def test_a_station_whose_sessions_are_all_forgotten_counts_no_longer(tmp_path):
         assert isinstance(answer(registry.handle_command(OTHER, opening(), 2000.0)), Ack)
 
 
-def test_where_an_opening_cannot_be_recorded_nobody_has_made_room_for_it():
+def test_where_an_opening_cannot_be_recorded_no_room_was_made_for_it():
     class Full(MemoryJournal):
         def append(self, record, *, now=False):
             if record.session == "s2":
@@ -274,7 +274,7 @@ def statuses(said: list[Output]) -> list[SessionStatus]:
     return published(said, SessionStatus)
 
 
-def test_whoever_sends_rubbish_makes_no_more_than_one_status_a_second_and_the_last_word_is_said():
+def test_a_sender_of_rubbish_makes_no_more_than_one_status_a_second_and_the_last_word_is_said():
     registry = new_registry()
     registry.handle_command("cell-1", opening(), 0.0)
     rubbish = ProtocolError("malformed", "not a map")

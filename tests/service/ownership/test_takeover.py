@@ -104,7 +104,7 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
         yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
 
 
-def told(standing: SessionState) -> tuple[object, ...]:
+def reported(standing: SessionState) -> tuple[object, ...]:
     snapshot = snapshot_of(unowned(standing))
     status = snapshot.status
     counted = (status.state, status.samples, status.repeats, status.gaps, status.batches)
@@ -117,7 +117,7 @@ def undisturbed() -> tuple[object, ...]:
     for each in BATCHES:
         registry.handle_samples(STATION, each, 0.0)
     registry.handle_command(STATION, closing(COUNT - 1), 0.0)
-    return told(registry.index.all_states()[0])
+    return reported(registry.index.all_states()[0])
 
 
 EXPECTED = undisturbed()
@@ -136,7 +136,7 @@ def test_what_the_owner_has_recorded_is_gone_on_with(pair):
     assert b.open() == Ack(session=NAME, next_seq=9, state="open")
     b.feed(*range(9, COUNT))
     assert b.close() == Ack(session=NAME, next_seq=COUNT, state="closed")
-    assert told(b.standing) == EXPECTED
+    assert reported(b.standing) == EXPECTED
 
 
 def test_what_it_had_not_written_when_it_was_killed_is_asked_of_the_bridge(pair):
@@ -151,7 +151,7 @@ def test_what_it_had_not_written_when_it_was_killed_is_asked_of_the_bridge(pair)
     session = b.registry.index.sessions[STATION][0]
     Ring(BATCHES).feed(session, heartbeat(COUNT - 1), 1.0)
     b.close()
-    assert told(b.standing) == EXPECTED
+    assert reported(b.standing) == EXPECTED
 
 
 def test_it_is_kept_so_that_the_next_owner_need_not_know_the_one_before(pair, tmp_path):
@@ -168,7 +168,7 @@ def test_it_is_kept_so_that_the_next_owner_need_not_know_the_one_before(pair, tm
         c.take()
         c.feed(*range(12, COUNT))
         c.close()
-        assert told(c.standing) == EXPECTED
+        assert reported(c.standing) == EXPECTED
 
 
 def test_a_session_that_ended_is_answered_for_without_being_replayed(pair):
@@ -178,7 +178,7 @@ def test_a_session_that_ended_is_answered_for_without_being_replayed(pair):
     a.close()
     b.registry._factory._pipeline_factory = lambda *_: pytest.fail("a closed session needs no mathematics")
     b.take()
-    assert told(b.standing) == EXPECTED
+    assert reported(b.standing) == EXPECTED
     assert b.standing.owner.instance == "b"
     assert b.close() == Ack(session=NAME, next_seq=COUNT, state="closed")
     assert b.journal.sessions() == ()
@@ -194,7 +194,7 @@ def test_a_session_that_ended_elsewhere_is_no_longer_open_at_its_first_owner(pai
     b.close()
     b.registry.release(STATION)
     a.take()
-    assert told(a.standing) == EXPECTED
+    assert reported(a.standing) == EXPECTED
     assert a.journal.sessions() == ()
 
 
@@ -209,7 +209,7 @@ def test_a_close_that_the_owner_took_at_the_last_moment_is_found_when_one_looks_
     a.registry.release(STATION)
     said = b.take(renew=False)
     assert [status.state for status in published(said, SessionStatus)] == ["closed"]
-    assert told(b.standing) == EXPECTED
+    assert reported(b.standing) == EXPECTED
 
 
 def test_an_owner_that_was_frozen_takes_up_what_was_taught_meanwhile(pair):
@@ -225,7 +225,7 @@ def test_an_owner_that_was_frozen_takes_up_what_was_taught_meanwhile(pair):
     assert [status.epoch for status in published(said, SessionStatus)] == [3]
     a.feed(*range(12, COUNT))
     a.close()
-    assert told(a.standing) == EXPECTED
+    assert reported(a.standing) == EXPECTED
 
 
 def test_epochs_rise_with_every_taking_whatever_the_clock_says(pair):
@@ -242,7 +242,7 @@ def test_epochs_rise_with_every_taking_whatever_the_clock_says(pair):
     assert snapshot_of(b.standing).program.epoch == 200_002
 
 
-def test_while_a_station_is_taken_its_bridge_is_told_to_come_again_and_others_are_served(pair):
+def test_while_a_station_is_taken_its_bridge_is_asked_to_come_again_and_others_are_served(pair):
     a, b = pair
     a.open()
     a.feed(*range(9))
@@ -359,7 +359,7 @@ def test_a_session_that_could_not_be_taken_is_when_its_bridge_comes_again(pair, 
     assert b.open() == Ack(session=NAME, next_seq=5, state="open")
     b.feed(*range(5, COUNT))
     b.close()
-    assert told(b.standing) == EXPECTED
+    assert reported(b.standing) == EXPECTED
 
 
 def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair, monkeypatch):
@@ -371,7 +371,7 @@ def test_of_two_copies_of_a_session_that_ended_ones_own_is_kept(pair, monkeypatc
             each.feed(*range(COUNT))
             each.close()
     a.take()
-    assert told(a.standing) == EXPECTED
+    assert reported(a.standing) == EXPECTED
     assert a.journal.sessions() == ((STATION, NAME),)
 
 
@@ -411,7 +411,7 @@ def test_whatever_happens_between_two_instances_the_session_ends_like_an_undistu
         session = owner.registry.index.sessions[STATION][0]
         Ring(BATCHES).feed(session, heartbeat(COUNT - 1), 1e6)
         assert owner.close() == Ack(session=NAME, next_seq=COUNT, state="closed")
-        assert told(owner.standing) == EXPECTED
+        assert reported(owner.standing) == EXPECTED
 
 
 def test_what_the_other_gave_up_is_no_longer_held(pair):

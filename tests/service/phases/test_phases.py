@@ -14,6 +14,7 @@ from caesura_service.phases.model import CONTACT_STATES, SegmentFeatures, seen
 from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior
 
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
+CONTACT_OF = {"cycle": "free"}  # contact state of a phase kind, where it is not the kind's name
 CHAIN = Chain(PARAMETERS)
 FREE, CONTACT, TRANSPORT, CYCLE = PARAMETERS.kinds
 
@@ -88,6 +89,8 @@ def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, par
             if starts:
                 if before_aside or before_kind == k:
                     return 0.0
+                if CONTACT_OF.get(kind.name, kind.name) == CONTACT_OF.get(before.name, before.name):
+                    total *= 1.0 / kind.moving if one.moves else 0.0
                 others = sum(each.weight for each in parameters.kinds) - before.weight
                 total *= before.ends * kind.weight / others
             else:
@@ -114,7 +117,7 @@ def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, par
 
 def resumed(phase: list[SegmentFeatures], one: SegmentFeatures, kind, parameters) -> float:
     """Density of where a phase is resumed, over that of resuming it anywhere."""
-    state = CONTACT_STATES.index("free" if kind.name == "cycle" else kind.name)
+    state = CONTACT_STATES.index(CONTACT_OF.get(kind.name, kind.name))
     strokes = [each for each in phase if int(each.likelihood.argmax()) == state]
     if not strokes:
         return 1.0
@@ -135,12 +138,14 @@ def groupings(count: int, kinds: int) -> list[tuple]:
 
 
 @pytest.mark.parametrize("memory", [2, 10])
-@pytest.mark.parametrize("kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT)])
+@pytest.mark.parametrize("kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT), (FREE, CYCLE)])
 @pytest.mark.parametrize("ended", [True, False])
 def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kinds: tuple) -> None:
     parameters = replace(PARAMETERS, memory=memory, kinds=kinds)
     chain = Chain(parameters)
-    every = wiping()
+    every = [
+        one.model_copy(update={"motion": "steady"}) if i in (5, 7) else one for i, one in enumerate(wiping())
+    ]
     for segments in (every[:4], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
         shown = [seen(one, parameters.wrong, grows=not ended and one is segments[-1]) for one in segments]
         steps = [first_step(chain, shown[0])]
@@ -194,6 +199,25 @@ def test_circles_in_free_space_are_a_phase_of_their_own() -> None:
     )
     assert [(one.kind, one.first_segment) for one in grouped(circles)][:2] == [("free", 0), ("cycle", 1)]
     assert grouped(circles)[-1].kind == "free"
+
+
+def test_a_rest_belongs_to_the_phase_before_it() -> None:
+    """A reach, a rest, a circle, a rest, a return: each ends with its rest."""
+    circles = demonstration(
+        ("free", 1.5, LEFT),
+        ("free", 1.0, LEFT),
+        ("free", 8.0, LEFT),
+        ("free", 1.0, LEFT),
+        ("free", 1.5, AWAY),
+    )
+    resting = [
+        one.model_copy(update={"motion": "steady"}) if i in (1, 3) else one for i, one in enumerate(circles)
+    ]
+    assert [(one.kind, one.first_segment) for one in grouped(resting)] == [
+        ("free", 0),
+        ("cycle", 2),
+        ("free", 4),
+    ]
 
 
 def test_a_carry_is_a_phase_of_its_own() -> None:

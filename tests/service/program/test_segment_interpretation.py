@@ -80,7 +80,7 @@ def test_what_the_fingers_have_let_go_is_not_carried(kind: str, becomes: list[st
     assert kinds(tuple(app for app in apps if app.segments)) == becomes
 
 
-def test_where_no_gripper_tells_what_weighs_nothing_is_not_carried() -> None:
+def test_where_no_gripper_shows_what_weighs_nothing_is_not_carried() -> None:
     light = {"load_kg": 0.07, "load_sd_kg": 0.06}
     heavy = {"load_kg": 0.3, "load_sd_kg": 0.06}
     assert kinds(program(segment("transport", 0.0, 2.0, **light))) == ["cartesian_motion"]

@@ -1,7 +1,7 @@
 """A router that keeps the generated rules, somebody of each role, and the other end of everything.
 
 The other end is the router's own session: rules apply to links, so it may do anything. Nothing here sleeps.
-`Somebody.barrier` asks a question that the router ends at once; messages of one link keep their order, so
+`Outsider.barrier` asks a question that the router ends at once; messages of one link keep their order, so
 whatever was let through before has arrived on both ends when it returns.
 """
 
@@ -31,7 +31,7 @@ KEYS: tuple[str, ...] = (
     *OUTSIDE,
 )
 ROLES = ("service.west", "bridge.cell-1", "dashboard.wall", "operator.boss")
-STRANGER = "somebody"  # may connect, and stands in no rule
+STRANGER = "outsider"  # may connect, and stands in no rule
 
 
 def opened(file: Path, **settings: Any) -> zenoh.Session:
@@ -43,7 +43,7 @@ def opened(file: Path, **settings: Any) -> zenoh.Session:
 
 
 def certificates(directory: Path) -> CredentialStore:
-    """Everybody's files, with passwords; `somebody` has both and no rule."""
+    """Everybody's files, with passwords; `outsider` has both and no rule."""
     kept = CredentialStore(directory)
     holders = [
         *identities("service", ["west", "east"]),
@@ -70,7 +70,7 @@ class World:
         self._suffix = {"certificates": "json5", "passwords": "password.json5"}[mode]
         self._rules = rules
         self._stack = ExitStack()
-        self._somebody: dict[str, Somebody] = {}
+        self._outsider: dict[str, Outsider] = {}
 
     def __enter__(self) -> World:
         own: dict[str, Any] = {"listen/endpoints": [self.endpoint]}
@@ -85,11 +85,11 @@ class World:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def somebody(self, label: str) -> Somebody:
+    def outsider(self, label: str) -> Outsider:
         """Its connection, which is kept."""
-        if label not in self._somebody:
-            self._somebody[label] = Somebody(self.connect(label), self.connect(label))
-        return self._somebody[label]
+        if label not in self._outsider:
+            self._outsider[label] = Outsider(self.connect(label), self.connect(label))
+        return self._outsider[label]
 
     def connect(self, label: str) -> zenoh.Session:
         """Another connection of a role."""
@@ -99,7 +99,7 @@ class World:
         return session
 
 
-class Somebody:
+class Outsider:
     """One role on the network. What each verb lets through is told as a set of keys."""
 
     def __init__(self, session: zenoh.Session, looker: zenoh.Session) -> None:
@@ -119,40 +119,40 @@ class Somebody:
 
     def _sent(self, router: zenoh.Session, kind: zenoh.SampleKind) -> set[str]:
         """The keys that arrive at a subscriber to everything."""
-        heard: list[zenoh.Sample] = []
-        with _declared(router.declare_subscriber("**", direct(heard.append))):
+        received: list[zenoh.Sample] = []
+        with _declared(router.declare_subscriber("**", direct(received.append))):
             for key in KEYS:
                 if kind == zenoh.SampleKind.PUT:
                     self.session.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
                 else:
                     self.session.delete(key, congestion_control=zenoh.CongestionControl.BLOCK)
             self.barrier()
-        assert all(sample.kind == kind for sample in heard)
-        return {str(sample.key_expr) for sample in heard}
+        assert all(sample.kind == kind for sample in received)
+        return {str(sample.key_expr) for sample in received}
 
     def subscribe(self, router: zenoh.Session) -> set[str]:
         """The keys whose subscriber, one for each key, hears of what everybody else puts."""
-        heard: set[str] = set()
+        received: set[str] = set()
         with ExitStack() as stack:
             for key in KEYS:
-                listen = direct(lambda sample, key=key: heard.add(key))
+                listen = direct(lambda sample, key=key: received.add(key))
                 stack.enter_context(_declared(self.session.declare_subscriber(key, listen)))
             self.barrier()
             for key in KEYS:
                 router.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
             self.barrier()
-        return heard
+        return received
 
     def subscribe_to(self, wide: str, router: zenoh.Session) -> set[str]:
         """The keys of which a subscriber to a wide expression hears."""
-        heard: set[str] = set()
-        listen = direct(lambda sample: heard.add(str(sample.key_expr)))
+        received: set[str] = set()
+        listen = direct(lambda sample: received.add(str(sample.key_expr)))
         with _declared(self.session.declare_subscriber(wide, listen)):
             self.barrier()
             for key in KEYS:
                 router.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
             self.barrier()
-        return heard
+        return received
 
     def query(self, router: zenoh.Session, keys: tuple[str, ...] = KEYS) -> set[str]:
         """The keys that answer; one that is asked but not answered is an error."""
@@ -187,9 +187,9 @@ class Somebody:
             for key in KEYS:
                 stack.enter_context(_declared(self.session.declare_queryable(key, direct(reply))))
             self.barrier()
-            heard = {key for key in KEYS if any(one.ok for one in router.get(key, timeout=DEADLINE_S))}
-        assert asked == heard
-        return heard
+            received = {key for key in KEYS if any(one.ok for one in router.get(key, timeout=DEADLINE_S))}
+        assert asked == received
+        return received
 
     def answer_to(self, wide: str, router: zenoh.Session) -> tuple[set[str], bool]:
         """The keys on which queryables of this role answer a wide question, and whether a refusal arrives."""

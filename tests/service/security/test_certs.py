@@ -127,7 +127,7 @@ def test_who_is_revoked_has_no_rule_and_no_password_and_never_the_same_name_agai
     assert common_name((made / "bridge.cell-1.crt").read_bytes()) == "bridge.cell-1.2"
 
 
-def test_the_dictionary_is_never_empty_because_zenoh_would_let_everybody_in(made):
+def test_the_dictionary_is_never_empty_because_zenoh_would_let_every_client_in(made):
     certs(made, "--revoke", "bridge.cell-1", "--revoke", "dashboard.wall")
     (line,) = (made / "users.txt").read_text().splitlines()
     assert line.startswith("router:")
@@ -168,7 +168,7 @@ def test_a_key_that_went_missing_is_not_made_anew(made):
     assert f"{made}/ca.key is missing" in done.stderr
 
 
-def test_a_file_of_somebody_else_is_not_written_over(tmp_path):
+def test_a_file_of_another_program_is_not_written_over(tmp_path):
     (tmp_path / "bridge.cell-1.json5").write_text("mine")
     done = certs(tmp_path, "--station", "cell-1")
     assert done.exit_code == 1

@@ -163,7 +163,7 @@ def test_a_bridge_reads_no_other_station_and_poses_as_no_service(network):
         assert wall.transport.list_tokens(service_key("*", "alive")) == (service_key("west", "alive"),)
 
 
-def test_nobody_gets_in_without_a_certificate(network, directory):
+def test_no_client_gets_in_without_a_certificate(network, directory):
     with pytest.raises(AccessDenied, match="it demands a certificate"):
         connect(network.endpoint, config_file=directory / "bridge.cell-1.password.json5", timeout_s=0.0)
     with pytest.raises(AccessDenied):
@@ -185,13 +185,13 @@ def test_the_command_line_works_with_the_generated_files(network, directory):
     assert run(network, directory, "dashboard.wall", "watch", "--station", "cell-1", "--once").exit_code == 0
 
 
-def test_who_may_not_read_is_not_told_that_there_is_nothing(network, directory):
+def test_who_may_not_read_is_not_informed_that_there_is_nothing(network, directory):
     done = run(network, directory, "bridge.cell-1", "sessions", "list")
     assert done.exit_code == 1
     assert "are these a reader's credentials?" in done.stderr
 
 
-def test_a_bridge_with_the_credentials_of_another_station_is_told(network):
+def test_a_bridge_with_the_credentials_of_another_station_is_reported(network):
     thief = network.as_("bridge.cell-1")
     assert "are these the credentials of bridge.cell-2?" in _why_it_waits(thief, "cell-2")
 

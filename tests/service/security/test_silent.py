@@ -51,7 +51,7 @@ def listening(directory: Path, protocol: str, file: str | None) -> Iterator[tupl
     ],
     ids=["without credentials", "certificates", "passwords, after the handshake"],
 )
-def test_silent_connections_keep_nobody_out(directory, protocol, router, client, tls):
+def test_silent_connections_keep_no_other_out(directory, protocol, router, client, tls):
     file = directory / client if client else None
     with (
         listening(directory, protocol, router) as (endpoint, port),

@@ -255,7 +255,7 @@ def test_a_force_limit_without_a_force_or_above_the_cells_is_refused(shown: Pipe
     assert (error.code, error.value, error.limit) == ("malformed", 10.5, 10.0)
 
 
-def test_a_segment_behind_a_gap_begins_there_whatever_anybody_says():
+def test_a_segment_behind_a_gap_begins_there_whatever_is_corrected():
     holed = whole(lost=LOST)
     (gap,) = holed.view.gaps
     behind = next(t for t in times(holed.view) if t >= gap.tn - 0.01)
@@ -399,10 +399,10 @@ def test_corrections_are_bounded():
         full.after(Insert(t=1.0), lambda change: ResolvedEdit())
 
 
-def test_the_filter_is_told_once_for_each_observation_and_the_later_word_counts():
+def test_the_filter_is_informed_once_for_each_observation_and_the_later_word_counts():
     said = FilterConstraints(
         [ResolvedEdit(none=(3, 4)), ResolvedEdit(inserted=0.35), ResolvedEdit(none=(5,), starts=(6,))]
     )
-    told = [said.start(index, 0.1 * index) for index in range(8)]
-    assert told == [None, None, None, False, True, False, True, None]
+    reported = [said.start(index, 0.1 * index) for index in range(8)]
+    assert reported == [None, None, None, False, True, False, True, None]
     assert [said.is_certain(index) for index in range(8)].count(True) == 2

@@ -79,7 +79,7 @@ def refused(replied: Ack | ProtocolError) -> ProtocolError:
 # --- one session ----------------------------------------------------------------------------------------
 
 
-def test_an_edit_is_acknowledged_with_its_revision_and_told_from_the_first_difference_on():
+def test_an_edit_is_acknowledged_with_its_revision_and_published_from_the_first_difference_on():
     session, _ = open_session()
     run(session, 14)
     before = snapshot_of(session.state)
@@ -120,7 +120,7 @@ def test_undo_and_redo_are_edits_too():
     assert session.state.view == corrected
 
 
-def test_of_two_editors_the_slower_one_is_told_the_revision_that_there_is():
+def test_of_two_editors_the_slower_one_is_refused_with_the_revision_that_there_is():
     session, _ = open_session()
     run(session, 14)
     session.receive(edit(), 0.0)
@@ -194,7 +194,7 @@ def test_a_closed_session_whose_records_are_gone_is_not_corrected():
     assert journal.sessions() == ()
 
 
-def test_an_error_of_ours_changes_nothing_and_the_demonstration_goes_on(monkeypatch):
+def test_an_internal_error_changes_nothing_and_the_demonstration_goes_on(monkeypatch):
     session, _ = open_session()
     run(session, 14)
     standing = session.state
@@ -207,7 +207,7 @@ def test_an_error_of_ours_changes_nothing_and_the_demonstration_goes_on(monkeypa
     assert session.is_open
 
 
-def test_a_refused_edit_is_told_to_its_author_and_not_held_against_the_bridge():
+def test_a_refused_edit_is_returned_to_its_author_and_not_held_against_the_bridge():
     registry = new_registry()
     registry.handle_command(STATION, opening(), 0.0)
     said = registry.handle_command(STATION, edit(revision=7), 0.0)
@@ -417,8 +417,8 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     registry, before = closed_and_taken_up(MemoryJournal())
     assert refused(answer(registry.handle_command(STATION, edit(0), 4.0))).limit == 1
     assert (registry.is_rebuilding, registry.counters.refused) == (False, {"conflict": 1})
-    told = refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0)))
-    assert (told.code, registry.counters.refused) == ("overloaded", {"conflict": 1})
+    reported = refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0)))
+    assert (reported.code, registry.counters.refused) == ("overloaded", {"conflict": 1})
     assert registry.rebuild_step() == []  # a record at a time: others are served meanwhile
     assert isinstance(answer(registry.handle_command("cell-2", opening(), 0.0)), Ack)
     assert refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"
@@ -435,20 +435,20 @@ def test_where_the_records_are_gone_a_correction_says_so():
     journal = MemoryJournal()
     registry, _ = closed_and_taken_up(journal)
     journal.delete(STATION, NAME)
-    told = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
-    assert (told.code, registry.is_rebuilding) == ("conflict", False)
-    assert "no longer has the session's samples" in str(told)
+    reported = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
+    assert (reported.code, registry.is_rebuilding) == ("conflict", False)
+    assert "no longer has the session's samples" in str(reported)
 
 
-def test_records_that_cannot_be_folded_are_named_once_and_to_whoever_asks_again():
+def test_records_that_cannot_be_folded_are_named_once_and_to_each_further_reader():
     journal = MemoryJournal()
     registry, _ = closed_and_taken_up(journal)
     del journal._records[STATION, NAME][0]
     registry.handle_command(STATION, edit(1), 0.0)
     assert [type(said) for said in stepped(registry)] == [TakeoverFailed]
-    told = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
-    assert told.code == "conflict"
-    assert "cannot be corrected" in str(told)
+    reported = refused(answer(registry.handle_command(STATION, edit(1), 0.0)))
+    assert reported.code == "conflict"
+    assert "cannot be corrected" in str(reported)
 
 
 def test_a_crash_between_an_edit_and_its_outcome_loses_nothing(monkeypatch):
@@ -480,7 +480,7 @@ def corrected(instance: Instance, revision: int = 0, action: Any = None) -> Ack 
     return answer(instance.registry.handle_command(STATION, edit(revision, action), 9.0))
 
 
-def test_whoever_takes_a_station_over_has_its_corrections(pair):
+def test_an_instance_that_takes_a_station_over_has_its_corrections(pair):
     a, b = pair
     a.open()
     a.feed(*range(9))
@@ -541,7 +541,7 @@ def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair
     assert T in [one.t for one in b.standing.view.changepoints]
 
 
-def test_whoever_looks_again_and_again_has_each_edit_once(pair):
+def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair):
     a, b = pair
     a.open()
     a.feed(*range(9))

@@ -22,7 +22,7 @@ def history_of(down: np.ndarray) -> ObservationStore:
     return history
 
 
-def test_a_press_is_told_without_touching_and_letting_go() -> None:
+def test_a_press_is_measured_without_touching_and_letting_go() -> None:
     down = np.concatenate([[0.5, 4.0, 9.0], np.full(20, 15.0), [10.0, 3.0, 0.2]])
     assert history_of(down).press(0, len(down)) == pytest.approx((0.0, 0.0, 15.0))
 

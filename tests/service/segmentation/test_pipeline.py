@@ -18,7 +18,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.recording import Recording, RecordingError
-from caesura_service.constants import JOINTS
+from caesura_service.constants import JOINTS, JOINTS_MOST
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
 from caesura_service.program import Paths, ProgramSegment, task_program
 from caesura_service.segmentation.pipeline import (
@@ -183,7 +183,7 @@ def test_a_lost_beginning_and_a_lost_end_are_gaps_without_a_length(taught: Recor
 
 
 @pytest.mark.parametrize("source", ["flange_sensor_with_hand", "joint_torque_estimate", "none"])
-def test_a_wrench_that_cannot_tell_contact_is_not_asked_and_the_program_says_so(
+def test_a_wrench_that_cannot_show_contact_is_not_asked_and_the_program_says_so(
     taught: Recording, source: str
 ):
     view = segment_recording(replace(changed(taught), wrench_source=source))  # type: ignore[arg-type]
@@ -426,7 +426,8 @@ def test_the_wire_and_the_signals_name_the_same_columns():
     assert set(HANDS_ON_ROBOT) == set(wire.HANDS_ON_ROBOT)
     assert set(FORCE_FRAMES) == set(wire.FORCE_FRAMES)
     assert set(UNITS["length"]) == set(wire.LENGTH_UNITS)
-    assert JOINTS == wire.JOINTS == len(COLUMNS_OF_SIGNAL["q"]) == len(COLUMNS_OF_SIGNAL["tau"])
+    assert JOINTS == wire.JOINTS
+    assert JOINTS_MOST == wire.JOINTS_MOST == len(COLUMNS_OF_SIGNAL["q"]) == len(COLUMNS_OF_SIGNAL["tau"])
 
 
 def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):

@@ -56,7 +56,7 @@ def test_a_slice_that_is_long_enough_is_the_whole_work():
     assert len(seen) == 100
 
 
-def test_work_is_finished_at_once_from_anywhere_and_whoever_asked_goes_on():
+def test_work_is_finished_at_once_from_anywhere_and_the_caller_goes_on():
     slices, seen = Slices(slice_s=0.0), list[str]()
     slices.begin("a", counting(seen, "a", 3))
 
@@ -68,7 +68,7 @@ def test_work_is_finished_at_once_from_anywhere_and_whoever_asked_goes_on():
     assert seen == ["a0", "a1", "a2", "asked"]
 
 
-def test_an_error_ends_the_work_and_reaches_whoever_gave_it_the_slice():
+def test_an_error_ends_the_work_and_reaches_the_caller_of_the_slice():
     def breaking() -> None:
         give_way()
         raise RuntimeError("broken")
@@ -163,7 +163,7 @@ def messages(said: list[Output]) -> list[Any]:
     return [one.message for one in said if isinstance(one, Publish)]
 
 
-def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_nobody_sees_half_of_them():
+def test_a_dense_batch_and_an_edit_in_slices_say_what_they_say_at_once_and_no_view_has_half_of_them():
     opening, sent = sparse()
     insert = Edit(session=NAME, revision=0, author="Ann", action=Insert(t=20.4))
     whole, sliced = registry(60.0), registry(0.0)

@@ -1,27 +1,34 @@
-"""A service with the fake pipeline on a free port, and a peer that is connected to it."""
+"""A service with the fake pipeline and a peer of it, on a network in memory."""
 
 from collections.abc import Iterator
 
 import pytest
 
+from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
-from harness.peer import Peer
+from caesura_service.server.memory_network import in_memory
+from harness.peer import MemoryPeer
+
+
+@pytest.fixture
+def network() -> MemoryNetwork:
+    return MemoryNetwork()
 
 
 @pytest.fixture
 def config() -> ServiceConfig:
-    return ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake")
+    return ServiceConfig(instance="test-1", preset="fake")
 
 
 @pytest.fixture
-def service(config: ServiceConfig) -> Iterator[Service]:
-    with Service(config, pipeline_factory=make_fake_pipeline) as running:
+def service(config: ServiceConfig, network: MemoryNetwork) -> Iterator[Service]:
+    with Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)) as running:
         yield running
 
 
 @pytest.fixture
-def peer(service: Service) -> Iterator[Peer]:
-    with Peer(service.endpoint) as connected:
+def peer(service: Service, network: MemoryNetwork) -> Iterator[MemoryPeer]:
+    with MemoryPeer(network) as connected:
         yield connected

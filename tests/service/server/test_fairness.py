@@ -9,11 +9,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-import zenoh
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Message, Open
+from caesura_protocol.transport.inbox import IncomingQuery
+from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.publishing.events import PipelineFactory
@@ -22,10 +23,11 @@ from caesura_service.segmentation.time_slices import give_way
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.server import result_publisher
 from caesura_service.server.lanes import WAITING, Lanes
-from caesura_service.server.rates import Rate, RateSettings
-from harness.peer import Peer
+from caesura_service.server.memory_network import in_memory
+from caesura_service.server.rates import RateSettings
+from caesura_service.token_bucket import Rate
+from harness.peer import MemoryPeer
 from harness.sessions import batches, closing, opening
-from service.server.test_zenoh_server import until_closed
 
 
 class Slow(FakePipeline):
@@ -67,8 +69,10 @@ def begun() -> threading.Event:
 
 
 @pytest.fixture
-def service(config: ServiceConfig, gate: threading.Event, begun: threading.Event) -> Iterator[Service]:
-    with Service(config, pipeline_factory=slow(gate, begun)) as running:
+def service(
+    config: ServiceConfig, network: MemoryNetwork, gate: threading.Event, begun: threading.Event
+) -> Iterator[Service]:
+    with Service(config, pipeline_factory=slow(gate, begun), join=in_memory(network)) as running:
         yield running
         gate.set()
 
@@ -83,7 +87,7 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
     peer.command(opening(), "cell-2")
     for batch in batches(20):
         peer.send(batch, "cell-2")
-    assert until_closed(peer, 19, "cell-2").next_seq == 20
+    assert peer.until_closed(19, "cell-2").next_seq == 20
     assert peer.snapshot("slow", "cell-1").status.batches == 0, "nothing of a batch is shown before its end"
     gate.set()
     ack = peer.command(closing(2, "slow"), "cell-1")  # which waits behind its batches
@@ -95,16 +99,18 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
 WORK = Rate(0.001, 0.0001)
 
 
-def open_again_and_again(peer: Peer) -> None:
+def open_again_and_again(peer: MemoryPeer) -> None:
     for _ in range(100):  # what it took is known after the answer
         peer.command(opening())
 
 
-def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(config):
+def test_a_station_that_has_used_up_its_work_is_refused_with_the_reason_and_another_goes_on(config, network):
     rates = RateSettings(work=WORK)
     with (
-        Service(replace(config, rates=rates), pipeline_factory=make_fake_pipeline) as service,
-        Peer(service.endpoint) as peer,
+        Service(
+            replace(config, rates=rates), pipeline_factory=make_fake_pipeline, join=in_memory(network)
+        ) as service,
+        MemoryPeer(network) as peer,
     ):
         peer.command(opening())
         with pytest.raises(ProtocolError, match=r"of work: .* of 0.0001 s .* 0.001 come back") as no:
@@ -122,26 +128,30 @@ def test_a_station_that_has_used_up_its_work_is_told_so_and_another_goes_on(conf
         assert not peer.snapshot("s2", "cell-2").status.refused
 
 
-def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, gate, begun):
-    with Service(config, pipeline_factory=slow(gate, begun)) as service, Peer(service.endpoint) as peer:
+def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, network, gate, begun):
+    service = Service(config, pipeline_factory=slow(gate, begun), join=in_memory(network))
+    with service, MemoryPeer(network) as peer:
         peer.command(opening("slow"))
         peer.send(batches(1, "slow")[0])
         assert begun.wait(30.0)
     assert not [one for one in threading.enumerate() if one.name == "caesura-worker"]
 
 
-def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(config, gate, begun, monkeypatch):
+def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(
+    config, network, gate, begun, monkeypatch
+):
     """The worker waited in it until Zenoh closed the link, five seconds later."""
     sent = result_publisher.reply_message
 
-    def blocked(query: zenoh.Query, key: str, message: Message) -> None:
+    def blocked(query: IncomingQuery, key: str, message: Message) -> None:
         if "slow" in key:
             begun.set()
             gate.wait(5.0)
         sent(query, key, message)
 
     monkeypatch.setattr(result_publisher, "reply_message", blocked)
-    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+    service = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
+    with service, MemoryPeer(network) as peer:
         late = threading.Thread(target=peer.command, args=(opening("s1"), "slow"), daemon=True)
         late.start()
         assert begun.wait(5.0)

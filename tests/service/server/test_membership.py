@@ -37,7 +37,7 @@ def test_our_own_token_says_nothing(seen):
 
 
 @pytest.mark.parametrize("order", [("b", "c", "link"), ("link", "b", "c"), ("b", "link", "c")])
-def test_with_our_own_link_nobody_is_gone_until_there_was_time_to_come_back(seen, order):
+def test_with_our_own_link_no_instance_is_gone_until_there_was_time_to_come_back(seen, order):
     for each in order:
         seen.link_lost() if each == "link" else seen.remove(each, 1.0)
     assert seen.members(60.0) == {"a", "b", "c"}
@@ -48,7 +48,7 @@ def test_with_our_own_link_nobody_is_gone_until_there_was_time_to_come_back(seen
     assert seen.add("c", 70.0)
 
 
-def test_a_link_that_is_lost_late_still_counts_for_whoever_nobody_has_missed_yet(seen):
+def test_a_link_that_is_lost_late_still_counts_for_instances_that_are_not_missed_yet(seen):
     seen.remove("b", 1.0)
     seen.link_lost()  # told after SETTLE_S, but before anybody asked for the members
     assert seen.members(1.0 + 2 * SETTLE_S) == {"a", "b", "c"}

@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key
 from caesura_protocol.messages import Ack, Open, ServiceStatus, SessionStatus
+from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.segmentation.view import Pipeline, PipelineView
+from caesura_service.server.memory_network import in_memory
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
-from harness.peer import Peer
+from harness.peer import MemoryPeer
 from harness.sessions import batches, closing, opening
-from service.server.test_zenoh_server import until_closed
 
 QUEUE = QueueSettings(capacity=128, shares=4)  # 32 of a station, pressed at 20
 SENT = batches(90)
@@ -66,45 +67,50 @@ def held() -> threading.Event:
 
 
 @pytest.fixture
-def service(config: ServiceConfig, gate: threading.Event, held: threading.Event) -> Iterator[Service]:
+def service(
+    config: ServiceConfig, network: MemoryNetwork, gate: threading.Event, held: threading.Event
+) -> Iterator[Service]:
     def waiting(command: Open, preset: str) -> Pipeline:
         return Held(make_fake_pipeline(command, preset), gate, held)
 
     limits = Limits(replay_batches=8)
-    with Service(replace(config, queue=QUEUE, limits=limits), pipeline_factory=waiting) as running:
+    config = replace(config, queue=QUEUE, limits=limits)
+    with Service(config, pipeline_factory=waiting, join=in_memory(network)) as running:
         yield running
         gate.set()
 
 
-def send(peer: Peer, sent: list[Any], total: int, station: str = "cell-1") -> ServiceStatus:
+def send(peer: MemoryPeer, sent: list[Any], total: int, station: str = "cell-1") -> ServiceStatus:
     """Send, and wait until everything has arrived, `total` messages in all."""
     for made in sent:
         peer.send(made, station)
     return peer.until_service(lambda status: status.queue + status.messages + status.dropped >= total)
 
 
-def flood(peer: Peer, station: str = "cell-1", *, others: int = 0) -> int:
+def flood(peer: MemoryPeer, station: str = "cell-1", *, others: int = 0) -> int:
     """Send all of SENT, the most of it once the overload is announced; returns how much was dropped."""
-    with peer.listening(service_key("test-1", "status")) as heard:
+    with peer.listening(service_key("test-1", "status")) as received:
         send(peer, SENT[:25], others + 26, station)  # after the opening
-        begins = heard.until(ServiceStatus)
+        begins = received.until(ServiceStatus)
         assert (begins.overloaded, begins.dropped) == (True, 0)
         dropped = send(peer, SENT[25:], others + 91, station).dropped
         assert 0 < dropped <= 90 - 32  # the station's share, and perhaps one in work
-        assert heard.until(ServiceStatus, lambda status: status.dropped > 0).overloaded
+        assert received.until(ServiceStatus, lambda status: status.dropped > 0).overloaded
     return dropped
 
 
-def test_overload_is_told_before_anything_is_dropped_and_everything_is_recovered(service, peer, gate, caplog):
+def test_overload_is_reported_before_anything_is_dropped_and_everything_is_recovered(
+    peer, network, gate, caplog
+):
     caplog.set_level(logging.WARNING, "caesura_service.server.overload_monitor")
-    with peer.replaying(SENT), peer.listening() as sessions, Peer(service.endpoint) as operator:
+    with peer.replaying(SENT), peer.listening() as sessions, MemoryPeer(network) as operator:
         peer.command(opening())
         dropped = flood(peer)
         assert operator.snapshot().status.overloaded
-        with operator.listening(service_key("test-1", "status")) as heard:
+        with operator.listening(service_key("test-1", "status")) as received:
             gate.set()
-            assert until_closed(peer, 89).next_seq == 90
-            assert heard.until(ServiceStatus, lambda status: not status.overloaded).dropped == dropped
+            assert peer.until_closed(89).next_seq == 90
+            assert received.until(ServiceStatus, lambda status: not status.overloaded).dropped == dropped
         assert sessions.until(SessionStatus, lambda status: status.overloaded).state == "open"
         ended = sessions.until(SessionStatus, lambda status: status.batches == 90 and not status.overloaded)
         assert (ended.dropped, ended.lost, ended.gaps) == (dropped, 0, ())
@@ -112,7 +118,7 @@ def test_overload_is_told_before_anything_is_dropped_and_everything_is_recovered
     assert words == ["overloaded by station cell-1", "no longer overloaded"]
 
 
-def test_while_it_lasts_new_sessions_are_refused_at_once_and_told_why(service, peer, gate):
+def test_while_it_lasts_new_sessions_are_refused_at_once_and_with_the_reason(service, peer, gate):
     peer.command(opening())
     flood(peer)
     with pytest.raises(ProtocolError, match="no new sessions until that is over, try again") as refused:
@@ -133,8 +139,8 @@ def test_a_station_that_floods_takes_nothing_from_another(service, peer, gate):
         assert send(peer, SENT[:15], 107).dropped == dropped
         assert not peer.snapshot(station="cell-1").status.overloaded
         gate.set()
-        until_closed(peer, 89, "cell-9")
-    until_closed(peer, 14)
+        peer.until_closed(89, "cell-9")
+    peer.until_closed(14)
     quiet, loud = (peer.snapshot(station=station).status for station in ("cell-1", "cell-9"))
     assert (quiet.batches, quiet.dropped, quiet.duplicates) == (15, 0, 0)
     assert (loud.batches, loud.dropped, loud.gaps) == (90, dropped, ())
@@ -171,18 +177,18 @@ def test_rubbish_under_pressure_is_refused_as_ever(service, peer, gate):
     assert answered == ["malformed"]
 
 
-def test_what_was_dropped_and_nobody_has_any_more_is_a_gap(service, peer, gate):
+def test_what_was_dropped_and_is_lost_for_good_is_a_gap(service, peer, gate):
     peer.command(opening())
     with peer.replaying(SENT, oldest=90):
         dropped = flood(peer)
         gate.set()
-        until_closed(peer, 89)
+        peer.until_closed(89)
     status = peer.snapshot().status
     assert (status.batches, status.lost, status.dropped) == (90 - dropped, dropped, dropped)
     assert [gap.reason for gap in status.gaps] == ["evicted"]
 
 
-def test_a_key_that_names_no_station_overloads_and_hurts_nobody(service, peer, gate, held, caplog):
+def test_a_key_that_names_no_station_overloads_and_hurts_no_other(service, peer, gate, held, caplog):
     caplog.set_level(logging.WARNING, "caesura_service.server.overload_monitor")
     peer.command(opening())
     peer.send(SENT[0])
@@ -197,5 +203,5 @@ def test_a_key_that_names_no_station_overloads_and_hurts_nobody(service, peer, g
     peer.until_service(lambda status: not status.overloaded and status.queue == 0)
     for made in SENT[1:15]:
         peer.send(made)
-    assert until_closed(peer, 14).next_seq == 15
+    assert peer.until_closed(14).next_seq == 15
     assert "overloaded by station ?" in caplog.text

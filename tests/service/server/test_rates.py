@@ -12,12 +12,15 @@ from hypothesis import strategies as st
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ROOT, session_key, station_key
 from caesura_protocol.messages import MAX_BUDGETS, Budget, Program, SessionStatus
+from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.rates import Rate, RateLimit, RateSettings
-from harness.peer import Peer
+from caesura_service.server.memory_network import in_memory
+from caesura_service.server.rates import RateSettings
+from caesura_service.token_bucket import Rate, RateLimit
+from harness.peer import MemoryPeer
 from harness.sessions import batches, heartbeat, opening
 
 FEW = Rate(0.001, 20.0)
@@ -89,14 +92,18 @@ def test_new_names_do_not_fill_the_memory_nor_give_new_bursts():
 
 
 @contextmanager
-def serving(rates: RateSettings) -> Iterator[Peer]:
-    config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", rates=rates)
-    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+def serving(rates: RateSettings) -> Iterator[MemoryPeer]:
+    config = ServiceConfig(instance="test-1", preset="fake", rates=rates)
+    network = MemoryNetwork()
+    with (
+        Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)),
+        MemoryPeer(network) as peer,
+    ):
         yield peer
 
 
 @pytest.fixture
-def tight() -> Iterator[Peer]:
+def tight() -> Iterator[MemoryPeer]:
     with serving(TIGHT) as peer:
         yield peer
 
@@ -104,11 +111,11 @@ def tight() -> Iterator[Peer]:
 def test_samples_above_the_rate_are_dropped_and_counted_for_their_station_alone(tight, caplog):
     tight.command(opening("s1"))
     tight.command(opening("s2"), "cell-2")
-    with tight.listening(session_key("cell-1", "s1", "status")) as heard:
+    with tight.listening(session_key("cell-1", "s1", "status")) as received:
         for message in batches(60):
             tight.send(message)
         tight.send(batches(1, "s2")[0], "cell-2")
-        heard.until(SessionStatus, lambda status: status.dropped > 0)
+        received.until(SessionStatus, lambda status: status.dropped > 0)
         assert tight.until_service(lambda status: status.dropped == 40).refused == {}
     assert tight.snapshot("s2", "cell-2").status.dropped == 0
     (line,) = (
@@ -122,7 +129,7 @@ def test_a_flood_on_keys_that_name_no_station_is_one_senders_and_breaks_nothing(
     for name in ("..", "A", "a b", "é", "x" * 65):
         for _ in range(10):
             tight.put(f"{ROOT}/station/{name}/samples", b"x", "zenoh/bytes")
-            assert not any(reply.ok for reply in tight.network.get(f"{ROOT}/station/{name}/control"))
+            assert not tight.get(f"{ROOT}/station/{name}/control").replies
     assert tight.until_service(lambda status: status.dropped == 30).refused["malformed"] >= 20
     assert tight.command(opening("s1")).state == "open"
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
@@ -165,8 +172,8 @@ def test_questions_above_the_rate_are_refused():
     with serving(RateSettings(queries=FEW)) as peer:
         for _ in range(20):
             peer.ask(station_key("*", "program"), Program)
-        (reply,) = peer.network.get(station_key("*", "program"))
-    assert b"too many questions a second" in reply.err.payload.to_bytes()
+        (refusal,) = peer.get(station_key("*", "program")).refusals
+    assert "too many questions a second" in str(refusal)
 
 
 def test_a_heartbeat_counts_as_a_message(tight):

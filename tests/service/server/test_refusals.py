@@ -1,4 +1,4 @@
-"""Hostile and broken messages over a real network: an error for the sender, nothing for the others."""
+"""Hostile and broken messages to a service: an error for the sender, nothing for the others."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ from caesura_protocol.messages import (
 from caesura_service.app import Service
 from caesura_service.journal import JournalError, MemoryJournal, Record
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server.memory_network import in_memory
 from harness.heavy import array_of, message_with, nest_of
-from harness.peer import Peer
+from harness.peer import MemoryPeer
 from harness.sessions import batch, batch_of, batches, closing, opening
 
 BATCH = "application/msgpack;caesura.SampleBatch.v1"
@@ -48,7 +49,7 @@ def text_for_samples() -> bytes:
 
 
 def foreign_session() -> bytes:
-    return encode(batch(0, "theirs")).payload
+    return encode(batch(0, "others")).payload
 
 
 def a_megabyte_of_columns() -> bytes:
@@ -90,19 +91,19 @@ def deep_command() -> bytes:
 def test_bad_samples_are_reported_in_the_session_status_and_the_service_goes_on(
     peer, payload, encoding, code, words
 ):
-    peer.command(opening("theirs"), "cell-2")
+    peer.command(opening("others"), "cell-2")
     peer.command(opening("s1"))
-    with peer.listening() as heard:
+    with peer.listening() as received:
         peer.put(SAMPLES, payload, encoding)
-        status = heard.until(SessionStatus, lambda status: bool(status.refused))
+        status = received.until(SessionStatus, lambda status: bool(status.refused))
         assert (status.station, status.session, status.refused) == ("cell-1", "s1", {code: 1})
         assert status.last_refusal is not None
         assert words in status.last_refusal.message
-        peer.send(batch(0, "theirs"), "cell-2")
+        peer.send(batch(0, "others"), "cell-2")
         for seq in range(3):
             peer.send(batch(seq))
-        heard.until(Posterior, lambda posterior: posterior.session == "s1" and posterior.t > 0.5)
-    assert peer.snapshot("theirs", "cell-2").status.refused == {}
+        received.until(Posterior, lambda posterior: posterior.session == "s1" and posterior.t > 0.5)
+    assert peer.snapshot("others", "cell-2").status.refused == {}
     assert peer.service_status().refused == {code: 1}
 
 
@@ -127,9 +128,9 @@ def test_samples_after_the_close_are_reported_and_change_nothing(peer):
     while peer.snapshot().status.batches == 0:
         pass
     peer.command(closing(0))
-    with peer.listening() as heard:
+    with peer.listening() as received:
         peer.send(batch(1))
-        status = heard.until(SessionStatus)
+        status = received.until(SessionStatus)
     assert (status.state, status.refused, status.batches) == ("closed", {"conflict": 1}, 1)
 
 
@@ -169,30 +170,30 @@ def test_a_command_to_every_station_at_once_is_refused(peer):
 def test_an_error_in_one_sessions_mathematics_leaves_the_others_alone(peer):
     peer.command(opening(preset="raising"))
     peer.command(opening(), "cell-2")
-    with peer.listening() as heard:
+    with peer.listening() as received:
         peer.send(batch_of([[0.0, 13.0]], seq=0))
-        assert "cannot stand 13" in heard.until(Program, lambda program: bool(program.notes)).notes[0]
-        status = heard.until(SessionStatus, lambda status: status.state == "closed")
+        assert "cannot stand 13" in received.until(Program, lambda program: bool(program.notes)).notes[0]
+        status = received.until(SessionStatus, lambda status: status.state == "closed")
         assert "RuntimeError: cannot stand 13.0" in status.last_refusal.message
         peer.send(batch(0), "cell-2")
-        heard.until(Posterior, lambda posterior: posterior.station == "cell-2")
+        received.until(Posterior, lambda posterior: posterior.station == "cell-2")
 
 
 def test_a_replay_of_rubbish_is_given_up_as_a_gap(peer):
     """A bridge whose ring holds a batch that cannot be read would otherwise be asked for it for ever."""
     rotten = SampleBatch.model_construct(**{**batch(1).model_dump(), "n": -1})
-    with peer.replaying([batch(0), rotten]), peer.listening() as heard:
+    with peer.replaying([batch(0), rotten]), peer.listening() as received:
         peer.command(opening())
         peer.send(batch(0))
         peer.send(batch(2))
-        status = heard.until(SessionStatus, lambda status: bool(status.gaps))
+        status = received.until(SessionStatus, lambda status: bool(status.gaps))
     assert status.refused == {"malformed": 3}
     assert status.batches == 2
 
 
-def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, service):
+def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, network):
     peer.command(opening())
-    with Peer(service.endpoint) as hostile, peer.replaying(batches(20)):
+    with MemoryPeer(network) as hostile, peer.replaying(batches(20)):
         for _ in range(3000):
             hostile.put(station_key("cell-9", "samples"), b"\xc1", BATCH)
         for made in batches(20):
@@ -203,7 +204,7 @@ def test_a_flood_of_rubbish_from_one_station_costs_another_nothing(peer, service
     assert (status.batches, status.refused, status.gaps) == (20, {}, ())
 
 
-def test_errors_of_ours_that_a_station_causes_are_logged_once_in_a_while(peer, service, caplog, monkeypatch):
+def test_internal_errors_that_a_station_causes_are_logged_once_in_a_while(peer, service, caplog, monkeypatch):
     def fail(*_: object) -> None:
         raise RecursionError("a mistake of ours")
 
@@ -241,9 +242,9 @@ class BadJournal(MemoryJournal):
         ),
     ],
 )
-def test_an_opening_that_cannot_be_recorded_is_refused_with_the_reason(config, error, words):
-    service = Service(config, pipeline_factory=make_fake_pipeline, journal=BadJournal(error))
-    with service, Peer(service.endpoint) as peer:
+def test_an_opening_that_cannot_be_recorded_is_refused_with_the_reason(config, network, error, words):
+    options = {"journal": BadJournal(error), "join": in_memory(network)}
+    with Service(config, pipeline_factory=make_fake_pipeline, **options), MemoryPeer(network) as peer:
         with pytest.raises(ProtocolError, match=words):
             peer.command(opening())
         assert peer.service_status().sessions_open == 0

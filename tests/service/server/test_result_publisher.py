@@ -15,6 +15,7 @@ from caesura_service.server.lanes import Lanes
 from caesura_service.server.rates import RateSettings
 from caesura_service.server.result_publisher import REPLAYS, ResultPublisher
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
+from caesura_service.server.zenoh_network import ZenohNetwork
 
 DEADLINE_S = 5.0
 ASKED = 3 * REPLAYS
@@ -23,11 +24,11 @@ ASKED = 3 * REPLAYS
 class Broken:
     """A network session of which no question leaves: of Zenoh's errors not every one is a ZError."""
 
-    def get(self, *_: Any, **__: Any) -> None:
+    def request(self, *_: Any, **__: Any) -> None:
         raise RuntimeError("no runtime")
 
 
-def closed() -> zenoh.Session:
+def closed() -> ZenohNetwork:
     """A real one, which ends the question, and raises as well."""
     config = zenoh.Config()
     config.insert_json5("scouting/multicast/enabled", "false")
@@ -35,7 +36,7 @@ def closed() -> zenoh.Session:
     config.insert_json5("listen/endpoints", "[]")
     session = zenoh.open(config)
     session.close()
-    return session
+    return ZenohNetwork(session)
 
 
 @pytest.mark.parametrize("network", [Broken, closed])

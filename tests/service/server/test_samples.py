@@ -1,4 +1,4 @@
-"""Queries for samples, answered by a real service over loopback from the journal that it finds."""
+"""Queries for samples, answered by a service from the journal that it finds."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from caesura_clients import Caesura, query
 from caesura_protocol.errors import NotFound, ProtocolError
 from caesura_protocol.keys import SampleRange, session_key
 from caesura_protocol.messages import Posterior, RecordedSamples
-from caesura_protocol.transport.zenoh_transport import ZenohTransport
+from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
 from caesura_service.journal import FileBatches
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server.memory_network import in_memory
 from harness.journals import COLUMNS, ended, taught, written
-from harness.peer import Peer
+from harness.peer import MemoryPeer
 from harness.processes import eventually
 from harness.sessions import batch, batches, closing, opening
 from service.decimation.oracle import check
@@ -39,12 +40,10 @@ def reader(tmp_path_factory: pytest.TempPathFactory, hour: np.ndarray) -> Iterat
     """A client of a service that was started after the hour was taught."""
     folder: Path = tmp_path_factory.mktemp("journal")
     written(folder, hour, closed=ended("motion", t=HOUR_S), lost=(70_000,))
-    config = ServiceConfig(instance="caesura-1", listen="tcp/127.0.0.1:0", preset="fake", journal=folder)
-    with (
-        Service(config, pipeline_factory=make_fake_pipeline) as service,
-        ZenohTransport(service.endpoint) as transport,
-    ):
-        yield Caesura(transport)
+    network = MemoryNetwork()
+    config = ServiceConfig(instance="caesura-1", preset="fake", journal=folder)
+    with Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)):
+        yield Caesura(network.transport())
 
 
 def test_every_point_of_an_hour_is_a_sample_of_the_journal_after_a_restart(reader, hour):
@@ -92,12 +91,12 @@ def test_an_unknown_session_is_absent_and_those_that_are_there_are_named(reader)
         query.samples(reader.transport, "cell-1", "s9", SampleRange(0.0, 1.0, 100))
 
 
-def test_a_session_in_memory_is_answered_while_it_is_taught(peer: Peer, service: Service):
+def test_a_session_in_memory_is_answered_while_it_is_taught(peer: MemoryPeer, network: MemoryNetwork):
     peer.command(opening())
     for made in batches(20):
         peer.send(made)
     eventually(lambda: peer.snapshot().status.samples == 400)
-    with ZenohTransport(service.endpoint) as transport:
+    with network.transport() as transport:
         half = query.samples(transport, "cell-1", "s1", SampleRange(0.0, 10.0, 1000))
         for seq in range(20, 30):
             peer.send(batch(seq))
@@ -107,7 +106,9 @@ def test_a_session_in_memory_is_answered_while_it_is_taught(peer: Peer, service:
     assert (half.last, whole.last) == (3.99, 5.99)
 
 
-def test_a_slow_read_holds_up_no_other_query_and_no_station(peer: Peer, service: Service, monkeypatch):
+def test_a_slow_read_holds_up_no_other_query_and_no_station(
+    peer: MemoryPeer, network: MemoryNetwork, monkeypatch
+):
     """The reader hangs for as long as the test wants; results of stations and snapshots go on."""
     over, reading = threading.Event(), threading.Event()
 
@@ -118,15 +119,15 @@ def test_a_slow_read_holds_up_no_other_query_and_no_station(peer: Peer, service:
 
     monkeypatch.setattr(SampleReader, "read", hanging)
     peer.command(opening())
-    with ZenohTransport(service.endpoint) as transport:
+    with network.transport() as transport:
         asking = threading.Thread(target=_ask, args=(transport,))
         asking.start()
         try:
             assert reading.wait(30.0)
-            with peer.listening() as heard:
+            with peer.listening() as received:
                 for made in batches(20):
                     peer.send(made)
-                heard.until(Posterior, lambda posterior: posterior.t > 3.9)
+                received.until(Posterior, lambda posterior: posterior.t > 3.9)
             assert peer.snapshot().status.samples == 400
         finally:
             over.set()
@@ -134,20 +135,21 @@ def test_a_slow_read_holds_up_no_other_query_and_no_station(peer: Peer, service:
 
 
 def test_a_long_session_is_read_in_slices_between_which_other_stations_are_answered(
-    peer: Peer, service: Service, monkeypatch
+    peer: MemoryPeer, network: MemoryNetwork, monkeypatch
 ):
     """The overview of cell-1 is not complete before cell-2 has been answered."""
-    advance, is_answered, turns = SampleReader.advance, threading.Event(), []
+    read, is_answered, turns = SampleReader.read, threading.Event(), []
 
-    def slow(reader: SampleReader, owned: Owned) -> bool:
+    def slow(reader: SampleReader, owned: Owned, *given) -> RecordedSamples | None:
         turns.append(owned.station)
-        return advance(reader, owned) and (owned.station != "cell-1" or is_answered.is_set())
+        found = read(reader, owned, *given)
+        return found if owned.station != "cell-1" or is_answered.is_set() else None
 
-    monkeypatch.setattr(SampleReader, "advance", slow)
+    monkeypatch.setattr(SampleReader, "read", slow)
     for station in ("cell-1", "cell-2"):
         peer.command(opening(), station)
         peer.send(batch(0), station)
-    with ZenohTransport(service.endpoint) as transport:
+    with network.transport() as transport:
         asking = threading.Thread(
             target=query.samples, args=(transport, "cell-1", "s1", SampleRange(0.0, 1.0, 10))
         )
@@ -162,14 +164,15 @@ def test_a_long_session_is_read_in_slices_between_which_other_stations_are_answe
     assert not asking.is_alive()
 
 
-def _ask(transport: ZenohTransport) -> None:
+def _ask(transport: MemoryTransport) -> None:
     with pytest.raises(ProtocolError, match="not today"):
         query.samples(transport, "cell-1", "s1", SampleRange(0.0, 1.0, 100))
 
 
-def test_the_overview_of_a_session_is_made_when_it_ends(tmp_path):
-    config = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake", journal=tmp_path)
-    with Service(config, pipeline_factory=make_fake_pipeline) as service, Peer(service.endpoint) as peer:
+def test_the_overview_of_a_session_is_made_when_it_ends(tmp_path, network):
+    config = ServiceConfig(instance="test-1", preset="fake", journal=tmp_path)
+    service = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
+    with service, MemoryPeer(network) as peer:
         peer.command(opening())
         for made in batches(20):
             peer.send(made)

@@ -85,7 +85,7 @@ def holds(service: Service, *stations: str) -> bool:
     return set(service.registry.index.sessions) == set(stations)
 
 
-def test_alone_everybody_is_served_though_nobody_knows_of_a_bridge(floor, peer):
+def test_alone_every_station_is_served_though_no_bridge_is_known(floor, peer):
     with floor.serving("east"):
         assert opens(peer, EASTS[0]).state == "open"
         assert opens(peer, WESTS[0]).state == "open"
@@ -143,28 +143,28 @@ def test_without_a_directory_in_common_the_bridges_ring_is_what_there_is(floor, 
         assert (status.instance, status.samples, status.gaps) == ("east", 400, ())
 
 
-def test_who_listens_behind_a_router_that_came_back_hears_what_is_said_from_then_on(floor, router):
+def test_who_listens_behind_a_router_that_came_back_receives_what_is_published_from_then_on(floor, router):
     station = EASTS[0]
     with floor.serving("east"):
         with Peer(router.endpoint) as peer:
             opens(peer, station)
-            with peer.listening() as heard:
+            with peer.listening() as received:
                 peer.send(batch(0), station)
-                heard.until(Posterior)
+                received.until(Posterior)
             peer.send(batch(1), station)  # nobody listens
             eventually(lambda: peer.snapshot(station=station).status.batches == 2)
-            with peer.listening() as heard:
+            with peer.listening() as received:
                 peer.send(batch(2), station)
-                heard.until(Posterior)
+                received.until(Posterior)
         router.stop()
         router.start()
-        with Peer(router.endpoint) as peer, peer.listening() as heard:
+        with Peer(router.endpoint) as peer, peer.listening() as received:
             assert opens(peer, station).next_seq == 3
             peer.send(batch(3), station)
-            heard.until(Posterior)
+            received.until(Posterior)
 
 
-def test_when_the_router_goes_and_comes_back_everybody_keeps_what_it_has(floor, router):
+def test_when_the_router_goes_and_comes_back_every_instance_keeps_what_it_has(floor, router):
     station = {"east": EASTS[0], "west": WESTS[0]}
     with floor.serving("east") as east, floor.serving("west") as west:
         with Peer(router.endpoint) as peer, ExitStack() as stack:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from queue import SimpleQueue
 
 import pytest
-import zenoh
 
-from caesura_protocol.transport.zenoh_transport import direct
+from caesura_protocol.transport.inbox import IncomingQuery
+from caesura_protocol.transport.memory import MemoryNetwork
+from caesura_service.server.memory_network import MemorySession
 from caesura_service.server.network import NetworkSettings, join
 from caesura_service.server.subscriber_poller import CHANNEL, SubscriberPoller
-from harness.peer import DEADLINE_S, Peer
+from caesura_service.server.transport import Incoming, Network
+from harness.peer import DEADLINE_S, Client, MemoryPeer, Peer
 from harness.processes import eventually
 
 KEY, COMMANDS, BAD = "some/key", "some/commands", b"bad"
@@ -21,7 +24,7 @@ KEY, COMMANDS, BAD = "some/key", "some/commands", b"bad"
 class Floor:
     """A network with somebody to put, and what was handed over."""
 
-    def __init__(self, network: zenoh.Session, peer: Peer) -> None:
+    def __init__(self, network: Network, peer: Client) -> None:
         self.network, self.peer = network, peer
         self.taken: list[bytes] = []
         self.gathering = SubscriberPoller(self._take)
@@ -31,16 +34,21 @@ class Floor:
         for payload in payloads:
             self.peer.put(KEY, payload, "zenoh/bytes")
 
-    def _take(self, sample: zenoh.Sample) -> None:
-        if (payload := sample.payload.to_bytes()) == BAD:
+    def _take(self, sample: Incoming) -> None:
+        if (payload := bytes(sample.payload)) == BAD:
             raise RuntimeError(payload)
         self.taken.append(payload)
 
 
-@pytest.fixture
-def floor() -> Iterator[Floor]:
+@pytest.fixture(params=["zenoh", "memory"])
+def floor(request: pytest.FixtureRequest) -> Iterator[Floor]:
+    """Both networks of the server: one contract."""
+    if request.param == "memory":
+        memory = MemoryNetwork()
+        yield Floor(MemorySession(memory), MemoryPeer(memory))
+        return
     network, endpoint = join(NetworkSettings("tcp/127.0.0.1:0"), threading.Event())
-    with network, Peer(endpoint) as peer:
+    with closing(network), Peer(endpoint) as peer:
         yield Floor(network, peer)
 
 
@@ -64,15 +72,15 @@ def test_one_that_breaks_takes_nothing_else_along(floor):
 def test_a_command_finds_all_that_was_put_before_it(floor):
     found: SimpleQueue[int] = SimpleQueue()
 
-    def command(query: zenoh.Query) -> None:
+    def command(query: IncomingQuery) -> None:
         floor.gathering.drain()
         with query:
             found.put(len(floor.taken))
 
-    commands = floor.network.declare_queryable(COMMANDS, direct(command))
+    commands = floor.network.declare_queryable(COMMANDS, command)
     for count in range(1, 101):
         floor.put(b"sample")
-        list(floor.peer.network.get(COMMANDS, timeout=DEADLINE_S))
+        floor.peer.get(COMMANDS)
         assert found.get(timeout=DEADLINE_S) == count  # nobody looks beside: the thread does not run
     commands.undeclare()
 
@@ -80,8 +88,8 @@ def test_a_command_finds_all_that_was_put_before_it(floor):
 def test_what_was_put_before_the_end_is_handed_over(floor):
     floor.put(*numbers(5))
     # An answer from behind the messages: they have arrived.
-    commands = floor.network.declare_queryable(COMMANDS, direct(lambda query: query.drop()))
-    list(floor.peer.network.get(COMMANDS, timeout=DEADLINE_S))
+    commands = floor.network.declare_queryable(COMMANDS, lambda query: query.drop())
+    floor.peer.get(COMMANDS)
     commands.undeclare()
     floor.gathering.undeclare(KEY)
     assert floor.taken == numbers(5)

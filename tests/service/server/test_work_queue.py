@@ -171,7 +171,7 @@ def test_a_queue_that_ends_in_commands_is_relieved_too():
     assert not inbox.overloaded_sources
 
 
-def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_everybody():
+def test_a_queue_that_many_fill_is_pressed_as_a_whole_and_so_is_every_sender():
     inbox = pressed_inbox()
     for source in ("a", "b", "c"):
         for item in range(3):
@@ -214,7 +214,7 @@ def test_sources_that_come_and_go_are_forgotten():
     assert len(inbox._of_source) <= SOURCES
 
 
-def test_what_was_dropped_is_told_by_source_once_and_bounded():
+def test_what_was_dropped_is_reported_by_source_once_and_bounded():
     inbox = pressed_inbox()
     for item in range(11):
         inbox.offer(item, "a")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
 
-from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import (
     Ack,
@@ -27,19 +27,36 @@ from harness.peer import Peer
 from harness.sessions import batch, batches, closing, heartbeat, opening
 
 
+@pytest.fixture
+def config() -> ServiceConfig:
+    return ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0", preset="fake")
+
+
+@pytest.fixture
+def service(config: ServiceConfig) -> Iterator[Service]:
+    with Service(config, pipeline_factory=make_fake_pipeline) as running:
+        yield running
+
+
+@pytest.fixture
+def peer(service: Service) -> Iterator[Peer]:
+    with Peer(service.endpoint) as connected:
+        yield connected
+
+
 def test_a_demonstration_is_followed_from_its_opening_to_its_close(peer):
-    with peer.listening() as heard:
+    with peer.listening() as received:
         assert peer.command(opening()) == Ack(session="s1", next_seq=0, state="open")
         for made in batches(20):
             peer.send(made)
-        heard.until(Posterior, lambda posterior: posterior.t > 3.9)
+        received.until(Posterior, lambda posterior: posterior.t > 3.9)
         assert peer.command(closing(19)) == Ack(session="s1", next_seq=20, state="closed")
-        heard.until(SessionStatus, lambda status: status.state == "closed")
+        received.until(SessionStatus, lambda status: status.state == "closed")
     snapshot = peer.snapshot()
     assert snapshot.status.samples == 400
-    assert [message for message in heard.all if isinstance(message, Program)][-1] == snapshot.program
+    assert [message for message in received.all if isinstance(message, Program)][-1] == snapshot.program
     for kind in (Changepoints, Segments, Posterior, SessionStatus):
-        numbers = [message.seq for message in heard.all if isinstance(message, kind)]
+        numbers = [message.seq for message in received.all if isinstance(message, kind)]
         assert numbers == list(range(len(numbers)))
     assert peer.ask(station_key("cell-1", "program"), Program) == {
         station_key("cell-1", "program"): snapshot.program
@@ -79,27 +96,15 @@ def test_lost_batches_are_replayed_and_change_no_result(service, peer):
             if made.seq not in {5, 6, 11, 18, 19}:
                 peer.send(made, "cell-2")
         peer.send(heartbeat(19), "cell-2")
-        closed = until_closed(peer, 19, "cell-2")
+        closed = peer.until_closed(19, "cell-2")
     assert closed.next_seq == 20
     assert ranges[0][:2] == (5, 6)
-    until_closed(peer, 19, "cell-1")
+    peer.until_closed(19, "cell-1")
     whole, mended = peer.snapshot(station="cell-1"), peer.snapshot(station="cell-2")
     assert mended.changepoints.changepoints == whole.changepoints.changepoints
     assert mended.segments.segments == whole.segments.segments
     assert mended.program.apps == whole.program.apps
     assert mended.status.gaps == ()
-
-
-def until_closed(peer: Peer, last_seq: int, station: str = "cell-1") -> Ack:
-    """Close as a bridge does: again and again while batches are missing."""
-    deadline = time.monotonic() + 5.0
-    while time.monotonic() < deadline:
-        try:
-            return peer.command(closing(last_seq), station)
-        except ProtocolError as refusal:
-            if refusal.code != "conflict":
-                raise
-    raise TimeoutError("not closed in time")
 
 
 def test_an_outage_of_many_stations_is_made_good(peer):
@@ -112,30 +117,30 @@ def test_an_outage_of_many_stations_is_made_good(peer):
         for station in stations:
             peer.send(heartbeat(39), station)
         for station in stations:
-            assert until_closed(peer, 39, station).next_seq == 40
+            assert peer.until_closed(39, station).next_seq == 40
     snapshots = peer.ask(session_key("*", "*", "snapshot"), Snapshot).values()
     assert {snapshot.status.samples for snapshot in snapshots} == {800}
     assert peer.service_status().dropped == 0
 
 
 def test_what_the_bridge_no_longer_has_is_a_gap(peer):
-    with peer.replaying(batches(20), oldest=10), peer.listening() as heard:
+    with peer.replaying(batches(20), oldest=10), peer.listening() as received:
         peer.command(opening())
         peer.send(batch(0))
         peer.send(heartbeat(15))
-        status = heard.until(SessionStatus, lambda status: bool(status.gaps))
+        status = received.until(SessionStatus, lambda status: bool(status.gaps))
         assert status.gaps[0].reason == "evicted"
-        assert until_closed(peer, 15).next_seq == 16
+        assert peer.until_closed(15).next_seq == 16
     assert peer.snapshot().status.batches == 7
 
 
 def test_a_bridge_that_comes_back_is_asked_again(peer):
-    with peer.listening() as heard:
+    with peer.listening() as received:
         peer.command(opening())
         peer.send(heartbeat(3))
-        heard.until(SessionStatus, lambda status: status.waiting_for == 0)
+        received.until(SessionStatus, lambda status: status.waiting_for == 0)
         with peer.replaying(batches(4)):
-            heard.until(Posterior, lambda posterior: posterior.t > 0.7)
+            received.until(Posterior, lambda posterior: posterior.t > 0.7)
 
 
 def test_the_service_is_seen_while_it_lives(config):
@@ -144,7 +149,7 @@ def test_the_service_is_seen_while_it_lives(config):
         assert [str(token.ok.key_expr) for token in tokens] == [service_key("test-1", "alive")]
 
 
-def test_the_service_tells_how_it_is_doing(peer):
+def test_the_service_reports_how_it_is_doing(peer):
     peer.command(opening("s1"))
     peer.command(opening("s2"))
     peer.command(closing(-1, "s2"))
@@ -162,13 +167,14 @@ def test_a_service_that_is_client_of_a_router_is_found_through_it(service, confi
 
 def test_a_router_that_is_not_there_is_an_error_after_the_timeout():
     config = ServiceConfig(connect="tcp/127.0.0.1:9", connect_timeout_s=0.0)
-    with pytest.raises(NetworkError, match=r"127\.0\.0\.1:9"), Service(config):
+    service = Service(config, pipeline_factory=make_fake_pipeline)
+    with pytest.raises(NetworkError, match=r"127\.0\.0\.1:9"), service:
         pass
 
 
 def test_an_endpoint_that_is_taken_is_an_error(service):
-    config = ServiceConfig(listen=service.endpoint)
-    with pytest.raises(NetworkError, match="in use"), Service(config):
+    second = Service(ServiceConfig(listen=service.endpoint), pipeline_factory=make_fake_pipeline)
+    with pytest.raises(NetworkError, match="in use"), second:
         pass
 
 

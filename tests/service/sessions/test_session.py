@@ -192,7 +192,7 @@ def test_what_the_ring_no_longer_has_becomes_a_gap_and_the_session_goes_on():
     assert (gap.t0, gap.tn) == (pytest.approx(0.19), pytest.approx(0.8))
 
 
-def test_a_lost_beginning_is_skipped_and_told():
+def test_a_lost_beginning_is_skipped_and_reported():
     session, _ = open_session()
     Ring(batches(10), oldest=4).feed(session, batch(6), 0.0)
     assert session.next_seq == 7
@@ -201,7 +201,7 @@ def test_a_lost_beginning_is_skipped_and_told():
     assert status_of(session.state).lost == 4
 
 
-def test_a_lost_end_is_told():
+def test_a_lost_end_is_reported():
     session, _ = open_session()
     session.receive(batch(0), 0.0)
     said = session.receive(closing(5), 0.0)
@@ -265,6 +265,14 @@ def test_opening_as_something_else_is_a_conflict():
         session.receive(opening(columns=("t", "py")), 0.0)
 
 
+def test_the_conflict_of_two_openings_names_what_differs_and_nothing_else():
+    session, _ = open_session()
+    with pytest.raises(ProtocolError) as refusal:
+        session.receive(opening().model_copy(update={"robot": "ur5e"}), 0.0)
+    assert refusal.value.message.endswith("open as something else: other robot")
+    assert (refusal.value.value, refusal.value.expected) == ("robot 'ur5e'", "robot None")
+
+
 def test_a_restarted_bridge_opens_with_a_higher_epoch_and_continues_the_numbers():
     session, _ = open_session()
     session.receive(batch(0), 0.0)
@@ -276,7 +284,7 @@ def test_a_restarted_bridge_opens_with_a_higher_epoch_and_continues_the_numbers(
     assert session.next_seq == 5
 
 
-def test_what_a_bridge_took_with_it_is_a_gap_though_nobody_knew_of_it():
+def test_what_a_bridge_took_with_it_is_a_gap_though_it_was_unknown():
     session, _ = open_session()
     session.receive(batch(0), 0.0)
     session.receive(opening(epoch=1), 0.0)

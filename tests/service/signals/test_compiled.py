@@ -28,8 +28,8 @@ def numbers(observation: Observation) -> Array:
 
 def assert_agree(compiled: ConditioningOutput, reference: ConditioningOutput) -> None:
     assert len(compiled.observations) == len(reference.observations)
-    for ours, theirs in zip(compiled.observations, reference.observations, strict=True):
-        assert_allclose(numbers(ours), numbers(theirs), rtol=1e-12, atol=1e-12)
+    for own, others in zip(compiled.observations, reference.observations, strict=True):
+        assert_allclose(numbers(own), numbers(others), rtol=1e-12, atol=1e-12)
     assert compiled[1:] == reference[1:]
 
 

@@ -243,7 +243,7 @@ BAD_LAYOUTS = {
     "half a signal": ({"columns": ("t", "px", "py")}, r"'px' is there but \['pz'\]"),
     "a column twice": ({"columns": ("t", *POSITION, "px")}, r"columns \['px'\] stand more than once"),
     "no position": ({"columns": ("t", *FORCE)}, "expected position .* or joints"),
-    "joints without a robot": ({"columns": ("t", *JOINTS)}, "expected pose_of_joints"),
+    "joints without a robot": ({"columns": ("t", *JOINTS)}, "7 joints and no position, expected a robot"),
     "unknown source": ({"wrench_source": "magic"}, "wrench_source is 'magic', expected one of"),
     "unknown frame": ({"force_frame": "tool"}, "force_frame is 'tool', expected one of"),
     "no length": ({"metres_per_unit": 0.0}, "metres_per_unit is 0.0, expected"),

@@ -26,7 +26,6 @@ class FileSource(PacedSource):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.recording = recording
-        self.setting = recording.setting
         super().__init__(
             lambda: pieces(recording.matrix()),
             columns=recording.columns,
@@ -35,6 +34,7 @@ class FileSource(PacedSource):
             force_frame=recording.force_frame,
             length_unit=recording.length_unit,
             declared_units=recording.declared_units,
+            setting=recording.setting,
             pace=pace,
             clock=clock,
             sleep=sleep,

@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_clients.bridge.sources import Chunk
+from caesura_protocol.columns import columns_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import Transform, flange_of, nearest, pose_of
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, ForceFrame, HandOnRobot, LengthUnit, WrenchSource
+from caesura_protocol.messages import JOINTS, ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
 SIGNALS = ("pos", "quat", "q", "force", "torque", "tau")
 CHUNK_MS = 20  # of the robot's time
@@ -74,7 +75,7 @@ class FrankaSource:
     ) -> None:
         self.hand_on_robot: HandOnRobot = hand_on_robot
         signals = SIGNALS if width is None else (*SIGNALS, "gripper")
-        self.columns = ("t", *(c for s in signals for c in COLUMNS_OF_SIGNAL[s]))
+        self.columns = columns_of(signals, JOINTS)
         self._who = name
         self._read = read
         self._gripper: _Gripper | None = None

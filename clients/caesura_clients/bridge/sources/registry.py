@@ -9,7 +9,7 @@ from pathlib import Path
 
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_protocol.distribution import PACKAGES, import_extra, install_command
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot
@@ -30,6 +30,7 @@ class SourceOptions:
     length_unit: str | None = None
     scenario: str | None = None
     seed: int = 0
+    robot: str | None = None  # that the simulated teacher guides
     mapping: Path | None = None
     host: str | None = None  # of the robot
     gripper: bool = True  # does it have one?
@@ -143,14 +144,8 @@ def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source
     """A source that another package registers; its module is imported at its first use."""
 
     def build(options: SourceOptions) -> Source:
-        try:
+        with import_extra(entry_point.name, f"the source {entry_point.name}"):
             opener: Callable[[SourceOptions], Source] = entry_point.load()
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.partition(".")[0] in PACKAGES:
-                raise
-            raise SourceError(
-                f"the source {entry_point.name} needs {error.name}: {install_command(entry_point.name)}"
-            ) from error
         return opener(options)
 
     return build

@@ -88,7 +88,7 @@ class Ros2Source:
         except BaseException:
             self._stack.close()
             raise
-        self._aligner = SignalAligner(self._plan.signals, patience_s=PATIENCE_S)
+        self._aligner = SignalAligner(self._plan.signals, patience_s=PATIENCE_S, joints=self._plan.joints)
         self.columns = self._aligner.columns
         self.wrench_source = cast(WrenchSource, self._plan.options["wrench_source"])
         stated = hand_on_robot or self._plan.options.get("hand_on_robot", "unknown")

@@ -10,6 +10,7 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
+from caesura_clients.dashboard.demonstrations import Desk
 from caesura_clients.dashboard.editing import Corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
 
@@ -26,10 +27,11 @@ _HEAD = (
 
 
 class Site(NamedTuple):
-    """What pages are made of. corrector: None where nothing may be corrected."""
+    """What pages are made of. corrector, desk: None where nothing may be corrected, or started."""
 
     gateway: NetworkFollower
     corrector: Corrector | None
+    desk: Desk | None = None
 
 
 @contextmanager

@@ -8,17 +8,12 @@ from typing import Any
 import numpy as np
 from nicegui import Client, ui
 
-from caesura_clients.dashboard.elements import Tables, lags
+from caesura_clients.dashboard.elements import SessionList, Tables, lags
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.sessions import sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
 
-SESSIONS = (
-    ("station", "station"), ("session", "session"), ("state", "state"), ("length", "length"),
-    ("segments", "segments"), ("apps", "apps"), ("gaps", "gaps"), ("version", "program"),
-    ("edited", "corrected"), ("instance", "instance"),
-)  # fmt: skip
 INSTANCES = (
     ("instance", "instance"), ("state", "state"), ("epoch", "epoch"), ("sessions", "sessions"),
     ("rate", "messages"), ("queue", "queue"), ("dropped", "dropped"), ("refused", "refused"),
@@ -35,7 +30,9 @@ Columns = Sequence[tuple[str, str]]
 
 def build_sessions(site: Site) -> None:
     """Build the page of all sessions that the service holds."""
-    _build(site, "Sessions", "/sessions", _sessions)
+    with page("Sessions", "/sessions"):
+        listed = SessionList(_sessions(site.gateway.world))
+    ui.timer(SLOW_TICK_S, lambda: listed.show(_sessions(site.gateway.world)))
 
 
 def build_system(site: Site) -> None:
@@ -50,9 +47,7 @@ def _build(site: Site, title: str, path: str, shown: Callable[[DashboardState], 
 
 
 def _sessions(world: DashboardState) -> dict[str, Any]:
-    none = "No session is known."
-    listed = _table("All sessions", SESSIONS, sessions(world), none, link="session")
-    return {"warnings": [world.trouble] if world.trouble else [], "tables": [listed]}
+    return {"warning": world.trouble, "sessions": sessions(world)}
 
 
 def _system(world: DashboardState) -> dict[str, Any]:
@@ -65,10 +60,8 @@ def _system(world: DashboardState) -> dict[str, Any]:
     return {"warnings": list(found.warnings), "tables": tables}
 
 
-def _table(
-    title: str, columns: Columns, rows: list[dict[str, Any]], empty: str, *, link: str = ""
-) -> dict[str, Any]:
-    return {"title": title, "columns": columns, "rows": rows, "empty": empty, "link": link}
+def _table(title: str, columns: Columns, rows: list[dict[str, Any]], empty: str) -> dict[str, Any]:
+    return {"title": title, "columns": columns, "rows": rows, "empty": empty}
 
 
 def _browsers() -> dict[str, Any]:

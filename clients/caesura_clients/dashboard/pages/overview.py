@@ -26,7 +26,7 @@ def build(site: Site) -> None:
 
 def _shown(site: Site) -> dict[str, Any]:
     gateway = site.gateway
-    found = glances(gateway.world, gateway.heard, gateway.clock(), gateway.began)
+    found = glances(gateway.world, gateway.received, gateway.clock(), gateway.began)
     bad = troubled(found)
     summary = f"{len(found)} station{'' if len(found) == 1 else 's'}, {bad or 'none'} in trouble"
     return {"stations": [one.drawn() for one in found], "summary": summary}

@@ -8,9 +8,10 @@ from nicegui import run, ui
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import timeline
+from caesura_clients.dashboard.demonstrations import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
-from caesura_clients.dashboard.elements import ProgramTimeline, SessionView
+from caesura_clients.dashboard.elements import DescriptionForm, ProgramTimeline, SessionView, StartStop
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
 from caesura_clients.results import Update
@@ -21,12 +22,16 @@ class SessionPage:
     """One browser's view of one session. session: None follows what the station teaches."""
 
     def __init__(self, site: Site, station: str, session: str | None) -> None:
-        self._gateway, self._corrector = site.gateway, site.corrector
+        self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
         self._station, self._session = station, session
         title = f"Station {station}" if session is None else f"{station} · {session}"
         with page(title, "/" if session is None else "/sessions"):
             self._banner = Banner()
             self._line = text("p", "").classes("state-line").props('aria-label="State"')
+            self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
+            self._form = DescriptionForm(
+                self._description(), self._ask, editable=site.desk is not None, live=session is None
+            )
             self._view = SessionView(
                 station, editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
@@ -40,17 +45,39 @@ class SessionPage:
 
     def _tick(self) -> None:
         gateway = self._gateway
-        world, heard = gateway.world, gateway.heard.get(self._station)
+        world, received = gateway.world, gateway.received.get(self._station)
         update = world.update(self._station, self._session)
-        seen = glance(world, self._station, heard, gateway.clock(), gateway.began)
+        seen = glance(world, self._station, received, gateway.clock(), gateway.began)
         live = self._session is None
         self._banner.say(f"Stale: {seen.why}. What is shown is old." if live and seen.why else world.trouble)
         line = line_of(seen, update) if live else line_of_past(update)
         if line != self._line.text:
             self._line.set_text(line)
+        if self._start_stop is not None:
+            self._start_stop.show(self._controls() | {"t": round(seen.t)})
+        self._form.show(self._description())
         self._view.follow(update, self._more(update))
         if update is not None:
             self._show_program(update.program)
+
+    def _controls(self) -> dict[str, Any]:
+        return controls(self._gateway.world, self._station, may_operate=self._desk is not None)
+
+    def _description(self) -> dict[str, Any]:
+        return description_of(self._gateway.world, self._station, self._session)
+
+    async def _ask(self, event: GenericEventArguments) -> None:
+        """Start, stop or describe, without delaying any other page."""
+        if self._desk is None or not isinstance(event.args, dict):
+            return
+        describes = event.args.get("type") == "describe" or self._start_stop is None
+        asked_by = self._form if describes or self._start_stop is None else self._start_stop
+        try:
+            said = await run.io_bound(self._desk.carry_out, self._station, event.args)
+        except EditRefused as refused:
+            asked_by.answered(str(refused), failed=True)
+        else:
+            asked_by.answered(said or "", failed=False)
 
     def _show_program(self, program: wire.Program) -> None:
         """In words, made anew only where it changed: a long one takes its time."""
@@ -63,7 +90,7 @@ class SessionPage:
         if update is None or not self._view.is_free:
             return {}
         more = self._view.standing(update)
-        if self._view.wants_run_lengths:
+        if self._view.shows_run_lengths:
             more |= self._run_lengths(update)
         else:
             self._columns_from = -1.0

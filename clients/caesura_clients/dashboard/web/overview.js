@@ -12,14 +12,14 @@ export default {
           <h2><a :href="'/station/' + one.station">{{ one.station }}</a></h2>
           <p class="state"><span class="badge" :class="'badge-' + one.state">{{ badge(one) }}</span>
             <span v-if="one.overloaded" class="badge badge-stale">overloaded</span></p>
-          <p class="why" v-if="one.why">{{ one.why }}: what is shown is old</p>
+          <p class="why" v-if="one.why">{{ one.why }}{{ one.state === "stale" ? ": what is shown is old" : "" }}</p>
           <p class="now"><template v-if="one.kind"><i class="swatch" :class="'kind-' + one.kind"></i>
             <strong>{{ one.kind }}</strong> {{ percent(one.probability) }}</template>
             <template v-else>no segment yet</template></p>
           <div class="strip" aria-hidden="true"><i v-for="(row, i) in one.kinds" :key="i" :class="'kind-' + row[2]"
             :style="{ flexGrow: Math.max(row[1] - row[0], 0.05), opacity: 0.35 + 0.65 * row[3] }"></i></div>
           <dl>
-            <div><dt>session</dt><dd>{{ one.session || "–" }}</dd></div>
+            <div><dt>{{ one.task ? "task" : "session" }}</dt><dd>{{ one.task || one.session || "–" }}</dd></div>
             <div><dt>time</dt><dd>{{ one.t.toFixed(1) }} s</dd></div>
             <div><dt>segments</dt><dd>{{ one.segments }}</dd></div>
             <div><dt>apps</dt><dd>{{ one.apps }}</dd></div>

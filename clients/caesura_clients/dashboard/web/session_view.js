@@ -51,10 +51,12 @@ export default {
     this.observers[1].observe(document.documentElement, { attributes: true });
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", this.redraw);
+    window.addEventListener(AUTHOR, this.named);
   },
   unmounted() {
     this.observers.forEach((one) => one.disconnect());
     this.scheme.removeEventListener("change", this.redraw);
+    window.removeEventListener(AUTHOR, this.named);
     clearInterval(this.player);
     clearTimeout(this.waiting);
     this.plots.close();
@@ -144,6 +146,9 @@ export default {
     },
     answered(message, failed) {
       Object.assign(this, { message, failed, busy: false });
+    },
+    named(event) {
+      this.author = event.detail;
     },
     scale() {
       return new Scale(this.$refs.plots.clientWidth, BAND_HEIGHT, ...this.view(), 1);

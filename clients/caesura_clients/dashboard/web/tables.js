@@ -12,8 +12,7 @@ export default {
         <div v-else class="scroll" tabindex="0" role="region" :aria-label="table.title">
           <table><thead><tr><th v-for="[key, title] in table.columns" :key="key" scope="col">{{ title }}</th></tr></thead>
           <tbody><tr v-for="(row, i) in table.rows" :key="i">
-            <td v-for="[key] in table.columns" :key="key" :class="{ alarm: alarming(key, row[key]) }">
-              <a v-if="key === table.link" :href="row.href">{{ row[key] }}</a><template v-else>{{ row[key] }}</template></td>
+            <td v-for="[key] in table.columns" :key="key" :class="{ alarm: alarming(key, row[key]) }">{{ row[key] }}</td>
           </tr></tbody></table>
         </div>
       </section>

@@ -154,5 +154,5 @@ def person(seed: int, profile: Profile, *, wander: bool = False, gripper: bool =
     drawn = draw_person(np.random.default_rng(seed), f"person-{seed}")
     own = {name: getattr(drawn, name) for name in (*DRAWN, *(SENSOR if wander else ()))}
     sensor = {**({} if wander else SENSOR), **({} if gripper else NO_GRIPPER)}
-    told = {**ROBOT, **HUMAN.get(profile, {}), **sensor}
-    return replace(THESIS, name=drawn.name, profile=profile, **(own | told))
+    fixed = {**ROBOT, **HUMAN.get(profile, {}), **sensor}
+    return replace(THESIS, name=drawn.name, profile=profile, **(own | fixed))

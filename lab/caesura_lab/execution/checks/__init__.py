@@ -17,9 +17,13 @@ from caesura_lab.execution.checks.timing import timing_findings
 from caesura_lab.execution.checks.value_ranges import value_findings
 from caesura_lab.execution.findings import CheckReport, Finding
 from caesura_protocol.messages import App
-from caesura_service.robot import Robot, load_panda
+from caesura_service.robot import Robot
 
 __all__ = ["DemonstrationQuality", "check"]
+
+NO_ROBOT = Finding(
+    "warning", None, None, "reach was not checked: the program states no robot; state it with --robot"
+)
 
 
 def check(
@@ -30,7 +34,8 @@ def check(
 ) -> CheckReport:
     """Return everything that is wrong with a program, app by app; deterministic.
 
-    cell: limits, what stands there and where the robot begins; quality: what is known of the demonstration.
+    cell: limits, what stands there and where the robot begins; quality: what is known of the demonstration;
+    robot: without one, reach is not checked, and a warning says so.
     """
     cell = cell or Cell()
     if not apps:
@@ -42,6 +47,6 @@ def check(
     broken = any(one.severity == "error" for one in found)
     found += order_findings(apps)
     if not broken:
-        found += reach_findings(apps, cell, robot or load_panda())
+        found += [NO_ROBOT] if robot is None else reach_findings(apps, cell, robot)
         found += fidelity_findings(apps, quality, cell.safety)
     return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))

@@ -138,7 +138,7 @@ def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:
         reason = f"wrench source {wrench.source} is assumed: state it with --wrench-source"
         yield Finding("warning", None, None, reason)
     if not wrench.contact_models:
-        reason = f"contacts were not looked for: wrench source {wrench.source} hides them"
+        reason = f"contacts were not looked for. {wrench.note}"
         yield Finding("warning", None, None, reason)
 
 

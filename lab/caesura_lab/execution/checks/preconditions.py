@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_lab.execution.findings import Finding
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App
 
 
@@ -14,7 +14,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
     found: list[Finding] = []
     touching, holding = False, None
     for index, app in enumerate(apps):
-        following = apps[index + 1] if index + 1 < len(apps) else None
+        following = apps[index + 1].kind if index + 1 < len(apps) else None
         grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
         reason = _violations(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
         if reason:
@@ -23,7 +23,8 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
             holding = index
         elif app.kind == "gripper_move":
             holding = None
-        touching = _in_contact_after(app, following, touching)
+        stays = touching and APP_KINDS[app.kind].in_contact
+        touching = stays or ends_in_contact(app.kind, following)
     if holding is not None:
         reason = "grasps what is never released: an app 'move gripper' must follow"
         found.append(Finding("error", holding, apps[holding].kind, reason))
@@ -40,12 +41,3 @@ def _violations(app: App, *, touching: bool, holds: bool, grasps_later: bool) ->
     if APP_KINDS[app.kind].carries and not holds:
         return "carries, but nothing was grasped: an app 'grasp' must come before it"
     return None
-
-
-def _in_contact_after(app: App, following: App | None, before: bool) -> bool:
-    """Whether the robot stands on something after an app; a carry that a contact follows sets down."""
-    if app.kind == "move_to_contact":
-        return True
-    if APP_KINDS[app.kind].carries:
-        return following is not None and APP_KINDS[following.kind].in_contact
-    return before and APP_KINDS[app.kind].in_contact

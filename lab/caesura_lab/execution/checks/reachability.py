@@ -10,10 +10,9 @@ import numpy as np
 from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.findings import Finding
 from caesura_lab.execution.trajectories import app_path, press_direction
-from caesura_lab.teacher.guided_arm import POSTURE
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
@@ -30,19 +29,13 @@ ASTRAY_M = 0.03  # between a target and where its joints lead
 DEPTH_M = 0.003  # below the top of an obstacle
 LEAVING_M = 0.03  # aside, a movement may rise out of what it was pressed in
 DEPTH_PARTS = 8  # pieces of a leg in which its depth is summed
-SEEDS = (
-    POSTURE,
-    (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
-    (1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
-    (-1.5, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0),
-)
 
 
 @dataclass(frozen=True)
 class _ArmState:
     """State of the arm before an app, None where unknown.
 
-    Place (3,), rotation (3, 3), joints (7,), contact.
+    Place (3,), rotation (3, 3), joints (n,), contact.
     """
 
     place: Array | None
@@ -57,7 +50,7 @@ def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Findin
     state = _ArmState(None if cell.start is None else np.array(cell.start), None, None, touching=False)
     found: list[Finding] = []
     for index, app in enumerate(apps):
-        following = apps[index + 1] if index + 1 < len(apps) else None
+        following = apps[index + 1].kind if index + 1 < len(apps) else None
         some, state = checker.check_app(index, app, following, state)
         found += some
     return found
@@ -72,12 +65,10 @@ class _ReachabilityChecker:
         self._high_place = np.array(cell.safety.workspace_high) - EDGE_M + BEGINS_M
 
     def check_app(
-        self, index: int, app: App, following: App | None, state: _ArmState
+        self, index: int, app: App, following: AppKind | None, state: _ArmState
     ) -> tuple[list[Finding], _ArmState]:
         """Check one app; return its findings and the state of the arm after it."""
-        ends = app.kind == "move_to_contact" or (
-            APP_KINDS[app.kind].carries and following is not None and APP_KINDS[following.kind].in_contact
-        )
+        ends = ends_in_contact(app.kind, following)
         after = _state_after(app, state, touching=ends or (state.touching and APP_KINDS[app.kind].in_contact))
         reasons = [*self._check_joints(app), *self._check_target(app)]
         joints = after.joints
@@ -101,6 +92,10 @@ class _ReachabilityChecker:
         if app.joints is None:
             return
         q = np.array(app.joints)
+        if len(q) != self._robot.joints:
+            name = self._robot.description.name
+            yield f"has {len(q)} joints, and its robot {name} has {self._robot.joints}"
+            return
         low, high = self._robot.lower_limits, self._robot.upper_limits
         for i in np.flatnonzero((q < low) | (q > high)):
             yield f"joint {i + 1} at {q[i]:.3f} rad, limits {low[i]:.3f} to {high[i]:.3f} rad"
@@ -127,10 +122,11 @@ class _ReachabilityChecker:
     def _joints_at_target(
         self, app: App, target: Vector, state: _ArmState
     ) -> tuple[Array | None, str | None]:
-        """Solve for joints (7,) at the target; return them, or why there are none."""
-        seeds = [*([] if app.joints is None else [np.array(app.joints)])]
+        """Solve for joints (n,) at the target; return them, or why there are none."""
+        own = app.joints is not None and len(app.joints) == self._robot.joints
+        seeds = [np.array(app.joints)] if own else []
         seeds += [] if state.joints is None else [state.joints]
-        seeds += [np.array(seed) for seed in SEEDS]
+        seeds += self._robot.postures
         best = (np.inf, np.inf)
         for seed in seeds:
             q, left, turn = self._robot.nearest_joints(target, _quaternion(app, state), seed)

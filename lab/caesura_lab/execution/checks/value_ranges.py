@@ -10,7 +10,7 @@ import numpy as np
 
 from caesura_lab.execution.findings import Finding
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App
+from caesura_protocol.messages import JOINTS_MOST, App
 from caesura_protocol.programs.safety import Safety
 
 NUMBERS = (
@@ -25,9 +25,10 @@ NUMBERS = (
     "gripper_width",
     "confidence",
 )
-WIDTHS = {"target": 3, "orientation": 4, "joints": 7, "force": 3}
+WIDTHS = {"target": (3,), "orientation": (4,), "joints": range(1, JOINTS_MOST + 1), "force": (3,)}
 NUMBERS_OF_SCREW = ("axis", "point", "angle", "pitch_m", "pitch_sd_m", "torque")
-WIDTHS_OF_SCREW = {"axis": 3, "point": 3, "torque": 3}
+WIDTHS_OF_SCREW = {"axis": (3,), "point": (3,), "torque": (3,)}
+ONE = (1,)
 LEAST_S = 0.1
 ABSURD = 1e6  # no number of a program is larger, whatever its unit
 LEAST_PRESS_N = 1.0
@@ -54,21 +55,28 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
 
 
 def _non_finite(index: int, app: App) -> Iterator[Finding]:
-    given: list[tuple[str, Any, int]] = [(name, getattr(app, name), WIDTHS.get(name, 1)) for name in NUMBERS]
+    given: list[tuple[str, Any, Sequence[int]]] = [
+        (name, getattr(app, name), WIDTHS.get(name, ONE)) for name in NUMBERS
+    ]
     if app.screw is not None:
-        numbers = ((name, WIDTHS_OF_SCREW.get(name, 1)) for name in NUMBERS_OF_SCREW)
-        given += [(f"screw.{name}", getattr(app.screw, name), width) for name, width in numbers]
-    for name, value, width in given:
+        numbers = ((name, WIDTHS_OF_SCREW.get(name, ONE)) for name in NUMBERS_OF_SCREW)
+        given += [(f"screw.{name}", getattr(app.screw, name), widths) for name, widths in numbers]
+    for name, value, widths in given:
         if value is None:
             continue
         try:
             values = np.asarray(value, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             values = np.full(1, np.nan)
-        if values.size != width or not (np.abs(values) < ABSURD).all():
-            many = "a number" if width == 1 else f"{width} numbers"
+        if values.size not in widths or not (np.abs(values) < ABSURD).all():
+            many = "a number" if widths == ONE else f"{' to '.join(map(str, _ends(widths)))} numbers"
             expected = f"{many}, finite and below {ABSURD:g}"
             yield Finding("error", index, app.kind, f"{name} is {value!r:.100}, expected {expected}")
+
+
+def _ends(widths: Sequence[int]) -> tuple[int, ...]:
+    """Return the least and the largest of some counts, once where they are the same."""
+    return tuple(dict.fromkeys((widths[0], widths[-1])))
 
 
 def _missing(index: int, app: App) -> Iterator[Finding]:

@@ -217,5 +217,5 @@ def _kinds_legend(content: ReportData, figure: Figure) -> None:
         return
     legend.set_loc("center left")
     legend.set_bbox_to_anchor((style.LEFT, style.TOP + 0.022))
-    told = "dashed: true boundaries (short: optional)"
-    figure.text(style.RIGHT, style.TOP + 0.022, told, fontsize=8, ha="right", va="center")
+    note = "dashed: true boundaries (short: optional)"
+    figure.text(style.RIGHT, style.TOP + 0.022, note, fontsize=8, ha="right", va="center")

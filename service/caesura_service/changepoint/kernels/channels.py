@@ -42,12 +42,12 @@ from caesura_service.changepoint.kernels.residuals import (
     LOG_2PI,
     SQUARES,
     by_length,
+    fill_length,
     follow,
     log_absence,
     log_presence,
     over_axes,
     step_squared,
-    tell_length,
     whole,
 )
 from caesura_service.numba_support.decorators import compiled
@@ -106,9 +106,11 @@ def walk(here, c, joins):
     channel, now, signal = model.channels[c], state.now, model.channels[c].signal
     step2 = step_squared(here, signal, joins)
     size2 = now[signal] ** 2 + now[signal + 1] ** 2 + now[signal + 2] ** 2
-    told = channel.constant - 0.5 * (channel.nu + AXES) * math.log1p(step2 / (channel.nu * channel.scale2))
-    told += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
-    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+    log_evidence = channel.constant - 0.5 * (channel.nu + AXES) * math.log1p(
+        step2 / (channel.nu * channel.scale2)
+    )
+    log_evidence += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
+    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
 
 
 @compiled
@@ -126,7 +128,7 @@ def pace(here, c, joins):
 def resistance(here, c, joins):
     """`HeldTorque`. Field: Σ log weight. The step is the same for every hypothesis."""
     model, state = model_at(here), state_at(here)
-    channel, now, told = model.channels[c], state.now, 0.0
+    channel, now, log_evidence = model.channels[c], state.now, 0.0
     if joins:
         along = torsion2 = about = force2 = 0.0
         for a in range(AXES):
@@ -138,8 +140,8 @@ def resistance(here, c, joins):
         step2 = step_squared(here, ROTATION, joins)
         if force2 < channel.force2 or about**2 >= channel.aligned2 * step2 * force2:
             against = max(-along / math.sqrt(step2 + channel.pace**2), 0.0)
-            told = log_presence(against**2, channel.least) + log_absence(torsion2, channel.still)
-    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+            log_evidence = log_presence(against**2, channel.least) + log_absence(torsion2, channel.still)
+    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
 
 
 @compiled
@@ -178,16 +180,16 @@ def friction(here, c, joins):
     along /= math.sqrt(step_squared(here, 0, joins) + channel.pace**2)
     across2 = max(force2 - along**2, 0.0)
     outside = max(along, -along - math.sqrt(across2), 0.0)
-    told = log_presence(across2, channel.least) + log_absence(outside**2, channel.least)
-    add_to_all(state.sums[channel.field], state.channel[c], told, whole(state.counters[0].living))
+    log_evidence = log_presence(across2, channel.least) + log_absence(outside**2, channel.least)
+    add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
 
 
 @compiled
-def add_to_all(sums, told, value, lanes):
+def add_to_all(sums, log_evidence, value, lanes):
     """Add the same value to every hypothesis' log evidence."""
     for i in range(lanes):
         sums[i] += value
-        told[i] = sums[i]
+        log_evidence[i] = sums[i]
 
 
 @compiled
@@ -196,7 +198,7 @@ def constant(here, c, joins):
     model, state = model_at(here), state_at(here)
     channel, lanes = model.channels[c], whole(state.counters[0].living)
     follow(here, channel, joins)
-    tell_length(here, c)
+    fill_length(here, c)
     for a in range(AXES):
         add_squares(state.sums[channel.field + 2 * AXES + a], state.work[SQUARES + a], lanes)
     over_axes(here, c, channel)
@@ -217,7 +219,7 @@ def biased(here, c):
     channel, work, sums, now = model.channels[c], state.work, state.sums, state.now
     at, newborn = channel.field, state.counters[0].living - 1
     lanes, one, absence = whole(newborn + 1), (1.0 - channel.rho) * channel.white, channel.absence
-    tell_length(here, c)
+    fill_length(here, c)
     beyond2 = 0.0
     for a in range(AXES):
         z = now[channel.signal + a]
@@ -252,7 +254,7 @@ def about_mean(squares, total_squares, totals, weights, lanes):
 
 
 @compiled
-def add_mean_density(here, channel, told, lanes):
+def add_mean_density(here, channel, log_evidence, lanes):
     """`mean_log_density` of the mean force, the weight of the mean itself, and absence."""
     state = state_at(here)
     sums, work, at, axes = state.sums, state.work, channel.field, 2 if channel.model == LADEN else AXES
@@ -261,37 +263,39 @@ def add_mean_density(here, channel, told, lanes):
         work[WEIGHT, i] = weights[i]
         variances[i] = channel.bias2 + channel.floor2 / weights[i]
     for a in range(axes):
-        add_deviation(told, sums[at + AXES + a], weights, variances, lanes)
+        add_deviation(log_evidence, sums[at + AXES + a], weights, variances, lanes)
     if axes < AXES:
-        add_load(told, work[INSIDE], sums[at + AXES + 2], weights, variances, channel, lanes)
+        add_load(log_evidence, work[INSIDE], sums[at + AXES + 2], weights, variances, channel, lanes)
     logarithms(work[WEIGHT], lanes)
     logarithms(variances, lanes)
     whole_axes, constant = 0.5 * axes, 0.5 * axes * LOG_2PI
     for i in range(lanes):
-        told[i] -= 0.5 * AXES * work[WEIGHT, i] + whole_axes * variances[i] + constant - sums[at + 7, i]
+        log_evidence[i] -= (
+            0.5 * AXES * work[WEIGHT, i] + whole_axes * variances[i] + constant - sums[at + 7, i]
+        )
 
 
 @compiled
-def add_deviation(told, totals, weights, variances, lanes):
+def add_deviation(log_evidence, totals, weights, variances, lanes):
     """Of a mean from 0."""
     for i in range(lanes):
         mean = totals[i] / weights[i]
-        told[i] -= 0.5 * mean * mean / variances[i]
+        log_evidence[i] -= 0.5 * mean * mean / variances[i]
 
 
 @compiled
-def add_load(told, inside, totals, weights, variances, channel, lanes):
+def add_load(log_evidence, inside, totals, weights, variances, channel, lanes):
     """The density of the force downwards, up to some logarithms of the variance. inside: scratch."""
     lightest, heaviest = channel.lightest, channel.heaviest
     spread, shoulders = math.log(heaviest / lightest), 1.0 / lightest + 1.0 / heaviest
     for i in range(lanes):
         down = -totals[i] / weights[i]
         held = min(max(down, lightest), heaviest)
-        told[i] -= 0.5 * (down - held) ** 2 / variances[i]
+        log_evidence[i] -= 0.5 * (down - held) ** 2 / variances[i]
         inside[i] = held * (spread + math.sqrt(0.5 * math.pi * variances[i]) * shoulders)
     logarithms(inside, lanes)
     for i in range(lanes):
-        told[i] -= inside[i]
+        log_evidence[i] -= inside[i]
 
 
 @compiled
@@ -300,7 +304,7 @@ def carried(here, c):
     model, state = model_at(here), state_at(here)
     channel, work, sums, lanes = model.channels[c], state.work, state.sums, whole(state.counters[0].living)
     at = channel.field
-    tell_length(here, c)
+    fill_length(here, c)
     for a in range(AXES):
         z = state.now[channel.signal + a]
         add_to_all(sums[at + a], work[SQUARES + a], z, lanes)
@@ -322,7 +326,7 @@ def held(here, c):
     """`GripperHoldingChain`. Fields: log evidence, and the last known state + 1, 0 before one."""
     model, state = model_at(here), state_at(here)
     channel, now = model.channels[c], state.now[HOLDING]
-    told, lanes, befores = (
+    log_evidence, lanes, befores = (
         state.sums[channel.field],
         whole(state.counters[0].living),
         state.sums[channel.field + 1],
@@ -331,9 +335,9 @@ def held(here, c):
         first = math.log(channel.probability if now else 1.0 - channel.probability)
         same, flip = math.log(1.0 - channel.change), math.log(channel.change)
         for i in range(lanes):
-            told[i] += first if befores[i] == 0.0 else (same if befores[i] == now + 1.0 else flip)
+            log_evidence[i] += first if befores[i] == 0.0 else (same if befores[i] == now + 1.0 else flip)
             befores[i] = now + 1.0
-    add_to_all(told, state.channel[c], 0.0, lanes)
+    add_to_all(log_evidence, state.channel[c], 0.0, lanes)
 
 
 @compiled
@@ -341,7 +345,7 @@ def contact(here, c):
     """`ContactMixture`. Fields: Σf_z, log evidence, counts 3."""
     model, state = model_at(here), state_at(here)
     me, channel, joint, z = state.counters[0], model.channels[c], state.scratch, state.now
-    signal, totals, told = channel.signal, state.sums[channel.field], state.sums[channel.field + 1]
+    signal, totals, log_evidence = channel.signal, state.sums[channel.field], state.sums[channel.field + 1]
     counts = state.sums[channel.field + 2 : channel.field + 2 + STATES]
     sideways2, down = z[signal] ** 2 + z[signal + 1] ** 2, z[signal + 2]
     for place in range(me.living):
@@ -359,9 +363,9 @@ def contact(here, c):
         for k in range(STATES):
             counts[k, place] += math.exp(joint[STATES + k] - predictive)
         totals[place] += down
-        told[place] += predictive
+        log_evidence[place] += predictive
         share = (counts[channel.state, place] + channel.alpha[channel.state]) / (total + 1.0)
-        state.channel[c, place] = told[place] + math.log(STATES * share)
+        state.channel[c, place] = log_evidence[place] + math.log(STATES * share)
 
 
 @compiled
@@ -380,7 +384,7 @@ def velocity(here, c):
         k = step**2 * n * (n - 1) * (2 * n - 1) / 6.0 + kappa0
         a = n + kappa0
         determinant = a * k - b * b
-        told = AXES * (by_length(here, c, n) - 0.5 * math.log(determinant))
+        log_evidence = AXES * (by_length(here, c, n) - 0.5 * math.log(determinant))
         for i in range(AXES):
             y = (state.now[signal + i] - sums[i, place]) / channel.unit
             sums[3 + i, place] += y
@@ -389,5 +393,5 @@ def velocity(here, c):
             total, moment = sums[3 + i, place], sums[6 + i, place]
             explained = (k * total**2 - 2.0 * b * total * moment + a * moment**2) / determinant
             scale = channel.nu0 * channel.floor2 + max(sums[9 + i, place] - explained, 0.0)
-            told -= 0.5 * (channel.nu0 + n) * math.log(scale)
-        state.channel[c, place] = told
+            log_evidence -= 0.5 * (channel.nu0 + n) * math.log(scale)
+        state.channel[c, place] = log_evidence

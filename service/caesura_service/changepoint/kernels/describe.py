@@ -117,13 +117,13 @@ def _channels(models: Sequence[ChannelModel]) -> NDArray[Any]:
     field = library = 0
     for record, model in zip(records, models, strict=True):
         of_noise = {} if type(model) not in _NOISY else _record_of_noise(_noise(model))
-        told = {
+        content = {
             "field": field,
             "library": library,
             **of_noise,
             **RECORDS[type(model)](model),
         }
-        for name, value in told.items():
+        for name, value in content.items():
             record[name] = value
         field += _width(model)
         library += isinstance(model, ProfileModel)

@@ -168,7 +168,7 @@ class State(NamedTuple):
     work: Floats  # (WORK, s) scratch
     profiles: Floats  # (libraries, s, blocks, 6, BLOCK) Σwyφ of each axis, then Σwy²
     residuals: Floats  # (BLOCK,) scratch
-    told: Floats  # (blocks · MOST_SHARES, BLOCK) scratch
+    log_evidence: Floats  # (blocks · MOST_SHARES, BLOCK) scratch
     continued: Floats  # (2, BLOCK) scratch
     scratch: Floats
     ended: Floats  # (2, g) log sum, and log maximum, of what ends before the next start, by its last group
@@ -226,7 +226,7 @@ def fresh_state(
         "work": (WORK, slots),
         "profiles": (libraries, slots, blocks, 6, BLOCK),
         "residuals": (BLOCK,),
-        "told": (blocks * MOST_SHARES, BLOCK),
+        "log_evidence": (blocks * MOST_SHARES, BLOCK),
         "continued": (2, BLOCK),
         "scratch": (2 * STATES,),
         "ended": (2, groups),

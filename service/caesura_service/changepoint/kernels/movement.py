@@ -11,7 +11,7 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
 from caesura_service.changepoint.kernels.layout import AXES
-from caesura_service.changepoint.kernels.residuals import BY_LENGTH, log_presence, tell_length, whole
+from caesura_service.changepoint.kernels.residuals import BY_LENGTH, fill_length, log_presence, whole
 from caesura_service.numba_support.decorators import compiled
 
 SQUARES, LOG_SCALES, PACED = 0, 1, 2  # fields of guided motion
@@ -41,7 +41,7 @@ def guided(here, c, joins):
     left = log_presence(way_squared(state.past, channel.away_steps), channel.away)
     for place in range(living):
         sums[PACED, place] += paced + left if state.ages[place] > channel.away_steps else paced
-    tell_length(here, c)
+    fill_length(here, c)
     mix_scales(here, channel, sums, state.channel[c])
 
 
@@ -87,7 +87,7 @@ def add_step(sums, square, log_scale, first, last):
 
 
 @compiled
-def mix_scales(here, channel, sums, told):
+def mix_scales(here, channel, sums, evidence):
     """The mean over scales; what depends on length alone has been added."""
     state = state_at(here)
     work, lanes = state.work, whole(state.counters[0].living)
@@ -102,7 +102,7 @@ def mix_scales(here, channel, sums, told):
     for k in range(channel.shares):
         add_exponentials(work[TOTAL], work[k], work[PEAK], lanes)
     logarithms(work[TOTAL], lanes)
-    add_up(told, work, sums, lanes)
+    add_up(evidence, work, sums, lanes)
 
 
 @compiled
@@ -128,11 +128,11 @@ def add_exponentials(total, values, peak, lanes):
 
 
 @compiled
-def add_up(told, work, sums, lanes):
+def add_up(evidence, work, sums, lanes):
     """The whole."""
     by_length, peak, logs = work[BY_LENGTH], work[PEAK], work[TOTAL]
     for i in range(lanes):
-        told[i] = by_length[i] + peak[i] + logs[i] - AXES * sums[LOG_SCALES, i] + sums[PACED, i]
+        evidence[i] = by_length[i] + peak[i] + logs[i] - AXES * sums[LOG_SCALES, i] + sums[PACED, i]
 
 
 # --- corners --------------------------------------------------------------------------------------------
@@ -152,9 +152,9 @@ def corner(here, c):
         if state.ages[place] - 1 >= channel.chord:
             sums[WEIGHT, place] = corner_weight(sums, past, place, channel)
         place -= 1
-    told = state.channel[c]
+    evidence = state.channel[c]
     for i in range(living):
-        told[i] = sums[WEIGHT, i]
+        evidence[i] = sums[WEIGHT, i]
 
 
 @compiled

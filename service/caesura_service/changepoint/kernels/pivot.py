@@ -7,7 +7,7 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import logarithms
 from caesura_service.changepoint.kernels.layout import AXES
-from caesura_service.changepoint.kernels.residuals import BY_LENGTH, tell_length, whole
+from caesura_service.changepoint.kernels.residuals import BY_LENGTH, fill_length, whole
 from caesura_service.numba_support.decorators import compiled
 
 START, GRAM, CROSS, SQUARES, LOG_SCALES, NEAR = 0, 3, 9, 12, 13, 14  # fields
@@ -24,7 +24,7 @@ def pivot(here, c):
     x, y, z = past[last - 1, 0], past[last - 1, 1], past[last - 1, 2]
     sums[START, living - 1], sums[START + 1, living - 1], sums[START + 2, living - 1] = x, y, z
     add_step(sums, past, channel, whole(living))
-    tell_length(here, c)
+    fill_length(here, c)
     regress(here, channel, sums, state.channel[c])
 
 
@@ -87,7 +87,7 @@ def rotation_less_identity(u, v, w, first, second):
 
 @compiled
 def regress(here, channel, sums, evidence):
-    """`TurnInPlace.log_evidence`; `tell_length` has put what depends on length alone into the work."""
+    """`TurnInPlace.log_evidence`; `fill_length` has put what depends on length alone into the work."""
     state = state_at(here)
     work, lanes, weight = state.work, whole(state.counters[0].living), 1.0 / channel.reach2
     solve(sums, work[LEFT], work[DETERMINANT], weight, channel.nu0, lanes)

@@ -33,11 +33,11 @@ from caesura_service.changepoint.kernels.residuals import (
     MOVED,
     SQUARES,
     TINY,
+    fill_length,
     follow,
     log_presence,
     over_axes,
     step_squared,
-    tell_length,
     whole,
 )
 from caesura_service.numba_support.decorators import compiled, reducing
@@ -52,34 +52,34 @@ PEAK, TOTAL, PRIORS, CONSTANTS = 5, 6, 7, 7 + MOST_SHARES
 def profiled(here, c, joins):
     """`ProfileModel`."""
     model, state = model_at(here), state_at(here)
-    channel, told = model.channels[c], state.channel[c]
+    channel, evidence = model.channels[c], state.channel[c]
     follow(here, channel, joins)
-    tell_length(here, c)
+    fill_length(here, c)
     if channel.best_only:
         explain_best(here, channel)
         over_axes(here, c, channel)
     else:
-        tell_priors(here, channel)
+        fill_priors(here, channel)
         explain_all(here, channel)
-        add_logs(told, state.work, whole(state.counters[0].living))
+        add_logs(evidence, state.work, whole(state.counters[0].living))
     if channel.pace:
-        add_pace(here, channel, told, state.sums[channel.field + PACE], joins)
+        add_pace(here, channel, evidence, state.sums[channel.field + PACE], joins)
     if channel.reach2:
-        add_target(here, channel, told)
+        add_target(here, channel, evidence)
 
 
 @compiled
-def add_pace(here, channel, told, paces, joins):
+def add_pace(here, channel, evidence, paces, joins):
     """Of the step from the observation before, which is the same for every hypothesis."""
     state = state_at(here)
     paced = log_presence(step_squared(here, channel.signal, joins), channel.pace) if joins else 0.0
     for i in range(whole(state.counters[0].living)):
         paces[i] += paced
-        told[i] += paces[i]
+        evidence[i] += paces[i]
 
 
 @compiled
-def add_target(here, channel, told):
+def add_target(here, channel, evidence):
     """`DisplacementPrior.log_density`."""
     state = state_at(here)
     lanes, moved2, presence = whole(state.counters[0].living), state.work[MOVED], state.work[PEAK]
@@ -89,7 +89,7 @@ def add_target(here, channel, told):
     else:
         presence[:lanes] = 0.0
     for i in range(lanes):
-        told[i] += presence[i] + (channel.constant - 0.5 / channel.reach2 * moved2[i])
+        evidence[i] += presence[i] + (channel.constant - 0.5 / channel.reach2 * moved2[i])
 
 
 @compiled
@@ -149,7 +149,7 @@ def go_on(sums, last, step, beyond):
 
 
 @compiled
-def tell_priors(here, channel):
+def fill_priors(here, channel):
     """Of every share: ν₀ times the squared scale, and what it adds to the log evidence."""
     state = state_at(here)
     lanes, half0 = whole(state.counters[0].living), 0.5 * channel.nu0
@@ -259,69 +259,69 @@ def explain_by_one(residuals, moments, y):
 
 @compiled
 def weigh_block(here, channel, place, b, scales, half):
-    """Log evidence of every profile of a block under every share, to `told`; the largest."""
+    """Log evidence of every profile of a block under every share, to `evidence`; the largest."""
     state, peak = state_at(here), -math.inf
     for s in range(channel.shares):
         prior, constant = state.work[PRIORS + s, place], state.work[CONSTANTS + s, place]
-        told = state.told[b * channel.shares + s]
-        peak = max(peak, weigh_each(told, state.residuals, scales, prior, constant, half))
+        evidence = state.log_evidence[b * channel.shares + s]
+        peak = max(peak, weigh_each(evidence, state.residuals, scales, prior, constant, half))
     return peak
 
 
 @reducing
-def weigh_each(told, residuals, scales, prior, constant, half):
+def weigh_each(evidence, residuals, scales, prior, constant, half):
     """Log evidence of every profile's squared residuals under one scale; the largest."""
     most = -math.inf
     for k in range(BLOCK):
-        told[k] = constant - half * log(prior + larger(residuals[k], 0.0)) - scales[k]
-        most = larger(most, told[k])
+        evidence[k] = constant - half * log(prior + larger(residuals[k], 0.0)) - scales[k]
+        most = larger(most, evidence[k])
     return most
 
 
 @compiled
 def over_profiles(here, channel, place, peak):
-    """Mixture or maximum over profiles and shares of a group of axes; `told`: (blocks · shares, profiles)."""
+    """Mixture or maximum over profiles and shares of a group; `log_evidence`: (blocks · shares, profiles)."""
     state, total = state_at(here), 0.0
     if not channel.maximum:
         for i in range(channel.blocks * channel.shares):
-            total += total_of_block(state.told[i], peak)
+            total += total_of_block(state.log_evidence[i], peak)
     else:
         total = 1.0
         if channel.shares > 1:
-            peak = best_mean(state.told, channel.blocks, channel.shares)
+            peak = best_mean(state.log_evidence, channel.blocks, channel.shares)
     state.work[PEAK, place] += peak
     state.work[TOTAL, place] *= total
 
 
 @reducing
-def total_of_block(told, peak):
-    """Σ exp(`told` − peak)."""
+def total_of_block(evidence, peak):
+    """Σ exp(`evidence` − peak)."""
     total = 0.0
     for k in range(BLOCK):
-        total += exp_of_negative(told[k] - peak)
+        total += exp_of_negative(evidence[k] - peak)
     return total
 
 
 @compiled
-def best_mean(told, blocks, shares):
+def best_mean(evidence, blocks, shares):
     """Over profiles the maximum, over shares the mean."""
     best = -math.inf
     for b in range(blocks):
         for k in range(BLOCK):
             peak, total = -math.inf, 0.0
             for s in range(shares):
-                peak = max(peak, told[b * shares + s, k])
+                peak = max(peak, evidence[b * shares + s, k])
             if peak > -math.inf:
                 for s in range(shares):
-                    total += math.exp(told[b * shares + s, k] - peak)
+                    total += math.exp(evidence[b * shares + s, k] - peak)
                 best = max(best, peak + math.log(total / shares))
     return best
 
 
 @compiled
-def add_logs(told, work, lanes):
+def add_logs(evidence, work, lanes):
     """The whole from peaks and sums."""
     peaks, totals, by_length = work[PEAK], work[TOTAL], work[BY_LENGTH]
     logarithms(totals, lanes)
     for i in range(lanes):
-        told[i] = by_length[i] + peaks[i] + totals[i]
+        evidence[i] = by_length[i] + peaks[i] + totals[i]

@@ -73,13 +73,13 @@ def by_length(here, c, n):
 
 
 @compiled
-def tell_length(here, c):
+def fill_length(here, c):
     """What depends on length alone, of every hypothesis and group of axes."""
     model, state = model_at(here), state_at(here)
     groups = 1.0 if model.channels[c].joint else float(AXES)
-    me, told = state.counters[0], state.work[BY_LENGTH]
+    me, evidence = state.counters[0], state.work[BY_LENGTH]
     for i in range(me.living):
-        told[i] = groups * by_length(here, c, me.count - state.starts[i] + 1)
+        evidence[i] = groups * by_length(here, c, me.count - state.starts[i] + 1)
 
 
 @compiled
@@ -158,7 +158,7 @@ def add_prior(x, prior, lanes):
 
 
 @compiled
-def weigh(told, by_length, logs, ages, half0, half, lanes):
+def weigh(evidence, by_length, logs, ages, half0, half, lanes):
     """Log evidence from logarithms of squares."""
     for i in range(lanes):
-        told[i] = by_length[i] - (half0 + half * ages[i]) * logs[i]
+        evidence[i] = by_length[i] - (half0 + half * ages[i]) * logs[i]

@@ -1,0 +1,105 @@
+"""Reads a source for a bridge in standby, and passes samples to the session that takes them.
+
+A live source is read from the first moment on, in a thread of its own: so a lost robot is noticed before a
+start, and samples from before the start are discarded. A source that can wait, such as a recording, begins
+anew with each session.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Self
+
+from caesura_clients.bridge.sources import Chunk, Mark, Source
+from caesura_protocol.errors import SourceError
+
+Take = Callable[[Chunk | Mark], None]
+
+
+class SourceFeed:
+    """Passes what a source yields to `take` between `begin` and `end`.
+
+    changed: is set whenever the source ends or fails. A `take` that raises is not called again; the error is
+    in `rejection`.
+    """
+
+    def __init__(self, source: Source, changed: threading.Event) -> None:
+        self.failure: SourceError | None = None  # of the source
+        self.rejection: Exception | None = None  # of the session that took its samples
+        self.has_ended = False
+        self._source = source
+        self._changed = changed
+        self._take: Take | None = None
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        if not self._source.can_wait:
+            self._start(self._source.chunks())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Read no further; a source that yields nothing keeps its thread until it does."""
+        self._over.set()
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the source has to be opened anew."""
+        return self.failure is not None or (self.has_ended and not self._source.can_wait)
+
+    @property
+    def was_read(self) -> bool:
+        """Whether a session has read a source that can wait; a live one goes on."""
+        return self._source.can_wait and self._thread is not None
+
+    def begin(self, take: Take) -> None:
+        """Pass samples on from now on."""
+        self.rejection = None
+        self._take = take
+        if self._source.can_wait:
+            self.has_ended, self.failure = False, None
+            self._over = threading.Event()
+            self._start(self._source.chunks())
+
+    def end(self) -> None:
+        """Pass no further samples on; one chunk may still be under way."""
+        self._take = None
+        if self._source.can_wait:
+            self._over.set()
+
+    def _start(self, chunks: Iterator[Chunk | Mark]) -> None:
+        over = self._over
+        self._thread = threading.Thread(target=self._run, args=(chunks, over), name="source", daemon=True)
+        self._thread.start()
+
+    def _run(self, chunks: Iterator[Chunk | Mark], over: threading.Event) -> None:
+        try:
+            for item in chunks:
+                if over.is_set():
+                    return
+                self._pass_on(item)
+            self.has_ended = not over.is_set()
+        except Exception as error:
+            if not over.is_set():
+                self.failure = error if isinstance(error, SourceError) else SourceError(_words(error))
+        finally:
+            self._changed.set()
+
+    def _pass_on(self, item: Chunk | Mark) -> None:
+        take = self._take
+        if take is None:
+            return
+        try:
+            take(item)
+        except Exception as error:  # the session's affair: a live source is read on for the next one
+            self.rejection = error
+            self._take = None
+            self._changed.set()
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -1,0 +1,163 @@
+"""`caesura start`, `caesura stop`, and `caesura bridge --standby`, which carries them out."""
+
+from __future__ import annotations
+
+import getpass
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Annotated, Literal, NamedTuple
+
+import typer
+
+from caesura_clients import describing
+from caesura_clients.bridge import BridgeSettings, Source
+from caesura_clients.bridge.standby import Standby
+from caesura_clients.cli.options import Config, Connect, connected, grouped, named, reported
+from caesura_clients.client import Caesura
+from caesura_protocol.messages import BridgeStatus, Description
+
+Said = Literal["yes", "no"]
+StationArgument = Annotated[str, typer.Argument(help="Teaching station.")]
+
+
+class DescriptionOptions(NamedTuple):
+    """What people state about a session."""
+
+    task: Annotated[str | None, typer.Option(help="Name of the task, by which the session is found.")] = None
+    operator: Annotated[str | None, typer.Option(help="Who teaches.")] = None
+    note: Annotated[str | None, typer.Option(help="A line about the session.")] = None
+    tag: Annotated[list[str] | None, typer.Option(help="May be repeated.")] = None
+
+    def description(self) -> Description:
+        """What was stated. Raises CaesuraError for a value that no description can have."""
+        return describing.changed(
+            Description(), task=self.task, operator=self.operator, note=self.note, tags=tuple(self.tag or ())
+        )
+
+
+@grouped
+def start(
+    *,
+    station: StationArgument,
+    stated: DescriptionOptions,
+    session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Start a demonstration at a bridge in standby."""
+    with reported():
+        named(station)
+        description = stated.description()
+        with connected(endpoint, config) as caesura:
+            ack = describing.start(caesura.transport, station, description, session=session)
+    typer.echo(f"{station}/{ack.session} is being taught")
+
+
+def stop(
+    station: StationArgument,
+    success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
+    session: Annotated[str | None, typer.Option(help="By default the current one.")] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Stop the demonstration of a station; returns once the service has all of it."""
+    stated = None if success is None else success == "yes"
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            ack = describing.stop(caesura.transport, station, session=session, success=stated)
+    typer.echo(f"{station}/{ack.session} is over")
+
+
+@grouped
+def describe(
+    *,
+    station: StationArgument,
+    session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
+    stated: DescriptionOptions,
+    success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
+    deleted: Annotated[
+        bool | None,
+        typer.Option("--deleted/--restored", help="Leave it out of lists; its samples stay."),
+    ] = None,
+    author: Annotated[
+        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose change; by default the login's.")
+    ] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Change what is stated about a session, open or closed; what is not named stays."""
+    given = {
+        "task": stated.task,
+        "operator": stated.operator,
+        "note": stated.note,
+        "tags": None if stated.tag is None else tuple(stated.tag),
+        "success": None if success is None else success == "yes",
+        "deleted": deleted,
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    if not changes:
+        raise typer.BadParameter("nothing to change: name --task, --note, --tag, --success or another")
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            describing.describe(
+                caesura.transport, station, session, author=author or getpass.getuser(), **changes
+            )
+    typer.echo(f"{station}/{session}: {', '.join(changes)} changed")
+
+
+def stand_by(
+    caesura: Caesura,
+    station: str,
+    open_source: Callable[[], AbstractContextManager[Source]],
+    *,
+    source: str,
+    preset: str | None,
+    settings: BridgeSettings,
+) -> None:
+    """Serve starts and stops until Ctrl-C or SIGTERM; a second one ends at once."""
+    standby = Standby(
+        caesura.transport,
+        station,
+        open_source,
+        source_name=source,
+        preset=preset,
+        settings=settings,
+        say=_StatusPrinter(),
+    )
+    with _ended_by_signals(standby):
+        standby.run()
+
+
+@contextmanager
+def _ended_by_signals(standby: Standby) -> Iterator[None]:
+    def end(number: int, _frame: object) -> None:
+        signal.signal(number, signal.default_int_handler)
+        standby.end()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _StatusPrinter:
+    """Writes a line for each state of a bridge, and what became of a session."""
+
+    def __init__(self) -> None:
+        self._line = ""
+        self._outcome: tuple[str | None, str | None] = (None, None)
+
+    def __call__(self, status: BridgeStatus) -> None:
+        if (status.last_session, status.outcome) != self._outcome:
+            self._outcome = (status.last_session, status.outcome)
+            typer.echo(f"{status.station}/{status.last_session} {status.outcome}")
+        what = status.session or status.problem or "waits for a start"
+        line = f"{status.station} {status.state}: {what}"
+        if line != self._line:
+            self._line = line
+            typer.echo(line, err=True)

@@ -1,0 +1,157 @@
+"""Starting, stopping and describing demonstrations from the browser.
+
+Nothing that a browser sends is trusted: names, texts and ids are checked as the wire has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.station_summary import DashboardState
+from caesura_clients.describing import ask_bridge
+from caesura_clients.editing import send
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.messages import BridgeStatus, Describe, Description, Start, Stop
+from caesura_protocol.transport.network import Transport
+from caesura_protocol.validation_words import dotted, first_finding
+
+Request = Mapping[str, Any]
+AUTHOR = "dashboard"  # of a description whose author gives no name
+ACTIONS: TypeAdapter[Start | Stop | Describe] = TypeAdapter(
+    Annotated[Start | Stop | Describe, Field(discriminator="type")]
+)
+
+
+class Desk:
+    """Carries out what an operator asks for at a station; returns what was done, in words."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def carry_out(self, station: str, request: Request) -> str:
+        """Start, stop or describe. Raises EditRefused, which says why in words."""
+        command = parse(request)
+        try:
+            if isinstance(command, Describe):
+                send(self._transport, station, command)
+                return _described(command)
+            ack = ask_bridge(self._transport, station, command)
+        except ProtocolError as error:
+            raise EditRefused(f"Not done: {_reason(error)}") from error
+        except CaesuraError as error:
+            raise EditRefused(f"Not done: {error}") from error
+        return f"{ack.session} is over." if isinstance(command, Stop) else f"{ack.session} has begun."
+
+
+def parse(request: Request) -> Start | Stop | Describe:
+    """What a browser sent, checked: {type, …}. Raises EditRefused."""
+    given = {"author": AUTHOR, **{name: value for name, value in request.items() if value != ""}}
+    try:
+        return ACTIONS.validate_python(given)
+    except ValidationError as error:
+        found = first_finding(error, named=lambda place: dotted(place[-1:]))
+        raise EditRefused(f"Not done: {found}") from error
+
+
+def _reason(error: ProtocolError) -> str:
+    if error.code == "conflict" and str(error.value).startswith("task="):
+        return "another operator changed this meanwhile. What is there now is shown: look, and do it again."
+    named = f" ({error.value})" if isinstance(error.value, str) and error.value not in error.message else ""
+    return f"{error.message}{named}."
+
+
+def _described(command: Describe) -> str:
+    if command.description.deleted != command.before.deleted:
+        return "Deleted: lists leave it out." if command.description.deleted else "Restored."
+    return "Saved."
+
+
+def controls(world: DashboardState, station: str, *, may_operate: bool) -> dict[str, Any]:
+    """What Start and Stop of a station show: which can be pressed, and the reason where one cannot."""
+    status = world.standby.get(station)
+    why = _why_not_start(world, station, status, may_operate)
+    is_teaching = status is not None and status.state == "teaching"
+    return {
+        "station": station,
+        "state": status.state if status else "",
+        "session": (status.session or "") if status else "",
+        "canStart": not why,
+        "canStop": is_teaching and may_operate,
+        "why": why,
+        "outcome": _outcome(status),
+        "task": _last_task(world, station),
+        "tasks": _stated(world, "task"),
+    }
+
+
+ONLY_READS = "This dashboard only reads: start and stop need an operator's credentials."
+
+
+def _why_not_start(
+    world: DashboardState, station: str, status: BridgeStatus | None, may_operate: bool
+) -> str:
+    """Why a demonstration cannot be started now; empty where it can."""
+    waits = {
+        "starting": "A demonstration is just starting.",
+        "teaching": "A demonstration is being taught.",
+        "stopping": f"The last demonstration is being stored. {status.problem or ''}" if status else "",
+        "failed": f"The robot is not ready: {status.problem}." if status else "",
+    }
+    reasons = (
+        (not may_operate, ONLY_READS),
+        (station not in world.bridges, f"No bridge is connected at {station}."),
+        (
+            status is None,
+            f"The bridge of {station} is not in standby: it starts and ends its demonstrations itself.",
+        ),
+        (not world.alive, "No service answers: nothing would be recorded."),
+        (status is not None and status.state != "ready", waits.get(status.state, "") if status else ""),
+    )
+    return next((why for true, why in reasons if true), "")
+
+
+def _outcome(status: BridgeStatus | None) -> str:
+    """What became of the last demonstration, where it did not simply end."""
+    if status is None or not status.outcome or ";" not in status.outcome:
+        return ""
+    return f"{status.last_session} {status.outcome}."
+
+
+def _last_task(world: DashboardState, station: str) -> str:
+    """The task that was taught last at the station: a suggestion for the next one."""
+    for session in world.sessions(station):
+        update = world.update(station, session)
+        if update is not None and update.status.description.task:
+            return update.status.description.task
+    return ""
+
+
+def _stated(world: DashboardState, field: str) -> list[str]:
+    """Every value of a field of the descriptions, once, sorted."""
+    found = {getattr(one.status.description, field) for one in world.updates.values()}
+    return sorted(value for value in found if value)
+
+
+def description_of(world: DashboardState, station: str, session: str | None) -> dict[str, Any]:
+    """What the form of a session shows; `session` is empty where there is none."""
+    update = world.update(station, session)
+    if update is None:
+        return {
+            "session": "",
+            "description": Description().model_dump(),
+            "tasks": [],
+            "opened": None,
+            "closed": True,
+        }
+    status = update.status
+    return {
+        "session": update.session,
+        "description": status.description.model_dump(),
+        "opened": status.opened,
+        "tasks": _stated(world, "task"),
+        "closed": update.closed,
+    }

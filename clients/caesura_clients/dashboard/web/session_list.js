@@ -1,0 +1,81 @@
+// Every session that the service holds: searched, filtered and sorted in the browser.
+import { live } from "caesura-dashboard/live.js";
+
+const COLUMNS = [
+  ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "by"], ["tags", "tags"],
+  ["length", "length"], ["segments", "segments"], ["apps", "apps"], ["gaps", "gaps"],
+  ["version", "program"], ["edited", "corrected"], ["session", "session"], ["instance", "instance"],
+];
+const RESULTS = { true: "yes", false: "no", null: "–" };
+const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b)));
+
+export default {
+  mixins: [live],
+  data: () => ({
+    warning: "", sessions: null, words: "", station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS,
+  }),
+  template: `
+    <div>
+      <div role="alert"><p v-if="warning" class="banner">{{ warning }}</p></div>
+      <div class="filters" role="search">
+        <label class="wide">Search <input class="words" type="search" v-model="words" placeholder="name, tag, note, operator" autocomplete="off"></label>
+        <label>Station <select class="by-station" v-model="station"><option value="">all</option>
+          <option v-for="one in stations" :key="one" :value="one">{{ one }}</option></select></label>
+        <label>Success <select class="by-success" v-model="success"><option value="">all</option><option value="true">yes</option>
+          <option value="false">no</option><option value="null">not stated</option></select></label>
+        <label class="check"><input class="with-deleted" type="checkbox" v-model="deleted"> deleted ones too</label>
+      </div>
+      <p class="summary" role="status">{{ summary }}</p>
+      <div v-if="found.length" class="scroll" tabindex="0" role="region" aria-label="All sessions">
+        <table class="sessions"><thead><tr><th v-for="[key, title] in columns" :key="key" scope="col" :aria-sort="sorted(key)">
+          <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th></tr></thead>
+        <tbody><tr v-for="one in found" :key="one.station + '/' + one.session" :class="{ deleted: one.deleted }">
+          <td v-for="[key] in columns" :key="key" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
+            <a v-if="key === 'task'" :href="one.href">{{ one.task || one.session }}</a>
+            <template v-else>{{ shown(key, one) }}</template></td>
+        </tr></tbody></table>
+      </div>
+      <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
+    </div>`,
+  computed: {
+    stations() {
+      return [...new Set((this.sessions || []).map((one) => one.station))].sort();
+    },
+    found() {
+      const words = this.words.toLowerCase().split(/\s+/).filter(Boolean);
+      const rows = (this.sessions || []).filter((one) => {
+        const text = [one.task, one.operator, one.note, one.station, one.session, ...one.tags].join(" ").toLowerCase();
+        return (this.deleted || !one.deleted) && (!this.station || one.station === this.station) &&
+          (!this.success || String(one.success) === this.success) && words.every((word) => text.includes(word));
+      });
+      const sign = this.falling ? -1 : 1;
+      return rows.sort((a, b) => sign * order(a[this.by] ?? "", b[this.by] ?? ""));
+    },
+    summary() {
+      const all = (this.sessions || []).filter((one) => this.deleted || !one.deleted).length;
+      const count = `${all} session${all === 1 ? "" : "s"}`;
+      return this.found.length === all ? count : `${this.found.length} of ${count}`;
+    },
+  },
+  methods: {
+    apply(payload) {
+      this.warning = payload.warning;
+      this.sessions = Object.freeze(payload.sessions);
+    },
+    sort(key) {
+      if (this.by === key) this.falling = !this.falling;
+      else Object.assign(this, { by: key, falling: key === "opened" });
+    },
+    sorted(key) {
+      return this.by === key ? (this.falling ? "descending" : "ascending") : "none";
+    },
+    shown(key, one) {
+      if (key === "opened") return one.opened ? new Date(1000 * one.opened).toLocaleString([], { dateStyle: "short", timeStyle: "short" }) : "–";
+      if (key === "success") return RESULTS[one.success];
+      if (key === "tags") return one.tags.join(", ") || "–";
+      if (key === "length") return `${one.length.toFixed(1)} s${one.closed ? "" : ", going on"}`;
+      if (key === "version") return `version ${one.version}`;
+      return one[key] || (typeof one[key] === "number" ? one[key] : "–");
+    },
+  },
+};

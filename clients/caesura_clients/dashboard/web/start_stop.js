@@ -1,0 +1,64 @@
+// Start and Stop of a station: two large buttons, and the reason beside one that cannot be pressed.
+import { live } from "caesura-dashboard/live.js";
+
+const OPERATOR = "caesura-author";
+const WORDS = { ready: "Ready", starting: "Starting …", teaching: "Teaching", stopping: "Storing …", failed: "Not ready" };
+const newId = () => `press-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
+
+export default {
+  mixins: [live],
+  emits: ["ask"],
+  data: () => ({
+    station: "", state: "", session: "", canStart: false, canStop: false, why: "", outcome: "", tasks: [], t: 0,
+    task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, busy: "", message: "", failed: false,
+  }),
+  template: `
+    <section class="desk" :class="'desk-' + (state || 'none')" aria-label="Start and stop">
+      <div class="desk-words"><p v-if="state" class="desk-state" role="status">{{ words }}</p>
+        <p id="desk-why" class="desk-why" role="status" :class="{ failed }">{{ message || why || outcome }}</p></div>
+      <form v-if="state" @submit.prevent="start">
+        <label>Task <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
+          placeholder="may stay empty" autocomplete="off"></label>
+        <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
+        <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="may stay empty" autocomplete="name"></label>
+        <button class="start large" type="submit" :disabled="!canStart || busy !== ''" aria-describedby="desk-why">Start</button>
+        <button class="stop large" type="button" :disabled="!canStop || busy !== ''" @click="stop" aria-describedby="desk-why">Stop</button>
+      </form>
+    </section>`,
+  computed: {
+    words() {
+      const word = WORDS[this.state];
+      return this.state === "teaching" ? `${word} ${this.t} s` : word;
+    },
+  },
+  watch: {
+    operator(name) { // who teaches also corrects, unless another name stands there
+      localStorage.setItem(OPERATOR, name);
+      window.dispatchEvent(new CustomEvent(OPERATOR, { detail: name }));
+    },
+  },
+  methods: {
+    apply(payload) {
+      if (payload.session !== this.session || payload.state !== this.state) this.message = "";
+      for (const name of ["station", "state", "session", "canStart", "canStop", "why", "outcome", "tasks", "t"]) {
+        if (name in payload) this[name] = payload[name];
+      }
+      if (!this.typed && payload.task) this.task = payload.task; // what was taught last, as a suggestion
+    },
+    ask(busy, command) {
+      Object.assign(this, { busy, message: `${busy} …`, failed: false });
+      this.$emit("ask", command);
+    },
+    start() {
+      if (!this.canStart || this.busy) return;
+      const description = { task: this.task.trim() || null, operator: this.operator.trim() || null };
+      this.ask("Starting", { type: "start", id: newId(), description });
+    },
+    stop() {
+      if (this.canStop && !this.busy) this.ask("Storing", { type: "stop", session: this.session });
+    },
+    answered(message, failed) {
+      Object.assign(this, { message: failed ? message : "", failed, busy: "", typed: false });
+    },
+  },
+};

@@ -1,0 +1,98 @@
+"""Starting, stopping and describing demonstrations, from any place that reaches the router."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Any
+
+from pydantic import ValidationError
+
+from caesura_clients import query
+from caesura_clients.editing import send
+from caesura_protocol.codec import decode, encode
+from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.keys import station_key
+from caesura_protocol.messages import Ack, BridgeAck, BridgeControl, Describe, Description, Start, Stop
+from caesura_protocol.transport.network import Transport
+from caesura_protocol.validation_words import first_finding
+
+CONTROL_TIMEOUT_S = 15.0  # a stop waits until the service has everything
+DESCRIBE_ATTEMPTS = 3
+
+
+def start(
+    transport: Transport,
+    station: str,
+    description: Description | None = None,
+    *,
+    session: str | None = None,
+    name: str | None = None,
+) -> BridgeAck:
+    """Start a demonstration at a bridge in standby; returns its session.
+
+    name: of this command, by default a new one; the same name starts once, however often it is sent. Raises
+    ProtocolError where the bridge refuses, Unreachable where none in standby answers.
+    """
+    command = Start(
+        id=name or f"start-{secrets.token_hex(8)}",
+        session=session,
+        description=description or Description(),
+    )
+    return ask_bridge(transport, station, command)
+
+
+def stop(
+    transport: Transport, station: str, *, session: str | None = None, success: bool | None = None
+) -> BridgeAck:
+    """Stop a demonstration; returns once the service has all of it.
+
+    session: by default the current one; success: of the demonstration, where that is stated. Raises as
+    `start`.
+    """
+    return ask_bridge(transport, station, Stop(session=session, success=success))
+
+
+def describe(transport: Transport, station: str, session: str, *, author: str, **changes: Any) -> Ack:
+    """Change fields of a session's description, such as `task="wipe"`; other fields stay.
+
+    Raises ProtocolError where the service refuses, NotFound or Unreachable, CaesuraError for a value that no
+    description can have.
+    """
+    for attempt in range(DESCRIBE_ATTEMPTS):
+        before = query.snapshot(transport, station, session).status.description
+        command = Describe(
+            session=session, author=author, before=before, description=changed(before, **changes)
+        )
+        try:
+            return send(transport, station, command)
+        except ProtocolError as refusal:
+            if refusal.code != "conflict" or attempt + 1 == DESCRIBE_ATTEMPTS:
+                raise
+    raise AssertionError("not reached")
+
+
+def changed(before: Description, **changes: Any) -> Description:
+    """A description with other values in some fields. Raises CaesuraError, which names the field."""
+    try:
+        return Description.model_validate({**before.model_dump(), **changes})
+    except ValidationError as error:
+        raise CaesuraError(first_finding(error)) from error
+
+
+def ask_bridge(transport: Transport, station: str, command: Start | Stop) -> BridgeAck:
+    """Send a command to a bridge in standby. Raises ProtocolError or Unreachable."""
+    content = encode(BridgeControl(command=command))
+    key = station_key(station, "bridge_control")
+    answers = transport.query(key, content, timeout_s=CONTROL_TIMEOUT_S)
+    if answers.replies:
+        return decode(answers.replies[0].payload, answers.replies[0].encoding, BridgeAck)
+    if answers.refusals:
+        raise answers.refusals[0]
+    raise Unreachable(_why_no_answer(transport, station))
+
+
+def _why_no_answer(transport: Transport, station: str) -> str:
+    if station in query.stations(transport):
+        return f"the bridge of {station} answers no start or stop: is it in standby, are you an operator?"
+    connected = ", ".join(query.stations(transport)) or "none"
+    return f"no bridge is connected at {station}; stations with a bridge: {connected}"

@@ -1,0 +1,130 @@
+"""The network of the server in one process: one more session with a MemoryNetwork, as its clients have.
+
+`Service(config, join=in_memory(network))` is found by the transports of that network.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from queue import Empty, Queue
+
+from caesura_protocol.codec import Encoded, encode_error
+from caesura_protocol.transport.inbox import IncomingQuery, ReceivedSample, TokenChange
+from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork, MemoryTransport
+from caesura_protocol.transport.network import Priority
+from caesura_service.server.network import NetworkSettings
+from caesura_service.server.transport import Incoming
+
+
+def in_memory(
+    network: MemoryNetwork,
+) -> Callable[[NetworkSettings, threading.Event], tuple[MemorySession, str]]:
+    """Return what joins this network in place of `network.join`."""
+    return lambda settings, stop: (MemorySession(network), "memory")
+
+
+class MemorySession:
+    """The server's session with a MemoryNetwork. Callbacks run in the thread that puts or queries."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self._transport = network.transport()
+
+    def close(self) -> None:
+        """Leave the network; declarations have ended before."""
+        self._transport.close()
+
+    def declare_publisher(self, key: str, priority: Priority) -> MemoryPublisher:
+        """Return a publisher; nothing is declared in memory."""
+        del priority  # one process, one order
+        return MemoryPublisher(self._transport, key)
+
+    def declare_subscriber(self, key: str, capacity: int) -> MemorySubscriber:
+        """Subscribe to a key expression; where `capacity` messages wait, their senders wait too."""
+        channel: Queue[ReceivedSample] = Queue(capacity)
+        return MemorySubscriber(channel, self._transport.subscribe(key, CallbackInbox(channel.put)))
+
+    def declare_queryable(self, key: str, handle: Callable[[IncomingQuery], None]) -> Declared:
+        """Pass every query on the key expression to `handle`."""
+        return Declared(self._transport.declare_queryable(key, CallbackInbox(handle)))
+
+    def request(
+        self,
+        key: str,
+        parameters: str,
+        *,
+        received: Callable[[Incoming], None],
+        refused: Callable[[Encoded], None],
+        ended: Callable[[], None],
+    ) -> None:
+        """Query the key, in a thread of its own."""
+
+        def wait() -> None:
+            try:
+                replies, refusals = self._transport.query(key, parameters=parameters)
+                for reply in replies:
+                    received(Incoming(*reply))
+                for error in refusals:
+                    refused(encode_error(error))
+            finally:
+                ended()
+
+        threading.Thread(target=wait, name="memory-request", daemon=True).start()
+
+    def list_tokens(self, key: str) -> tuple[str, ...]:
+        """Return the keys of live tokens."""
+        return self._transport.list_tokens(key)
+
+    def declare_token(self, key: str) -> Declared:
+        """Declare a liveliness token."""
+        return Declared(self._transport.declare_token(key))
+
+    def watch_liveliness(self, key: str, report: Callable[[TokenChange], None]) -> Declared:
+        """Report every token that is there, comes or goes."""
+        return Declared(self._transport.watch_liveliness(key, CallbackInbox(report)))
+
+    def watch_link(self, report: Callable[[bool], None]) -> Declared:
+        """Report nothing: there is no router."""
+        return Declared(nullcontext())
+
+
+class Declared:
+    """A declaration that lasts until it is undeclared."""
+
+    def __init__(self, declaration: AbstractContextManager[None]) -> None:
+        self._stack = ExitStack()
+        self._stack.enter_context(declaration)
+
+    def undeclare(self) -> None:
+        """End the declaration."""
+        self._stack.close()
+
+
+class MemoryPublisher:
+    """A publisher of one key."""
+
+    def __init__(self, transport: MemoryTransport, key: str) -> None:
+        self._transport, self._key = transport, key
+
+    def put(self, content: Encoded) -> None:
+        """Deliver to every subscriber of the key."""
+        self._transport.put(self._key, content)
+
+    def undeclare(self) -> None:
+        """Nothing is declared."""
+
+
+class MemorySubscriber(Declared):
+    """A subscriber whose channel is polled."""
+
+    def __init__(self, channel: Queue[ReceivedSample], declaration: AbstractContextManager[None]) -> None:
+        self._channel = channel
+        super().__init__(declaration)
+
+    def try_recv(self) -> Incoming | None:
+        """Return the oldest message; None where there is none."""
+        try:
+            return Incoming(*self._channel.get_nowait())
+        except Empty:
+            return None

@@ -1,0 +1,143 @@
+"""The network of the server over Zenoh, the only importer of zenoh beside `network`.
+
+Callbacks run directly in the network's thread. In a thread for each declaration a close overtook the batches
+before it in one of six runs, and was refused and repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import zenoh
+
+from caesura_protocol.codec import Encoded
+from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Priority
+from caesura_protocol.transport.zenoh_transport import (
+    MAX_TEXT,
+    PRIORITIES,
+    ZenohQuestion,
+    direct,
+    encoding_of,
+    token_change,
+)
+from caesura_service.server.transport import Declaration, Incoming, NetworkError
+
+
+class ZenohNetwork:
+    """The server's session with Zenoh."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+
+    def close(self) -> None:
+        """Leave the network: an open session hangs the interpreter at exit."""
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def declare_publisher(self, key: str, priority: Priority) -> ZenohPublisher:
+        """Declare a publisher; it sends nothing as long as there is no reader. Raises NetworkError."""
+        drop = zenoh.CongestionControl.DROP
+        try:
+            declared = self._session.declare_publisher(
+                key, congestion_control=drop, priority=PRIORITIES[priority]
+            )
+        except zenoh.ZError as error:
+            raise NetworkError(str(error)) from error
+        return ZenohPublisher(declared)
+
+    def declare_subscriber(self, key: str, capacity: int) -> ZenohSubscriber:
+        """Subscribe to a key expression; Zenoh fills the channel without the interpreter."""
+        return ZenohSubscriber(self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(capacity)))
+
+    def declare_queryable(self, key: str, handle: Callable[[IncomingQuery], None]) -> Declaration:
+        """Pass every query on the key expression to `handle`."""
+        return self._session.declare_queryable(key, direct(lambda query: handle(ZenohQuestion(query))))
+
+    def request(
+        self,
+        key: str,
+        parameters: str,
+        *,
+        received: Callable[[Incoming], None],
+        refused: Callable[[Encoded], None],
+        ended: Callable[[], None],
+    ) -> None:
+        """Query the key; the reply may block (BLOCK), in a queue behind live samples (DATA_LOW)."""
+
+        def pass_on(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                received(_incoming(reply.ok))
+            elif reply.err is not None:
+                refused(Encoded(reply.err.payload.to_bytes(), str(reply.err.encoding)[:MAX_TEXT]))
+
+        handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(
+            pass_on, ended, indirect=False
+        )
+        self._session.get(
+            f"{key}?{parameters}",
+            handler,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
+            timeout=QUERY_TIMEOUT_S,
+        )
+
+    def list_tokens(self, key: str) -> tuple[str, ...]:
+        """Return the keys of live tokens. Once tokens are watched, the answer may be partial."""
+        replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
+        return tuple(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+
+    def declare_token(self, key: str) -> Declaration:
+        """Declare a liveliness token."""
+        return self._session.liveliness().declare_token(key)
+
+    def watch_liveliness(self, key: str, report: Callable[[TokenChange], None]) -> Declaration:
+        """Report every token that is there, comes or goes."""
+        handler = direct(lambda sample: report(token_change(sample)))
+        return self._session.liveliness().declare_subscriber(key, handler, history=True)
+
+    def watch_link(self, report: Callable[[bool], None]) -> Declaration:
+        """Report whether the link to the router was restored (True) or lost."""
+        handler = direct(lambda event: report(event.kind == zenoh.SampleKind.PUT))
+        return self._session.info.declare_transport_events_listener(handler)
+
+
+class ZenohPublisher:
+    """A publisher of one key."""
+
+    def __init__(self, publisher: zenoh.Publisher) -> None:
+        self._publisher = publisher
+
+    def put(self, content: Encoded) -> None:
+        """Put a message; never waits. Raises NetworkError."""
+        try:
+            self._publisher.put(content.payload, encoding=encoding_of(content.encoding))
+        except zenoh.ZError as error:
+            raise NetworkError(str(error)) from error
+
+    def undeclare(self) -> None:
+        """End the declaration."""
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+
+
+class ZenohSubscriber:
+    """A subscriber whose channel is polled."""
+
+    def __init__(self, subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> None:
+        self._subscriber, self._receive = subscriber, subscriber.handler.try_recv
+
+    def try_recv(self) -> Incoming | None:
+        """Return the oldest message; None where there is none."""
+        try:
+            sample = self._receive()
+        except zenoh.ZError:  # empty, and no longer declared
+            return None
+        return None if sample is None else _incoming(sample)
+
+    def undeclare(self) -> None:
+        """Unsubscribe; what was received can still be taken."""
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _incoming(sample: zenoh.Sample) -> Incoming:
+    return Incoming(str(sample.key_expr), sample.payload, str(sample.encoding))

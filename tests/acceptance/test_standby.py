@@ -1,0 +1,349 @@
+"""A bridge in standby beside a real router and a real service: every start and stop has a clear outcome."""
+
+from __future__ import annotations
+
+import json
+import queue
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import replace
+from itertools import chain, repeat
+
+import numpy as np
+import pytest
+import typer
+from click.testing import Result
+from typer.testing import CliRunner
+
+from caesura_clients import Caesura, describing
+from caesura_clients.bridge.bridge import Bridge
+from caesura_clients.bridge.sources import Source
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.standby import Standby
+from caesura_clients.cli.commands import register
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
+from caesura_protocol.messages import BridgeState, Description, SessionStatus
+from caesura_protocol.transport.zenoh_transport import ZenohTransport
+from clients.examples import LiveSource, samples
+from harness.demonstrations import guided
+from harness.processes import (
+    CAESURA,
+    DEADLINE_S,
+    QUICK,
+    Router,
+    Service,
+    environment,
+    eventually,
+    running,
+    start,
+)
+
+STATION = "cell-1"
+WIPE = Description(task="wipe", operator="Ann", tags=("left",))
+RECORDING = guided()
+SLOW = 0.05  # pace: lasts as long as a test
+AT_ONCE = replace(QUICK, close_timeout_s=0.5)
+
+
+class Robot(LiveSource):
+    """A live source whose samples a test gives; `fail` loses it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._given: queue.Queue[np.ndarray | None] = queue.Queue()
+        self.read = 0  # samples that were taken from it
+
+    def give(self, chunk: np.ndarray) -> None:
+        self._given.put(chunk)
+        eventually(self._given.empty)
+
+    def fail(self) -> None:
+        self._given.put(None)
+
+    def chunks(self) -> Iterator[np.ndarray]:
+        while (chunk := self._given.get()) is not None:
+            yield chunk
+            self.read += len(chunk)
+        raise SourceError("robot at 10.0.0.2: lost, the user stop is pressed")
+
+
+@pytest.fixture(scope="module")
+def router() -> Iterator[Router]:
+    with running(Router()) as process:
+        yield process
+
+
+@pytest.fixture
+def service(router, tmp_path) -> Iterator[Service]:
+    with running(Service(tmp_path / "journal", router=router.endpoint)) as process:
+        yield process
+
+
+@pytest.fixture
+def caesura(router) -> Iterator[Caesura]:
+    with ZenohTransport(router.endpoint, timeout_s=DEADLINE_S) as transport:
+        yield Caesura(transport)
+
+
+@contextmanager
+def standing_by(endpoint: str, *sources: Source, settings=QUICK) -> Iterator[Standby]:
+    """A bridge in standby in a thread of its own; each loss of a source opens the next one."""
+    rest = chain(sources, repeat(sources[-1]))
+    with ExitStack() as stack:
+        transport = stack.enter_context(ZenohTransport(endpoint, timeout_s=DEADLINE_S))
+        standby = Standby(transport, STATION, lambda: nullcontext(next(rest)), settings=settings)
+        thread = threading.Thread(target=standby.run)
+        thread.start()
+        stack.callback(thread.join, DEADLINE_S)
+        stack.callback(standby.end)
+        yield standby
+
+
+def reaches(standby: Standby, state: BridgeState) -> None:
+    eventually(lambda: standby.status.state == state)
+
+
+def known(caesura: Caesura, session: str) -> SessionStatus:
+    return caesura.snapshot(STATION, session).status
+
+
+def refused(command: Callable[[], object]) -> ProtocolError:
+    with pytest.raises(ProtocolError) as error:
+        command()
+    return error.value
+
+
+def test_one_process_teaches_session_after_session_and_nothing_in_between(router, service, caesura):
+    with standing_by(router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        assert caesura.sessions(STATION) == []
+        first = caesura.start(STATION, WIPE)
+        assert (first.state, standby.status.description) == ("teaching", WIPE)
+        eventually(lambda: known(caesura, first.session).batches > 3)
+        assert caesura.stop(STATION, success=True).session == first.session
+        status = known(caesura, first.session)
+        assert (status.state, status.description) == ("closed", WIPE.model_copy(update={"success": True}))
+        assert 0 < status.samples < len(RECORDING.t)
+
+        second = caesura.start(STATION)
+        eventually(lambda: standby.status.last_session == second.session)  # the recording ends by itself
+        assert standby.status.outcome.endswith("the source has ended")
+        for name in (
+            None,
+            second.session,
+        ):  # its success would be lost: the refusal has the command that states it
+            late = refused(
+                lambda name=name: describing.stop(caesura.transport, STATION, session=name, success=True)
+            )
+            assert late.message.endswith(f"sessions describe {STATION} {second.session} --success yes"), late
+        assert known(caesura, second.session).samples == len(RECORDING.t), "from its beginning, and whole"
+        assert standby.status.state == "ready"
+
+
+def test_commands_that_come_twice_or_collide_begin_and_end_one_session(router, service, caesura):
+    with standing_by(router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        first = describing.start(caesura.transport, STATION, WIPE, name="press-1")
+        assert describing.start(caesura.transport, STATION, WIPE, name="press-1") == first
+        late = refused(lambda: caesura.start(STATION))
+        assert (late.code, "was started by Ann: stop it first" in late.message) == ("conflict", True)
+        other = refused(lambda: describing.stop(caesura.transport, STATION, session="s-of-yesterday"))
+        assert other.code == "unknown_session"
+        assert standby.status.state == "teaching"
+        assert caesura.stop(STATION).state == "ready"
+        assert describing.stop(caesura.transport, STATION, session=first.session).session == first.session
+        assert "no demonstration is being taught" in refused(lambda: caesura.stop(STATION)).message
+        taken = refused(lambda: describing.start(caesura.transport, STATION, session=first.session))
+        assert taken.code == "conflict", "a name that is taken"
+        reaches(standby, "ready")
+        assert [one.session for one in caesura.sessions(STATION)] == [first.session]
+
+
+def test_without_a_service_nothing_starts_and_what_was_taught_waits_for_it(router, tmp_path, caesura):
+    service = Service(tmp_path / "journal", router=router.endpoint)
+    robot = Robot()
+    with standing_by(router.endpoint, robot, settings=AT_ONCE) as standby:
+        reaches(standby, "ready")
+        assert "no service is there" in refused(lambda: caesura.start(STATION)).message
+        with running(service):
+            eventually(lambda: caesura.services() != [])
+            session = caesura.start(STATION, WIPE).session
+            robot.give(samples(200))
+            eventually(lambda: known(caesura, session).samples > 0)
+        robot.give(samples(400, t0=0.2))  # the service is dead
+        stopping = ThreadPoolExecutor(1).submit(caesura.stop, STATION)
+        eventually(lambda: "not stored yet" in (standby.status.problem or ""))
+        assert standby.status.state == "stopping"
+        with running(service):
+            eventually(lambda: standby.status.last_session == session)
+            status = known(caesura, session)
+            assert (status.state, status.samples, status.gaps) == ("closed", 600, ())
+            assert status.description == WIPE
+        assert stopping.result(DEADLINE_S).session == session, "the answer waits for the service too"
+
+
+def test_samples_from_before_the_start_are_no_part_of_the_session(router, service, caesura):
+    robot = Robot()
+    with standing_by(router.endpoint, robot) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        robot.give(samples(500, t0=100.0))
+        session = caesura.start(STATION).session
+        robot.give(samples(300, t0=200.0))
+        eventually(lambda: robot.read == 800)
+        caesura.stop(STATION)
+        robot.give(samples(100, t0=200.3))
+        assert known(caesura, session).samples == 300
+        times = caesura.samples(STATION, session, 0.0, 10.0)["px"][:, 0]
+        assert times[0] == 0.0, "its clock begins with it"
+        assert times[-1] < 0.3
+
+
+def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
+    router, service, caesura, monkeypatch
+):
+    monkeypatch.setattr("caesura_clients.bridge.standby.RECONNECT_S", 0.05)
+    robot, mended = Robot(), Robot()
+    with standing_by(router.endpoint, robot, mended) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        session = caesura.start(STATION).session
+        robot.give(samples(300))
+        robot.fail()
+        eventually(lambda: standby.status.last_session == session)
+        assert "the user stop is pressed" in standby.status.outcome
+        assert (known(caesura, session).state, known(caesura, session).samples) == ("closed", 300)
+        reaches(standby, "ready")
+        second = caesura.start(STATION).session
+        mended.give(samples(200))
+        eventually(lambda: mended.read == 200)
+        caesura.stop(STATION)
+        assert known(caesura, second).samples == 200
+
+
+def test_a_source_that_delivers_nothing_does_not_keep_a_session_open(router, service, caesura):
+    robot = Robot()
+    with standing_by(router.endpoint, robot) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        session = caesura.start(STATION).session
+        robot.give(samples(100))
+        eventually(lambda: robot.read == 100)
+        caesura.stop(STATION)
+        assert known(caesura, session).samples == 100
+        robot.fail()  # or its thread waits for ever
+
+
+def test_a_bridge_that_dies_leaves_a_session_that_the_next_one_closes(router, service, caesura, tmp_path):
+    file = tmp_path / "taught.npz"
+    RECORDING.save(file)
+    command = [
+        *CAESURA, "bridge", "--standby", "--connect", router.endpoint, "--station", STATION,
+        "--source", "file", "--file", str(file), "--pace", str(SLOW),
+    ]  # fmt: skip
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment()}
+    with ExitStack() as stack:
+        begun = [start(command, **quiet)]
+        stack.callback(lambda: [one.kill() for one in begun])
+        eventually(lambda: _starts(caesura))
+        (session,) = [one.session for one in caesura.sessions(STATION)]
+        eventually(lambda: known(caesura, session).samples > 0)
+        begun[0].kill()
+        begun[0].wait(DEADLINE_S)
+        assert known(caesura, session).state == "open"
+        begun.append(start(command, **quiet))
+        eventually(lambda: known(caesura, session).state == "closed")
+        assert known(caesura, session).refused == {}
+        eventually(lambda: _starts(caesura))
+        begun[1].terminate()
+        assert begun[1].wait(DEADLINE_S) == 0
+        assert {one.state for one in caesura.sessions(STATION)} == {"closed"}, "SIGTERM stores what is taught"
+
+
+def _starts(caesura: Caesura) -> bool:
+    try:
+        caesura.start(STATION)
+    except (Unreachable, ProtocolError):
+        return False  # not ready yet
+    return True
+
+
+def test_a_station_has_one_bridge(router, service, caesura):
+    with Bridge(caesura.transport, STATION, FileSource(RECORDING, pace=SLOW), settings=QUICK) as plain:
+        plain.wait_open(DEADLINE_S)
+        with ZenohTransport(router.endpoint, timeout_s=DEADLINE_S) as transport:
+            second = Standby(transport, STATION, lambda: nullcontext(Robot()), token_s=0.1)
+            with pytest.raises(CaesuraError, match="a bridge is connected as cell-1 already"):
+                second.run()
+        plain.finish()
+
+
+def test_a_session_of_another_bridge_is_not_disturbed(router, service, caesura):
+    robot = Robot()
+    with standing_by(router.endpoint, robot) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: standby._tidied)
+        with Bridge(caesura.transport, STATION, FileSource(RECORDING, pace=SLOW), settings=QUICK) as plain:
+            plain.wait_open(DEADLINE_S)
+            why = refused(lambda: caesura.start(STATION))
+            assert (why.code, why.value) == ("conflict", plain.session)
+            assert known(caesura, plain.session).state == "open"
+            plain.finish()
+        assert _starts(caesura)
+        caesura.stop(STATION)
+        robot.fail()
+
+
+def test_a_session_is_described_when_it_is_over(router, service, caesura):
+    with standing_by(router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        session = caesura.start(STATION, WIPE).session
+        eventually(lambda: standby.status.state == "ready")
+        caesura.describe(STATION, session, author="Bob", task="wipe the table", success=False)
+        expected = Description(task="wipe the table", operator="Ann", tags=("left",), success=False)
+        assert known(caesura, session).description == expected
+        with pytest.raises(CaesuraError, match="task"):
+            caesura.describe(STATION, session, author="Bob", task="x" * 121)
+        assert known(caesura, session).description == expected
+
+
+def test_the_command_line_starts_stops_describes_and_shows(router, service, caesura):
+    app = typer.Typer()
+    register(app)
+
+    def run(*words: str) -> Result:
+        return CliRunner().invoke(app, [*words, "--connect", router.endpoint])
+
+    with standing_by(router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        begun = run("start", STATION, "--task", "wipe", "--operator", "Ann", "--tag", "left")
+        assert begun.exit_code == 0, begun.output
+        session = standby.status.session
+        assert begun.stdout == f"{STATION}/{session} is being taught\n"
+        again = run("start", STATION)
+        assert (again.exit_code, "was started by Ann: stop it first" in again.stderr) == (1, True)
+        assert run("stop", STATION, "--success", "yes").stdout == f"{STATION}/{session} is over\n"
+        assert run("stop", STATION).exit_code == 1, "so that a pedal starts then"
+        changed = run("sessions", "describe", STATION, session, "--task", "wipe it", "--author", "Ann")
+        assert changed.stdout == f"{STATION}/{session}: task changed\n"
+        shown = run("sessions", "show", session, "--station", STATION)
+        assert "task wipe it · operator Ann · success yes · tags left" in shown.stdout
+        listed = json.loads(run("sessions", "list", "--station", STATION, "--json").stdout)
+        assert [(one["task"], one["success"]) for one in listed] == [("wipe it", True)]
+    nowhere = run("start", "cell-9")
+    assert (nowhere.exit_code, "no bridge is connected at cell-9" in nowhere.stderr) == (1, True)
+
+
+@pytest.mark.parametrize("words", [["--session", "s1"], ["--task", "wipe"], ["--marker"], ["--source", "x"]])
+def test_a_bridge_in_standby_takes_no_options_of_one_session(words):
+    app = typer.Typer()
+    register(app)
+    refusal = CliRunner().invoke(app, ["bridge", "--standby", *words])
+    assert (refusal.exit_code, words[0] in refusal.output) == (2, True)

@@ -1,0 +1,111 @@
+"""A bridge in standby on a network in memory: a library that fails ends no bridge."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+
+import pytest
+
+from caesura_clients import describing
+from caesura_clients.bridge.sources import Source
+from caesura_clients.bridge.standby import Standby
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import BridgeStatus
+from caesura_protocol.transport.memory import MemoryNetwork
+from clients.examples import LiveSource, samples
+from clients.fake_service import FakeService, eventually
+
+STATION = "cell-1"
+DEADLINE_S = 30.0
+
+
+class Robot(LiveSource):
+    """A live source that waits until the test is over."""
+
+    def __init__(self, over: threading.Event, chunks: Callable[[], Iterator] | None = None) -> None:
+        super().__init__()
+        self._over, self._chunks = over, chunks
+
+    def chunks(self) -> Iterator:
+        if self._chunks is not None:
+            return self._chunks()
+        return self._waiting()
+
+    def _waiting(self) -> Iterator:
+        while not self._over.wait(0.01):
+            yield samples(0, 1)
+
+
+def broken() -> Iterator:
+    raise RuntimeError("libfranka: no connection")
+
+
+@contextmanager
+def standing_by(
+    network: MemoryNetwork,
+    open_source: Callable[[], AbstractContextManager[Source]],
+    say: Callable[[BridgeStatus], None] | None = None,
+) -> Iterator[Standby]:
+    standby = Standby(network.transport(), STATION, open_source, say=say)
+    thread = threading.Thread(target=standby.run, daemon=True)
+    with ExitStack() as stack:
+        thread.start()
+        stack.callback(thread.join, DEADLINE_S)
+        stack.callback(standby.end)
+        yield standby
+        assert thread.is_alive(), "the bridge has ended"
+
+
+@pytest.fixture
+def over() -> Iterator[threading.Event]:
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize("where", ["opening", "reading"])
+def test_a_library_that_raises_is_a_lost_source_which_is_opened_again(monkeypatch, over, where):
+    monkeypatch.setattr("caesura_clients.bridge.standby.RECONNECT_S", 0.05)
+    works = threading.Event()
+
+    def open_source() -> AbstractContextManager[Source]:
+        if works.is_set():
+            return nullcontext(Robot(over))
+        if where == "opening":
+            broken()
+        return nullcontext(Robot(over, broken))
+
+    with standing_by(MemoryNetwork(), open_source) as standby:
+        eventually(lambda: "RuntimeError: libfranka: no connection" in (standby.status.problem or ""))
+        assert standby.status.state == "failed"
+        works.set()
+        eventually(lambda: standby.status.state == "ready")
+
+
+def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatch, over):
+    network = MemoryNetwork()
+
+    def fail(*_: object) -> None:
+        raise ValueError("not foreseen")
+
+    with FakeService(network.transport()), standing_by(network, lambda: nullcontext(Robot(over))) as standby:
+        eventually(lambda: standby.status.state == "ready")
+        operator = network.transport()
+        with monkeypatch.context() as broken_query:
+            broken_query.setattr("caesura_clients.query.find_program", fail)
+            with pytest.raises(ProtocolError) as refusal:
+                describing.start(operator, STATION)
+        assert (refusal.value.code, refusal.value.message) == ("internal", "ValueError: not foreseen")
+        session = describing.start(operator, STATION).session
+        assert describing.stop(operator, STATION).session == session
+
+
+def test_a_bridge_whose_terminal_is_gone_goes_on(over):
+    def gone(_status: BridgeStatus) -> None:
+        raise BrokenPipeError("its terminal is gone")
+
+    with standing_by(MemoryNetwork(), lambda: nullcontext(Robot(over)), gone) as standby:
+        eventually(lambda: standby.status.state == "ready")

@@ -1,0 +1,239 @@
+"""The operator's day in a real browser: start, teach, stop, name, and find it after a restart."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Browser, Page, expect
+
+from caesura_clients import Caesura
+from caesura_protocol.messages import Description
+from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.stage import Stage, patient, staged
+from harness.demonstrations import guided
+from harness.forked import Forked
+from harness.processes import CAESURA, DEADLINE_S, environment, eventually, start
+
+pytestmark = pytest.mark.skipif(
+    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
+)
+expect.set_options(timeout=PATIENCE_MS)
+DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+AXE_HAS_LOADED = """() => [...document.querySelectorAll(".q-loading-bar")]
+  .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
+
+
+class StandbyBridge:
+    """`caesura bridge --standby` of cell-1, in a process of its own."""
+
+    def __init__(self, stage: Stage) -> None:
+        file = stage.folder / "taught.npz"
+        patient().save(file)
+        self._command = [
+            *CAESURA, "bridge", "--standby", "--connect", stage.service.endpoint, "--station", "cell-1",
+            "--source", "file", "--file", str(file), "--pace", "4",
+        ]  # fmt: skip
+        self._process: subprocess.Popen[str] | Forked | None = None
+
+    def start(self) -> None:
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment()}
+        self._process = start(self._command, **quiet)
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait(DEADLINE_S)
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    with staged(tmp_path_factory.mktemp("stage")) as stage:
+        yield stage
+
+
+@pytest.fixture(scope="module")
+def bridge(stage: Stage) -> Iterator[StandbyBridge]:
+    bridge = StandbyBridge(stage)
+    try:
+        bridge.start()
+        yield bridge
+    finally:
+        bridge.kill()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser)
+    visitor.page.set_viewport_size(DESKTOP)
+    yield visitor
+    visitor.close()
+
+
+def pictured(visitor: Visitor, name: str) -> None:
+    """Pictures of the page in every size and theme; nothing keeps a person out, or is wider than the page."""
+    page = visitor.page
+    for theme in ("light", "dark"):
+        page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+        visitor.theme = theme
+        for size, view in (("desktop", DESKTOP), ("phone", PHONE)):
+            page.set_viewport_size(view)
+            visitor.picture(f"{name}-{size}")
+            wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
+            assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
+        page.wait_for_function(AXE_HAS_LOADED)  # Quasar draws a bar while axe fetches the style sheets
+        assert visitor.barriers() == []
+    page.set_viewport_size(DESKTOP)
+
+
+def session_of(page: Page) -> str:
+    """The session that the page names as the current one."""
+    words = page.locator(".state-line").inner_text()
+    return words.split("session ")[1].split(" ·")[0]
+
+
+def described(caesura: Caesura, session: str, station: str = "cell-1") -> Description:
+    return caesura.snapshot(station, session).status.description
+
+
+def test_start_teach_stop_name_and_find_it_after_a_restart_of_everything(
+    stage: Stage, bridge: StandbyBridge, visitor: Visitor
+):
+    page, desk = visitor.page, visitor.page.locator(".desk")
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    expect(desk).to_contain_text("Ready")
+    expect(desk.locator(".stop")).to_be_disabled()
+    pictured(visitor, "desk-ready")
+
+    desk.locator(".task").fill("wipe")
+    desk.locator(".operator").fill("Ann")
+    desk.locator(".task").press("Enter")
+    expect(desk).to_contain_text("Teaching")
+    expect(desk.locator(".start")).to_be_disabled()
+    expect(desk).to_contain_text("A demonstration is being taught.")
+    expect(page.get_by_text("move to contact").first).to_be_visible()
+    pictured(visitor, "desk-teaching")
+    session = session_of(page)
+
+    desk.locator(".stop").focus()
+    page.keyboard.press("Enter")
+    expect(desk).to_contain_text("Ready")
+    form = page.locator(".description")
+    form.locator(".yes").click()
+    expect(form.locator(".saved")).to_contain_text("Saved.")
+    form.locator(".name-task").fill("wipe the table")
+    form.locator(".name-tags").fill("left, slow")
+    form.locator(".name-tags").press("Tab")
+    pictured(visitor, "desk-named")
+    with stage.reader() as caesura:
+        named = Description(task="wipe the table", operator="Ann", tags=("left", "slow"), success=True)
+        eventually(lambda: described(caesura, session) == named)
+        form.locator(".take-back").click()
+        eventually(lambda: described(caesura, session) == named.model_copy(update={"tags": ()}))
+        samples = caesura.snapshot("cell-1", session).status.samples
+    expect(form.locator(".name-tags")).to_have_value("")
+
+    assert visitor.errors == []
+    page.goto("about:blank")  # a page that loses its dashboard reports that as an error
+    stage.dashboard.kill()
+    bridge.kill()
+    stage.service.kill()
+    stage.service.start()
+    stage.dashboard.start()
+    page.goto(f"{stage.dashboard.url}/sessions")
+    page.locator(".words").fill("table ann")
+    row = page.locator("tbody tr")
+    expect(row).to_have_count(1)
+    expect(row).to_contain_text("yes")
+    row.get_by_role("link", name="wipe the table").click()
+    expect(page.get_by_text("move to contact").first).to_be_visible()
+    with stage.reader() as caesura:
+        assert caesura.snapshot("cell-1", session).status.samples == samples > 0
+    bridge.start()
+
+
+CHANGE_TWO_FIELDS = """(form) => {
+  for (const [field, text] of [["name-task", "polish"], ["name-operator", "Bo"]]) {
+    const input = form.querySelector("." + field);
+    input.value = text;
+    input.dispatchEvent(new Event("input"));
+    input.dispatchEvent(new Event("change"));
+  }
+}"""
+
+
+def test_two_changes_at_once_are_both_stored_and_the_last_can_be_undone(stage: Stage, visitor: Visitor):
+    with stage.reader() as caesura:
+        stage.teach("cell-4", guided(), session="twice", pace="fast")
+        stage.wait("cell-4")
+        visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-4/twice")
+        form = visitor.page.locator(".description")
+        form.locator("summary").click()
+        form.locator(".fields").wait_for()
+        form.evaluate(CHANGE_TWO_FIELDS)
+        expect(form.locator(".saved")).to_contain_text("Saved.")
+        both = Description(task="polish", operator="Bo")
+        eventually(lambda: described(caesura, "twice", "cell-4") == both)
+        form.locator(".take-back").click()
+        eventually(lambda: described(caesura, "twice", "cell-4") == Description(task="polish"))
+        assert visitor.errors == []
+
+
+def test_the_reason_stands_beside_a_start_that_is_not_possible(
+    stage: Stage, bridge: StandbyBridge, visitor: Visitor
+):
+    page, why = visitor.page, visitor.page.locator(".desk-why")
+    stage.teach("cell-2", patient())
+    page.goto(f"{stage.dashboard.url}/station/cell-2")
+    expect(why).to_contain_text("The bridge of cell-2 is not in standby")
+    expect(page.locator(".desk .start")).to_have_count(0)
+    stage.kill("cell-2")
+    expect(why).to_contain_text("No bridge is connected at cell-2.")
+
+
+def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(
+    stage: Stage, bridge: StandbyBridge, visitor: Visitor
+):
+    with stage.reader() as caesura:
+        for number, success in (("a", True), ("b", False), ("c", None)):
+            stage.teach("cell-3", guided(), session=f"list-{number}", pace="fast")
+            stage.wait("cell-3")
+            changes = {"task": f"press {number}", "success": success}
+            caesura.describe("cell-3", f"list-{number}", author="Ann", **changes)
+        page = visitor.page
+        page.goto(f"{stage.dashboard.url}/sessions")
+        names = page.locator("td.is-task")
+        page.locator(".by-station").select_option("cell-3")
+        expect(names).to_have_text(["press c", "press b", "press a"])
+        page.get_by_role("button", name="name").click()
+        expect(names).to_have_text(["press a", "press b", "press c"])
+        pictured(visitor, "sessions-listed")
+        page.locator(".by-success").select_option("false")
+        expect(names).to_have_text(["press b"])
+        names.get_by_role("link").click()
+        form = page.locator(".description")
+        form.locator("summary").click()
+        form.locator(".delete").click()
+        expect(form.locator(".saved")).to_contain_text("Deleted: lists leave it out.")
+        page.go_back()
+        page.locator(".by-station").select_option("cell-3")
+        expect(names).to_have_text(["press c", "press a"])
+        page.locator(".with-deleted").check()
+        expect(names).to_have_text(["press c", "press b", "press a"])
+        names.nth(1).get_by_role("link").click()
+        form.locator("summary").click()
+        form.locator(".delete").click()
+        expect(form.locator(".saved")).to_contain_text("Restored.")
+        assert caesura.snapshot("cell-3", "list-b").status.description.deleted is False
+        assert visitor.errors == []

@@ -16,10 +16,10 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.messages import App, AppPath
+from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED, App, AppPath
 from caesura_protocol.paths import turn_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, ProgramTiming, Speed
+from caesura_protocol.programs.timing import ProgramTiming, Speed
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres

@@ -37,7 +37,7 @@ from caesura_protocol.messages import (
     Undo,
     Vector,
 )
-from caesura_protocol.programs.retiming import may_retime
+from caesura_protocol.programs.app_times import may_retime
 
 SAME_S = 5e-4  # two times this close are one
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -82,6 +83,19 @@ def test_edits_are_published_and_kept_over_a_restart(tmp_path: Path, is_closed: 
             assert isinstance(edit(registry, Undo()), Ack)
         assert program(registry).apps == inferred.apps
         assert [one.state for one in program(registry).edits] == ["undone"] * 3
+
+
+def test_an_acknowledged_edit_is_there_after_the_service_was_killed(tmp_path: Path):
+    (left := tmp_path / "left").mkdir()
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry)
+        assert isinstance(edit(registry, RENAMED), Ack)
+        for file in tmp_path.glob("a.sqlite*"):  # what a kill leaves: the log is not yet in the file
+            shutil.copy(file, left)
+    with registry_on(left / "a.sqlite") as registry:
+        assert names(registry)[0] == "reach"
+        assert isinstance(edit(registry, Undo()), Ack)
+        assert names(registry)[0] is None
 
 
 def test_apps_that_are_taught_after_an_edit_follow_and_the_edit_stays(tmp_path: Path):

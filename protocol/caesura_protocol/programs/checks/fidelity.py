@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_lab.execution.findings import Finding
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between

@@ -48,7 +48,7 @@ def card(number: int, app: App) -> dict[str, Any]:
         "tn": round(app.tn, 2),
         "confidence": round(app.confidence, 2),
         "segments": list(app.segments),
-        "limited": is_limited(app),
+        "limited": is_limited(app) and not any(mark.field == "force_n" for mark in app.changes),
         "drawing": path_svg(app),
         "lines": [[name, value] for name, value in _lines(app) if value],
     }

@@ -70,7 +70,7 @@ def _said(error: ProtocolError) -> str:
 def editing_of(program: Program) -> dict[str, Any]:
     """What the page shows of a program's edits, and whether one can be undone or made once more."""
     states = [edit.state for edit in program.edits]
-    is_edit = any(edit.at == program.edited for edit in program.edits)
+    is_edit = program.revision == 0 or any(edit.at == program.edited for edit in program.edits)
     return {
         "session": program.session,
         "name": program.name or "",
@@ -94,6 +94,7 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
     app = apps[index]
     return {
         "reference": reference(app).model_dump(),
+        "target": app.target,
         "name": app.name or "",
         "note": app.note or "",
         "values": {name: read(app) for name, has, read in _VALUES if has(app)},

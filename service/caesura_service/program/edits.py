@@ -39,7 +39,6 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.programs.app_times import may_retime
 
-SAME_S = 5e-4  # two times this close are one
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
 FIELDS: tuple[AppField, ...] = get_args(AppField)
@@ -131,7 +130,7 @@ def apply(
     apps: Sequence[App], edits: Sequence[ProgramEdit], force_limit_n: float | None = None
 ) -> EditedApps:
     """Apply edits to inferred apps, oldest first. force_limit_n: of the cell [N]."""
-    draft = _Draft([_Item(app) for app in apps], force_limit_n)
+    draft = _Draft([_Item(app, _key(app)) for app in apps], force_limit_n)
     known: list[ProgramEdit] = []
     for edit in edits:
         try:
@@ -151,6 +150,7 @@ class _Item(NamedTuple):
     """An app as it was inferred or added, and what was set since: values by field, and marks."""
 
     inferred: App
+    key: tuple[object, ...]
     values: Mapping[AppField, Any] = MappingProxyType({})
     marks: tuple[AppChange, ...] = ()
 
@@ -200,19 +200,23 @@ class _Draft:
             case DuplicateApp(app=app):
                 index = self._place(app)
                 copy = self.items[index].app.model_copy(update={"added": edit.number})
-                self.items.insert(index + 1, _Item(copy).marked(edit, "added"))
+                self.items.insert(index + 1, _Item(copy, _key(copy)).marked(edit, "added"))
             case InsertApp() as insert:
                 index = self._behind(insert.after)
-                made = _Item(self._new(insert, index, edit.number))
-                self.items.insert(index, made.marked(edit, "added"))
+                made = self._new(insert, index, edit.number)
+                self.items.insert(index, _Item(made, _key(made)).marked(edit, "added"))
             case NameProgram(name=name):
                 self.name = name
 
     def _place(self, wanted: AppReference) -> int:
         """The index of the app that is meant. Raises _NotApplicableError."""
-        scores = [_likeness(wanted, item.inferred) for item in self.items]
-        best = max(range(len(scores)), key=scores.__getitem__, default=None)
-        if best is None or scores[best] < LEAST_COMMON:
+        key = _key(wanted)
+        same = [index for index, item in enumerate(self.items) if item.key == key]
+        likeness = [(_common(wanted, self.items[index].inferred), index) for index in same] or [
+            (_likeness(wanted, item.inferred), index) for index, item in enumerate(self.items)
+        ]
+        most, best = max(likeness, default=(0.0, 0))
+        if not same and most < LEAST_COMMON:
             raise _NotApplicableError(self._missing(wanted))
         return best
 
@@ -294,13 +298,18 @@ class _Draft:
         return app
 
 
+def _key(app: App | AppReference) -> tuple[object, ...]:
+    """The same for an app and a reference that surely means it."""
+    return (app.kind, app.t0) if app.added is None else (app.added,)
+
+
 def _likeness(wanted: AppReference, app: App) -> float:
-    """How nearly an app is the one that is meant: above 1 where it begins at the same time, 0 for another."""
-    if wanted.kind != app.kind or wanted.added != app.added:
+    """How nearly an app is the one that is meant, from 0 to 1."""
+    if _key(wanted) == _key(app):
+        return 1.0
+    if wanted.kind != app.kind or wanted.added is not None or app.added is not None:
         return 0.0
-    if wanted.added is not None:
-        return 2.0
-    return _common(wanted, app) + (1.0 if abs(wanted.t0 - app.t0) <= SAME_S else 0.0)
+    return _common(wanted, app)
 
 
 def _common(wanted: AppReference, app: App) -> float:

@@ -59,7 +59,8 @@ export default {
         if (text && text !== app[name]) found[name] = text;
         if (!text && app[name]) cleared.push(name);
       }
-      if (draft.target && draft.target.some((value, i) => value !== app.values.target[i])) found.target = draft.target.map((value) => value / MM);
+      const moved = (value, i) => value !== app.values.target[i];
+      if (draft.target && draft.target.some(moved)) found.target = draft.target.map((value, i) => moved(value, i) ? value / MM : app.target[i]);
       for (const [name, { scale }] of this.numbers) {
         if (draft[name] !== app.values[name] && draft[name] !== "" && draft[name] !== null) found[name] = draft[name] / scale;
       }

@@ -323,7 +323,7 @@ class DuplicateApp(Message):
 
 
 class InsertApp(Message):
-    """A new app, which nobody taught. What is None is that of the app before it."""
+    """A new app, which was not taught. What is None is that of the app before it."""
 
     do: Literal["insert"] = "insert"
     after: AppReference | None  # None: first

@@ -18,14 +18,14 @@ LEAST_S, LEAST_KG, LEAST_FACTOR = 0.005, 0.005, 0.005
 def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
     """Return the differences of a program from another one, app by app; none for equal ones."""
     found = [f"program: {words}" for words in _of_programs(one, other)]
-    for own, theirs in _pairs(one.apps, other.apps):
-        if theirs is None and own is not None:
-            found.append(f"{_named(one.apps, own)} is added")
-        elif own is None and theirs is not None:
-            found.append(f"without {_named(other.apps, theirs)}")
-        elif own is not None and theirs is not None:
-            words = "; ".join(_of_apps(one.apps[own], other.apps[theirs]))
-            found += [f"{_named(one.apps, own)}: {words}"] if words else []
+    for first, second in _pairs(one.apps, other.apps):
+        if second is None and first is not None:
+            found.append(f"{_named(one.apps, first)} is added")
+        elif first is None and second is not None:
+            found.append(f"without {_named(other.apps, second)}")
+        elif first is not None and second is not None:
+            words = "; ".join(_of_apps(one.apps[first], other.apps[second]))
+            found += [f"{_named(one.apps, first)}: {words}"] if words else []
     return found
 
 

@@ -17,6 +17,7 @@ from caesura_protocol.messages import (
     ProgramEdit,
     ViaPoint,
 )
+from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import ProgramFile, document
 from caesura_protocol.programs.formats import WRITERS
@@ -105,3 +106,10 @@ def test_two_programs_are_compared_app_by_app():
     ]
     assert differences(before, after)[-1] == "app 3 (transport) is added"
     assert c.kind == "transport"
+
+
+def test_a_check_accepts_the_times_of_another_order():
+    first, second, third = movement(1.0, 2.0), movement(2.5, 3.5), movement(4.0, 6.0)
+    copied = second.model_copy(update={"added": 2, "changes": (PLACE,)})
+    program = written(third.model_copy(update={"changes": (PLACE,)}), first, second, copied)
+    assert [str(one) for one in document_findings(program) if one.severity == "error"] == []

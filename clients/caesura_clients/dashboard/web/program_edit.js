@@ -46,10 +46,9 @@ export default {
   methods: {
     toggled(open) {
       this.open = open;
-      if (open) this.draft = this.start();
+      if (open) this.draft = this.start(this.app);
     },
-    start() {
-      const { name, note, values } = this.app;
+    start({ name, note, values }) {
       return { name, note, ...values, target: values.target && [...values.target] };
     },
     changes() { // only what differs from what is shown, in the units of the wire
@@ -85,8 +84,10 @@ export default {
   watch: {
     app(now, before) { // what arrives while the form is open replaces what was not typed into
       if (!this.draft) return;
-      const was = JSON.stringify([before.name, before.note, before.values]), is = JSON.stringify([now.name, now.note, now.values]);
-      if (was !== is) this.draft = this.start();
+      const was = this.start(before), is = this.start(now);
+      for (const name of Object.keys(is)) {
+        if (JSON.stringify(this.draft[name]) === JSON.stringify(was[name])) this.draft[name] = is[name];
+      }
     },
   },
 };

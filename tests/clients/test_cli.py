@@ -270,7 +270,15 @@ def test_program_shows_the_apps_of_the_only_station(caesura, service):
     service.answers[station_key("cell-1", "program")] = encode(example(Program))
     result = caesura("program")
     assert result.exit_code == 0, result.output
-    for word in ("1  transport", "625 -250 375", "0.50±0.06 kg", "version 3", "being taught", "not weighed"):
+    for word in (
+        "1  carry (transport)",
+        "speed: Ann",
+        "625 -250 375",
+        "0.50±0.06 kg",
+        "version 3",
+        "being taught",
+        "not weighed",
+    ):
         assert word in result.stdout
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
-from caesura_clients.cli.result_tables import program_view
+from caesura_clients.cli.result_tables import PLAIN, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
@@ -128,7 +128,7 @@ def _said(action: ProgramAction, program: Program) -> str:
 
 def edits_table(program: Program) -> Table:
     """The edits of a program, one a line."""
-    table = Table("#", "edit", "by", "state", title="edits")
+    table = Table("#", "edit", "by", "state", title="edits", **PLAIN)
     for edit in program.edits:
         state = edit.state.replace("_", " ") + (f": {edit.reason}" if edit.reason else "")
         table.add_row(str(edit.number), in_words(edit.action), edit.author, state)

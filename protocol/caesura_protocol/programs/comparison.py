@@ -113,7 +113,7 @@ _Number = tuple[str, Callable[[App], float | None], float, str, float]  # with i
 _NUMBERS: Sequence[_Number] = (
     ("force", _size, LEAST_N, "N", 1.0),
     ("duration", lambda app: app.tn - app.t0, LEAST_S, "s", 1.0),
-    ("speed", lambda app: app.speed, LEAST_FACTOR, "%", 100.0),
+    ("speed", lambda app: app.speed or 1.0, LEAST_FACTOR, "%", 100.0),
     ("gripper width", lambda app: app.gripper_width, LEAST_M, "mm", 1000.0),
     ("load", lambda app: app.load_kg, LEAST_KG, "kg", 1.0),
     ("path", lambda app: None if app.path is None else app.path.length_m, 10 * LEAST_M, "mm", 1000.0),

@@ -14,7 +14,7 @@ export default {
   template: `
     <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
       <summary :aria-label="'Edit app ' + app.number">Edit</summary>
-      <form v-if="draft" @submit.prevent="save">
+      <form v-if="open && draft" @submit.prevent="save">
         <label>Name <input class="app-name" v-model="draft.name" maxlength="64" autocomplete="off"></label>
         <label>Note <input class="app-note" v-model="draft.note" maxlength="1000" autocomplete="off"></label>
         <fieldset v-if="draft.target"><legend>Target [mm]</legend>
@@ -25,13 +25,13 @@ export default {
         <div class="row"><button class="save" :disabled="busy || !changed">Save</button>
           <button type="button" class="as-taught" :disabled="busy || !app.set.length" @click="asTaught">As taught</button></div>
       </form>
-      <div class="row" role="group" :aria-label="'Place of app ' + app.number">
+      <div v-if="open" class="row" role="group" :aria-label="'Place of app ' + app.number">
         <button :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
         <button :disabled="busy || !app.later" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
         <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Copy</button>
         <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
       </div>
-      <div class="row"><label>New app behind it <select v-model="kind"><option value="">choose a kind</option>
+      <div v-if="open" class="row"><label>New app behind it <select v-model="kind"><option value="">choose</option>
         <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
         <button class="insert-app" :disabled="busy || !kind" :aria-label="'Insert behind app ' + app.number" @click="insert">Add</button></div>
     </details>`,

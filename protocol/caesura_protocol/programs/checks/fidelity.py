@@ -143,7 +143,8 @@ def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:
 
 
 def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
-    moving = [(index, app) for index, app in enumerate(apps) if APP_KINDS[app.kind].travels]
+    taught = [(index, app) for index, app in enumerate(apps) if app.added is None]
+    moving = [(index, app) for index, app in taught if APP_KINDS[app.kind].travels]
     without = [(index, app) for index, app in moving if app.path is None]
     reason = "the path that was taught is not known: straight to the target"
     if moving and len(without) == len(moving):

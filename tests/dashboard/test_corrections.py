@@ -291,8 +291,11 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         expect(said).to_contain_text("deleted")
         expect(apps).to_have_count(count - 1)
         expect(page.locator(".app .findings .error").first).to_contain_text("presses without a contact")
-        visitor.picture("program-edited-desktop")
-        assert visitor.barriers() == []
+        for theme in ("light", "dark"):
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture("program-edited-desktop")
+            assert visitor.barriers() == []
         page.set_viewport_size({"width": 390, "height": 844})
         visitor.picture("program-edited-phone")
         assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0

@@ -10,6 +10,7 @@ import typer
 from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, program_view
@@ -131,7 +132,7 @@ def edits_table(program: Program) -> Table:
     table = Table("#", "edit", "by", "state", title="edits", **PLAIN)
     for edit in program.edits:
         state = edit.state.replace("_", " ") + (f": {edit.reason}" if edit.reason else "")
-        table.add_row(str(edit.number), in_words(edit.action), edit.author, state)
+        table.add_row(str(edit.number), *map(Text, (in_words(edit.action), edit.author, state)))
     return table
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
 from caesura_clients import query
 from caesura_clients.cli.options import (
@@ -168,7 +169,8 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
 def _write_table(program: ProgramFile, out: Path | None) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
-    parts = [apps_table(program.apps, title), *program.notes, *doubtful_apps(program.apps)]
+    notes = map(Text, (*program.notes, *doubtful_apps(program.apps)))
+    parts = [apps_table(program.apps, title), *notes]
     if out is None:
         Console().print(*parts, sep="\n")
     else:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -148,7 +149,7 @@ def ignored_line(recording: Recording) -> str:
 def program_view(program: Program) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
-    name = f"{program.name}: " if program.name else ""
+    name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
     notes = (*program.notes, *doubtful_apps(program.apps))
     return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in notes))

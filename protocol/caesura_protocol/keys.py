@@ -138,6 +138,9 @@ class SampleRange(NamedTuple):
     columns: tuple[str, ...] = ()
 
 
+INFERRED_PROGRAM = "program=inferred"  # of a `snapshot` query: the program without the edits of people
+
+
 def samples_parameters(wanted: SampleRange) -> str:
     """Parameters of a `samples` query, after its `?`.
 

@@ -20,6 +20,7 @@ from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open
 from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by, start, stop
 from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
+from caesura_clients.cli.edit_program import edit_program
 from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.options import (
     Config,
@@ -57,6 +58,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
     for command in (bridge, start, stop, watch, program, edit, doctor):
         app.command(command.__name__)(command)
+    app.command("edit-program")(edit_program)
     app.command("record")(record_session)
     app.command("robots")(list_robots)
     app.add_typer(sessions)

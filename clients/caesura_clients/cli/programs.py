@@ -10,7 +10,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
+from caesura_clients import query
 from caesura_clients.cli.options import (
     CellFile,
     Config,
@@ -27,6 +29,7 @@ from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, doubtful_apps, program_view
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Phase
+from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import (
     BadProgramError,
     ProgramFile,
@@ -72,6 +75,13 @@ def program(
             "repeated. A session keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,
+    inferred: Annotated[
+        bool, typer.Option("--inferred", help="Without the edits of people (`caesura edit-program`).")
+    ] = False,
+    against: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|STATION/SESSION", help="Show the differences from this program instead."),
+    ] = None,
     speed: Speed = TAUGHT,
     keep_pause: KeepPause = None,
     as_json: Json = False,
@@ -88,23 +98,40 @@ def program(
             raise CaesuraError("--json prints the message as it was taught: use --format json with --speed")
         if file is not None:
             made = timed(_in_cell(read_document(file), cell, force_limit))
+            if against is not None:
+                _compare(made, against, endpoint, config)
+                return
             write_program(_named(made, name_group, output_format), output_format, out)
             return
         phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
             name = only_station(caesura, station, session)
-            if session is not None or output_format is ProgramFormat.JSON:
-                snapshot = caesura.snapshot(name, session)
+            if session is not None or inferred or output_format is ProgramFormat.JSON:
+                snapshot = query.snapshot(caesura.transport, name, session, inferred=inferred)
                 found, phases = snapshot.program, snapshot.segments.phases
             else:
                 found = caesura.program(name)
-        if as_json:
+        if against is not None:
+            _compare(timed(_in_cell(document(found), cell, force_limit)), against, endpoint, config)
+        elif as_json:
             typer.echo(found.model_dump_json(indent=2))
         elif output_format is ProgramFormat.TABLE and speed == TAUGHT and not (out or cell or force_limit):
             Console().print(program_view(found))
         else:
             made = timed(_in_cell(document(found, phases=phases), cell, force_limit))
             write_program(_named(made, name_group, output_format), output_format, out)
+
+
+def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path | None) -> None:
+    """Print the differences of a program from that of a file, or of a session."""
+    station, separator, session = against.partition("/")
+    if separator and not Path(against).exists():
+        with connected(endpoint, config) as caesura:
+            other = document(caesura.snapshot(station, session).program)
+    else:
+        other = read_document(Path(against))
+    found = differences(made, other)
+    typer.echo("\n".join(found) if found else f"no differences from {against}")
 
 
 def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None) -> ProgramFile:
@@ -142,7 +169,8 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
 def _write_table(program: ProgramFile, out: Path | None) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
-    parts = [apps_table(program.apps, title), *program.notes, *doubtful_apps(program.apps)]
+    notes = map(Text, (*program.notes, *doubtful_apps(program.apps)))
+    parts = [apps_table(program.apps, title), *notes]
     if out is None:
         Console().print(*parts, sep="\n")
     else:

@@ -113,7 +113,16 @@ class SessionList(LiveElement, component="web/session_list.js"):
 
 
 class ProgramTimeline(LiveElement, component="web/program.js"):
-    """The timeline of a task program (`apps.timeline`)."""
+    """The timeline of a task program (`apps.timeline`). on_edit: an `EditProgram`, as the browser says it."""
+
+    def __init__(self, on_edit: Callable[[GenericEventArguments], Any], *, editable: bool) -> None:
+        super().__init__()
+        self._props["editable"] = editable
+        self.on("edit", on_edit)
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Show what became of an edit."""
+        self.run_method("answered", message, failed)
 
 
 class SessionView(LiveElement, component="web/session_view.js"):

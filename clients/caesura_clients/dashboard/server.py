@@ -17,9 +17,12 @@ from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.pages import lists, overview
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
+from caesura_clients.dashboard.program_edits import SUFFIXES
 from caesura_clients.dashboard.signals import as_bytes
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
+from caesura_protocol.programs.document import document
+from caesura_protocol.programs.formats import WRITERS
 
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
@@ -133,6 +136,10 @@ def declare(site: Site) -> None:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
         return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
 
+    @app.get("/programs/{station}/{session}/{name}")
+    async def _program(station: str, session: str, name: str) -> Response:
+        return await asyncio.to_thread(_exported, site, _checked(station), _checked(session), name)
+
     @ui.page("/system")
     def _system() -> None:
         lists.build_system(site)
@@ -148,6 +155,20 @@ def _signals(site: Site, station: str, session: str, parameters: str) -> Respons
     except CaesuraError as error:
         return PlainTextResponse(str(error), status_code=404 if isinstance(error, NotFound) else 503)
     return Response(content, media_type="application/octet-stream", headers={"cache-control": "no-store"})
+
+
+def _exported(site: Site, station: str, session: str, name: str) -> Response:
+    """The program of a session as a file in a format; a refusal as text that says why."""
+    update = site.gateway.world.update(station, session)
+    if update is None or name not in WRITERS:
+        why = f"no program {station}/{session} in format {name!r}; formats: {', '.join(WRITERS)}"
+        return PlainTextResponse(why, status_code=404)
+    try:
+        content = WRITERS[name](document(update.program, phases=update.phases))
+    except (ValueError, CaesuraError) as error:
+        return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
+    file = f'attachment; filename="{station}-{session}.{SUFFIXES[name]}"'
+    return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
 
 
 def _checked(name: str) -> str:

@@ -107,7 +107,7 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
     from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
-    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+    from caesura_protocol.programs.checks.findings import RefusedError  # noqa: PLC0415
     from caesura_service.robot import load_robot  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")

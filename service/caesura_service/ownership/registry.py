@@ -25,6 +25,7 @@ from caesura_protocol.messages import (
     Command,
     Describe,
     Edit,
+    EditProgram,
     Heartbeat,
     JournalReport,
     Open,
@@ -178,7 +179,8 @@ class Registry:
                     return [Reply(self._rebuilder.request(station, session, owner))]
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
-            if isinstance(command, Edit | Describe):  # the editor's affair, not that of the session's bridge
+            # A refusal of these concerns the editor and not the session's bridge.
+            if isinstance(command, Edit | Describe | EditProgram):
                 self.counters = self.counters.with_refusal(error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
@@ -401,7 +403,8 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
     if isinstance(command, Edit):
         session.check_revision(command)
         return True
-    return isinstance(command, Describe) and not session.has_records  # only a peer's journal has them
+    # only a peer's journal has the records
+    return isinstance(command, Describe | EditProgram) and not session.has_records
 
 
 class _JournalErrorsAs:

@@ -12,6 +12,7 @@ from caesura_protocol.messages import (
     Close,
     Describe,
     Edit,
+    EditProgram,
     Heartbeat,
     Open,
     Posterior,
@@ -45,7 +46,7 @@ class ReplayEnded:
     oldest: int | None = None  # the oldest batch that it still has, where it said so
 
 
-Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | ReplayEnded
+Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | EditProgram | ReplayEnded
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from caesura_protocol.messages import MAX_GAPS, Program
+from caesura_service.program import EditLog
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.publishing.session_state import (
     SessionCounters,
@@ -128,6 +129,16 @@ def apply_edit(
     )
     state, status = publish_status(state)
     return state, [*changes, Publish(program_of(state)), status]
+
+
+def apply_program_edit(
+    state: SessionState, log: EditLog, author: str, at: float
+) -> tuple[SessionState, Publish]:
+    """Replace the edits of the program, and publish its next version. at: time of day [s]."""
+    header, complete = state.program_header, not state.is_open
+    state = state._replace(program_edits=log)
+    state = _next_program(state, notes=header.notes, complete=complete, author=author, edited=at)
+    return state, Publish(program_of(state))
 
 
 def replay_edit(state: SessionState, view: PipelineView, edited: EditOutcome, version: int) -> SessionState:

@@ -16,11 +16,16 @@ from collections.abc import Callable, Mapping
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
-from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
+from caesura_protocol.keys import INFERRED_PROGRAM, parse_station_key, service_key, session_key, station_key
+from caesura_protocol.messages import Control, Open, Program, ServiceStatus, Snapshot
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.session_state import SessionState, program_of, snapshot_of
+from caesura_service.publishing.session_state import (
+    SessionState,
+    inferred_program_of,
+    program_of,
+    snapshot_of,
+)
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
@@ -159,10 +164,11 @@ class QueryServer(BackgroundThread):
             for state in self._registry.index.all_states():
                 key = session_key(state.station, state.session, "snapshot")
                 if query.matches(key):
-                    reply_message(query, key, self._snapshot(state))
+                    program = inferred_program_of(state) if query.parameters == INFERRED_PROGRAM else None
+                    reply_message(query, key, self._snapshot(state, program))
 
-    def _snapshot(self, state: SessionState) -> Snapshot:
-        snapshot = snapshot_of(state)
+    def _snapshot(self, state: SessionState, program: Program | None) -> Snapshot:
+        snapshot = snapshot_of(state, program)
         return snapshot.model_copy(
             update={"status": with_load(snapshot.status, self._work_queue, self._budgets)}
         )

@@ -13,6 +13,7 @@ from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
 from caesura_clients.dashboard.elements import DescriptionForm, ProgramTimeline, SessionView, StartStop
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
@@ -24,6 +25,7 @@ class SessionPage:
     def __init__(self, site: Site, station: str, session: str | None) -> None:
         self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
         self._station, self._session = station, session
+        self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
         with page(title, "/" if session is None else "/sessions"):
             self._banner = Banner()
@@ -35,7 +37,7 @@ class SessionPage:
             self._view = SessionView(
                 station, editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
-            self._program = ProgramTimeline()
+            self._program = ProgramTimeline(self._edit_program, editable=self._program_desk is not None)
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
@@ -116,6 +118,17 @@ class SessionPage:
             self._view.answered(str(refused), failed=True)
         else:
             self._view.answered(said or "", failed=False)
+
+    async def _edit_program(self, event: GenericEventArguments) -> None:
+        """Pass an edit of the program on, without delaying any other page."""
+        if self._program_desk is None or not isinstance(event.args, dict):
+            return
+        try:
+            said = await run.io_bound(self._program_desk.carry_out, self._station, event.args)
+        except EditRefused as refused:
+            self._program.answered(str(refused), failed=True)
+        else:
+            self._program.answered(said or "", failed=False)
 
 
 def line_of(seen: StationSummary, update: Update | None) -> str:

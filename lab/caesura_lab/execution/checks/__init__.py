@@ -1,8 +1,9 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
-Five looks, one module each: `timing` at what was re-timed, `values` at every app for itself, `order` at
-what holds before each app. Once the numbers are sane, `reach` looks at the arm (joints, inverse
-kinematics along the way, what stands in it), and `fidelity` at what was taught and is not reproduced.
+Five looks, one module each, of which four need no robot and are in `caesura_protocol.programs.checks`:
+`timing` at what was re-timed, `value_ranges` at every app for itself, `preconditions` at what holds before
+each app, and `fidelity` at what was taught and is not reproduced. Once the numbers are sane, `reachability`
+looks at the arm: joints, inverse kinematics along the way, what stands in it.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_lab.execution.cell import Cell
-from caesura_lab.execution.checks.fidelity import DemonstrationQuality, fidelity_findings
-from caesura_lab.execution.checks.preconditions import order_findings
 from caesura_lab.execution.checks.reachability import reach_findings
-from caesura_lab.execution.checks.timing import timing_findings
-from caesura_lab.execution.checks.value_ranges import value_findings
-from caesura_lab.execution.findings import CheckReport, Finding
 from caesura_protocol.messages import App
+from caesura_protocol.programs.checks import (
+    DemonstrationQuality,
+    fidelity_findings,
+    order_findings,
+    timing_findings,
+    value_findings,
+)
+from caesura_protocol.programs.checks.findings import CheckReport, Finding
 from caesura_service.robot import Robot
 
 __all__ = ["DemonstrationQuality", "check"]

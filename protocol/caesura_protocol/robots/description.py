@@ -68,6 +68,7 @@ class RobotDescription(BaseModel):
     reach_m: Positive  # of the flange from the shoulder
     payload_kg: Positive
     wrench_source: WrenchSource  # how this robot usually measures the wrench
+    wrench_is_relative: bool = False  # its zero is that of the last zeroing, and drifts: zero it before use
     gripper: GripperDescription | None = None
     task_offset_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)  # by which simulated tasks stand elsewhere
     script: Literal["franky"] | None = None  # the script that `caesura program` writes for it

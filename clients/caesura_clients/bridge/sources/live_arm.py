@@ -1,8 +1,8 @@
 """A live arm as a source: its states, read as they come and never commanded, and its gripper beside it.
 
 A vendor's module gives a function that waits for the next state (`ArmState`). What differs between vendors,
-such as signs, units and frames, ends there. A gripper is asked in a thread of its own: its answers come slower
-than the arm's, and may wait.
+such as signs, units and frames, ends there. A gripper is asked in a thread of its own: its answers come
+slower than the arm's, and may wait.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class LiveArm:
             self.close()
 
     def close(self) -> None:
-        """Stop asking the gripper, then the arm: a vendor's thread at the interpreter's end takes all with it."""
+        """Stop asking the gripper, then the arm: a vendor's thread at the end takes all with it."""
         if self._gripper is not None:
             self._gripper.close()
         over, self._over = self._over, None

@@ -77,7 +77,7 @@ def bridge(
     gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
     tcp_offset: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur [m, rad]."),
+        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur \\[m, rad]."),
     ] = None,
     teach_mode: Annotated[
         bool, typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur.")

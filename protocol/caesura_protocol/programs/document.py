@@ -77,6 +77,7 @@ class ProgramFile(BaseModel):
     groups: tuple[Group, ...] = ()  # the apps of each phase
     timing: ProgramTiming | None = None  # None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
+    gripper: Name | None = None  # that runs it, of the table of grippers; None: the robot's
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""

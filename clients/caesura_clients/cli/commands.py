@@ -73,14 +73,17 @@ def bridge(
     mapping: Annotated[
         Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
     ] = None,
-    host: Annotated[str | None, typer.Option(help="The robot's address, for franky, panda and ur.")] = None,
+    host: Annotated[
+        str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
+    ] = None,
     gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
     tcp_offset: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur \\[m, rad]."),
+        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur and xarm \\[m, rad]."),
     ] = None,
     teach_mode: Annotated[
-        bool, typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur.")
+        bool,
+        typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur and xarm."),
     ] = False,
     ros: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")

@@ -92,6 +92,15 @@ def pose_of_rotation_vector(values: Sequence[float]) -> Transform:
     return Transform((x, y, z), (share * a, share * b, share * c, cos(0.5 * angle)))
 
 
+def pose_of_roll_pitch_yaw(position: Vector, turn: Sequence[float]) -> Transform:
+    """A pose by turns [rad] about x, then y, then z of the base frame, as UFACTORY has it."""
+    roll, pitch, yaw = (0.5 * float(angle) for angle in turn)
+    about_x = (sin(roll), 0.0, 0.0, cos(roll))
+    about_y = (0.0, sin(pitch), 0.0, cos(pitch))
+    about_z = (0.0, 0.0, sin(yaw), cos(yaw))
+    return Transform(position, multiply(about_z, multiply(about_y, about_x)))
+
+
 def moved_wrench(wrench: Sequence[float], about: Vector, place: Vector) -> list[float]:
     """A wrench (6,) about one point as one about another; all in one frame."""
     fx, fy, fz, mx, my, mz = map(float, wrench)

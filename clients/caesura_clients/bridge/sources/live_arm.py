@@ -19,7 +19,8 @@ from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import Quaternion, Transform, nearest
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 
-SIGNALS = ("pos", "quat", "q", "force", "torque")
+SIGNALS = ("pos", "quat", "q")
+WRENCH = ("force", "torque")
 CHUNK_MS = 20  # of the robot's time
 GRIPPER_S = 0.02  # between two questions
 GRIPPER_TIMEOUT_S = 3.0
@@ -30,7 +31,8 @@ NO_GRIPPER = " (without a gripper: --no-gripper)"
 class ArmState(NamedTuple):
     """One state of an arm, in the wire's units and signs.
 
-    wrench: (6,) [N, Nm] of the environment on the robot, about the flange; tau: (joints,) [Nm], likewise.
+    wrench: (6,) [N, Nm] of the environment on the robot, about the flange, empty where none is measured; tau:
+    (joints,) [Nm], likewise.
     """
 
     t: float  # [s] of the robot's clock
@@ -67,7 +69,8 @@ class LiveArm:
         self.wrench_source: WrenchSource = wrench_source
         self.hand_on_robot: HandOnRobot = hand_on_robot
         self.force_frame: ForceFrame = force_frame
-        signals = (*SIGNALS, *(["tau"] if torques else []), *(["gripper"] if width is not None else []))
+        measured = WRENCH if wrench_source != "none" else ()
+        signals = (*SIGNALS, *measured, *(["tau"] if torques else []), *(["gripper"] if width else []))
         self.columns = columns_of(signals, joints)
         self._who = who
         self._read = read

@@ -123,6 +123,20 @@ def _ur(options: SourceOptions) -> Source:
     )
 
 
+def _xarm(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.xarm_arm import open_xarm  # noqa: PLC0415 - an extra
+
+    robot = _stated_robot(options, "xarm", "xarm7")
+    return open_xarm(
+        _host(options, "xarm"),
+        robot,
+        wrench_source=None if options.wrench_source is None else _wrench_source(options, robot),
+        hand_on_robot=hand_statement(options),
+        tcp_offset=_tcp_offset(options),
+        teach_mode=options.teach_mode,
+    )
+
+
 def _stated_robot(options: SourceOptions, name: str, *examples: str) -> RobotDescription:
     if options.robot is None:
         raise SourceError(f"the source {name} needs --robot, such as {' or '.join(examples)}")
@@ -205,5 +219,6 @@ SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
     "franky": _franky,
     "panda": _panda,
     "ur": _ur,
+    "xarm": _xarm,
     "ros2": _ros2,
 } | {found.name: _of_entry_point(found) for found in entry_points(group=GROUP)}

@@ -49,6 +49,7 @@ class ProgramFormat(StrEnum):
     JSON = "json"
     FRANKY = "franky"
     URSCRIPT = "urscript"
+    XARM = "xarm"
     BT = "bt"
 
 

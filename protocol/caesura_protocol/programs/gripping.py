@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.robots import GripperDescription, gripper, robot_description
+from caesura_protocol.robots import GripperDescription, gripper, grippers, robot_description
 
 
 def gripper_of(program: ProgramFile) -> GripperDescription | None:
@@ -34,3 +36,12 @@ def within_gripper(safety: Safety, held_by: GripperDescription | None) -> Safety
     if held_by.opening_m is not None:
         limits["gripper_width_m"] = held_by.opening_m
     return safety.model_copy(update=limits)
+
+
+def not_driven(
+    where: str, script: str, held_by: GripperDescription | None, interfaces: Container[str | None]
+) -> str:
+    """Why a script cannot drive the gripper of a program, and those that it can, by their interfaces."""
+    title = "no gripper is stated" if held_by is None else f"{script} does not drive a {held_by.title}"
+    known = [name for name, one in grippers().items() if one.interface in interfaces]
+    return f"{where}: {title}, expected --gripper {', '.join(known)}"

@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.franky_script import CONSTANTS
+from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import matrix_of
 
 FORCE_SLACK_N = 1e-6
+ACTING = (  # limits on which a running script acts; the others are kept when it is written
+    "MAX_SPEED_M_PER_S",
+    "CONTACT_SPEED_M_PER_S",
+    "MAX_FORCE_N",
+    "STOP_FORCE_N",
+    "CONTACT_FORCE_N",
+    "SEARCH_M",
+)
+
+
+def acting_limits(safety: Safety) -> Iterator[str]:
+    """The limits as lines of a script."""
+    for name in ACTING:
+        field, why = CONSTANTS[name]
+        yield f"{name} = {getattr(safety, field):g}  # {why}"
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:

@@ -34,7 +34,7 @@ PEAK = 2.0  # speed of a turn that starts and stops, over its mean
 class Leg(NamedTuple):
     """A straight movement to a pose of the flange.
 
-    speed_m_per_s: None where it only turns, which takes `seconds`; blend_m: 0 where it stops.
+    speed_m_per_s: None where it only turns, by turn_rad in `seconds`; blend_m: 0 where it stops.
     """
 
     position: Vector
@@ -42,6 +42,7 @@ class Leg(NamedTuple):
     speed_m_per_s: float | None
     seconds: float
     blend_m: float
+    turn_rad: float
 
 
 def straight_legs(
@@ -57,7 +58,7 @@ def straight_legs(
         t, poses = _ended_before(t, poses, np.array(stop_short))
     if len(poses) < 2:
         place, turned = _pose(poses[-1])
-        return [Leg(place, turned, safety.contact_speed_m_per_s, 0.0, 0.0)]
+        return [Leg(place, turned, safety.contact_speed_m_per_s, 1.0, 0.0, 0.0)]
     keep = _corners(poses)
     t, poses = t[keep], poses[keep]
     return _legs(t, poses, safety, acceleration)
@@ -128,12 +129,12 @@ def _turned_share(quaternions: Array) -> Array:
 
 
 def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[Leg]:
-    lengths = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).tolist()
     legs = []
-    for index, (length, seconds) in enumerate(zip(lengths, np.diff(t), strict=True)):
+    for index, (length, seconds) in enumerate(zip(lengths, np.diff(t).tolist(), strict=True)):
         turn = _angle(poses[index], poses[index + 1])
         slower = safety.slower(length / seconds, (1.0 if length >= SHORT_M else PEAK) * turn / seconds)
-        seconds = float(seconds) * slower
+        seconds *= slower
         speed = None
         if length >= SHORT_M:
             speed = length / seconds
@@ -142,9 +143,9 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[L
             speed = max(min(speed, safety.speed_m_per_s), SLOWEST_M_PER_S)
         blend = 0.0
         if index + 1 < len(lengths):
-            blend = min(BLEND_M, BLEND_SHARE * min(length, float(lengths[index + 1])))
+            blend = min(BLEND_M, BLEND_SHARE * min(length, lengths[index + 1]))
         place, turned = _pose(poses[index + 1])
-        legs.append(Leg(place, turned, speed, seconds, blend))
+        legs.append(Leg(place, turned, speed, seconds, blend, turn))
     return legs
 
 

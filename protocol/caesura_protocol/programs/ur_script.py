@@ -9,37 +9,26 @@ those of the script manual for PolyScope 5. Poses are the flange's, in the contr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 
-from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.franky_script import CONSTANTS
-from caesura_protocol.programs.gripping import gripper_of
-from caesura_protocol.programs.limits import press_direction, refuse_beyond_limits
-from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
-from caesura_protocol.robots import GripperDescription, grippers, robot_description
+from caesura_protocol.programs.gripping import gripper_of, not_driven
+from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits
+from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.straight_legs import Leg, Quaternion
+from caesura_protocol.robots import GripperDescription, robot_description
 from caesura_protocol.rotations import rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
-STANDOFF_M = 0.02
 DEPTH_M = 0.05
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
 LEAST_PAUSE_S = 0.05
 PERIOD_S = 0.02  # between two looks at the depth of a press
 SLIDE_M = 0.005  # a way that is longer, in contact, is one along a surface
-ACTING = (  # limits on which the running script acts; the others are kept when it is written
-    "MAX_SPEED_M_PER_S",
-    "CONTACT_SPEED_M_PER_S",
-    "MAX_FORCE_N",
-    "STOP_FORCE_N",
-    "CONTACT_FORCE_N",
-    "SEARCH_M",
-)
-GRIPS = ("grasp", "gripper_move")
 INDENT = "  "
 
 
@@ -58,11 +47,12 @@ def ur_script(program: ProgramFile) -> str:
     program.as_json()  # refuses what is not finite
     refuse_beyond_limits(program)
     template = files("caesura_protocol.programs").joinpath("ur_template.script.txt").read_text("utf-8")
-    lines = [line for app in _apps(program, acceleration) for line in app]
+    writer = _Writer(program)
+    lines = [line for app in planned_apps(program, acceleration) for line in writer.lines(app)]
     filled = {
         "<NAME>": f"{program.station}/{program.session}, revision {program.revision}",
         "<ROBOT>": title,
-        "<LIMITS>": "\n".join(_limits(program.safety)),
+        "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
         "<STANDOFF>": f"{STANDOFF_M}",
         "<DEPTH>": f"{DEPTH_M}",
         "<ACCELERATION>": f"{acceleration:g}",
@@ -74,72 +64,37 @@ def ur_script(program: ProgramFile) -> str:
     return template
 
 
-def _limits(safety: Safety) -> Iterator[str]:
-    for name in ACTING:
-        field, why = CONSTANTS[name]
-        yield f"{INDENT}{name} = {getattr(safety, field):g}  # {why}"
-
-
-def _apps(program: ProgramFile, acceleration: float) -> Iterator[list[str]]:
-    """The lines of one app after another."""
-    writer = _Writer(program, acceleration)
-    for index, app in enumerate(program.apps):
-        following = program.apps[index + 1] if index + 1 < len(program.apps) else None
-        yield writer.app(index, app, following)
-
-
 class _Writer:
-    """Writes apps; keeps where the flange is."""
+    """Writes planned apps."""
 
-    def __init__(self, program: ProgramFile, acceleration: float) -> None:
-        self._safety = program.safety
+    def __init__(self, program: ProgramFile) -> None:
         self._gripper = gripper_of(program)
-        self._acceleration = acceleration
-        self._place: Vector | None = None  # at the end of the last movement
 
-    def app(self, index: int, app: App, following: App | None) -> list[str]:
+    def lines(self, planned: PlannedApp) -> list[str]:
         """The lines of an app, and the pause after it."""
-        name = app_name(index, app.kind)
-        lines = ["", f"# {name}, {app.tn - app.t0:.2f} s as taught", f'textmsg("{name}")']
+        app = planned.app
+        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught", f'textmsg("{planned.name}")']
         if app.kind == "apply_force":
-            lines += self._force(index, app)
+            lines += self._force(planned)
         elif app.kind in GRIPS:
-            lines += self._grip(index, app)
+            lines += self._grip(planned)
         else:
-            lines += self._way(index, app, following)
-        if app.target is not None:
-            self._place = app.target
-        pause = 0.0 if following is None else min(following.t0 - app.tn, self._safety.pause_s)
-        return lines + ([f"sleep({pause:.3f})"] if pause >= LEAST_PAUSE_S else [])
+            lines += self._way(planned)
+        return lines + ([f"sleep({planned.pause_s:.3f})"] if planned.pause_s >= LEAST_PAUSE_S else [])
 
-    def _way(self, index: int, app: App, following: App | None) -> list[str]:
-        lines = []
+    def _way(self, planned: PlannedApp) -> list[str]:
+        app, lines = planned.app, []
         if APP_KINDS[app.kind].carries:
             lines.append(f"set_payload(tool_kg + {app.load_kg or 0.0:.3f}, tool_cog)")
-        if not ends_in_contact(app.kind, None if following is None else following.kind):
-            start, legs = self._begun(app, self._legs(app))
-            moves = [_move(leg, "movel") for leg in legs]
-            return lines + start + self._watched(index, moves, self._tightness(app))
-        direction = press_direction(app, following)
-        x, y, z = (STANDOFF_M * value for value in direction)
-        start, legs = self._begun(app, self._legs(app, (x, y, z)))
-        moves = [_move(leg, "movel") for leg in legs]
-        lines += [*start, "zero_wrench()", *self._watched(index, moves, "felt() < CONTACT_FORCE_N")]
-        return [*lines, f"search_contact({_list(direction)})"]
-
-    def _legs(self, app: App, short: Vector | None = None) -> list[Leg]:
-        return straight_legs(app, self._place, self._safety, self._acceleration, stop_short=short)
-
-    def _begun(self, app: App, legs: list[Leg]) -> tuple[list[str], list[Leg]]:
-        """By the joints to where a program begins, slowly, and the legs that remain then."""
-        if self._place is not None:
-            return [], legs
-        place, orientation = legs[0].position, legs[0].orientation
-        if app.path is not None:
-            place, orientation = app.path.start.position, app.path.start.orientation
-        near = "get_actual_joint_positions()" if app.joints is None else _list(app.joints)
-        line = f"movej(get_inverse_kin({_pose(place, orientation)}, {near}), a=0.5, v=START_RAD_PER_S)"
-        return [line], [] if app.path is None else legs
+        if planned.start is not None:
+            near = "get_actual_joint_positions()" if app.joints is None else _list(app.joints)
+            pose = _pose(*planned.start)
+            lines.append(f"movej(get_inverse_kin({pose}, {near}), a=0.5, v=START_RAD_PER_S)")
+        moves = [_move(leg, "movel") for leg in planned.legs]
+        if planned.contact is None:
+            return lines + self._watched(planned.place, moves, self._tightness(app))
+        lines += ["zero_wrench()", *self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")]
+        return [*lines, f"search_contact({_list(planned.contact)})"]
 
     def _tightness(self, app: App) -> str | None:
         """The condition under which a turn goes on."""
@@ -167,41 +122,37 @@ class _Writer:
             "stopl(2.0)",
         ]
 
-    def _force(self, index: int, app: App) -> list[str]:
-        if app.force is None:
-            raise ValueError(f"{app_name(index, app.kind)} has no force")
-        newtons = math.hypot(*app.force)
-        direction: Vector = tuple(x / newtons for x in app.force)  # type: ignore[assignment]
-        frame = _pose((0.0, 0.0, 0.0), _z_along(direction))
-        began = f"began_{index + 1}"
+    def _force(self, planned: PlannedApp) -> list[str]:
+        app, number = planned.app, planned.place + 1
+        force = app.force or (0.0, 0.0, 0.0)
+        newtons = math.hypot(*force)
+        direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
+        frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
         lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {newtons:.3f})"]
         if app.path is None:
-            steps = max(round((app.tn - app.t0) / PERIOD_S), 1)
+            held, steps = f"held_{number}", max(round((app.tn - app.t0) / PERIOD_S), 1)
             lines += [
-                f"held_{index + 1} = 0",
-                f"while held_{index + 1} < {steps}:",
+                f"{held} = 0",
+                f"while {held} < {steps}:",
                 f"{INDENT}check_depth({began}, {_list(direction)})",
-                f"{INDENT}held_{index + 1} = held_{index + 1} + 1",
+                f"{INDENT}{held} = {held} + 1",
                 f"{INDENT}sleep({PERIOD_S})",
                 "end",
             ]
         else:
-            slides = app.path.length_m >= SLIDE_M
-            moves = [_move(leg, "movep" if slides else "movel") for leg in self._legs(app)]
-            lines += self._watched(index, moves, self._tightness(app))
+            kind = "movep" if app.path.length_m >= SLIDE_M else "movel"
+            moves = [_move(leg, kind) for leg in planned.legs]
+            lines += self._watched(planned.place, moves, self._tightness(app))
         return [*lines, "end_force_mode()", "stopl(2.0)"]
 
-    def _grip(self, index: int, app: App) -> list[str]:
-        calls = None if self._gripper is None else GRIPPER_CALLS.get(self._gripper.interface or "")
-        if self._gripper is None or calls is None:
-            known = [name for name, one in grippers().items() if one.interface in GRIPPER_CALLS]
-            title = "no gripper" if self._gripper is None else f"a {self._gripper.title}"
-            expected = f"expected --gripper {', '.join(known)}"
-            raise ValueError(f"{app_name(index, app.kind)}: URScript drives {title}, {expected}")
-        lines = calls(self._gripper, app)
-        if app.kind == "gripper_move":
-            lines.append("set_payload(tool_kg, tool_cog)")
-        return lines
+    def _grip(self, planned: PlannedApp) -> list[str]:
+        held_by, calls = self._gripper, None
+        if held_by is not None:
+            calls = GRIPPER_CALLS.get(held_by.interface or "")
+        if held_by is None or calls is None:
+            raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
+        lines = calls(held_by, planned.app)
+        return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
 
 
 def _move(leg: Leg, kind: str) -> str:
@@ -297,13 +248,9 @@ def _gripper_functions(program: ProgramFile) -> list[str]:
         return []
     if not any(app.kind in GRIPS for app in program.apps):
         return []
-    force, speed = held_by.clamped(program.safety.grasp_force_n, program.safety.gripper_m_per_s)
-    shares = {
-        "SPE": (speed, held_by.least_speed_m_per_s, held_by.speed_m_per_s or speed),
-        "FOR": (force, held_by.least_force_n, held_by.force_n or force),
-    }
+    counts = held_by.register_counts(program.safety.gripper_m_per_s, program.safety.grasp_force_n)
     lines = [_ROBOTIQ_FUNCTIONS.rstrip()]
-    for name, (value, least, most) in shares.items():
-        count = round(255 * (value - least) / (most - least)) if most > least else 255
-        lines.append(f'{INDENT}gripper_set("{name}", {count})')
+    lines += [
+        f'{INDENT}gripper_set("{name}", {count})' for name, count in zip(("SPE", "FOR"), counts, strict=True)
+    ]
     return [*lines, ""]

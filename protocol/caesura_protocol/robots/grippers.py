@@ -76,11 +76,23 @@ class GripperDescription(BaseModel):
         share = min(max(width_m / self.opening_m, 0.0), 1.0)
         return round(shut + share * (opened - shut))
 
+    def register_counts(self, speed_m_per_s: float, force_n: float) -> tuple[int, int]:
+        """Speed and force as counts of Robotiq's registers: 0 for the least that it has, 255 for the most."""
+        force, speed = self.clamped(force_n, speed_m_per_s)
+        return (
+            _share_of_255(speed, self.least_speed_m_per_s, self.speed_m_per_s or speed),
+            _share_of_255(force, self.least_force_n, self.force_n or force),
+        )
+
     def clamped(self, force_n: float, speed_m_per_s: float) -> tuple[float, float]:
         """A force [N] and a speed [m/s] within what it has."""
         force = max(force_n, self.least_force_n)
         speed = max(speed_m_per_s, self.least_speed_m_per_s)
         return min(force, self.force_n or force), min(speed, self.speed_m_per_s or speed)
+
+
+def _share_of_255(value: float, least: float, most: float) -> int:
+    return round(255 * (value - least) / (most - least)) if most > least else 255
 
 
 @cache

@@ -2,15 +2,15 @@
 
 What is read, by xArm-Python-SDK 1.18.4 (`XArmAPI(…, report_type="real")`), at 100 Hz:
   the report callback's `joints` [rad] and `cartesian`, x y z [mm] and roll, pitch, yaw [rad] of the TCP in
-  the base frame; `ft_ext_force` [N, Nm] of UFACTORY's six-axis sensor, less load and offset, in the axes of the
-  TCP, which must be parallel to the flange's. Its sign is the wire's (public code finds a contact below by a
-  negative z of a tool that points down; not verified on an arm). It is that of the report before, 10 ms old.
+  the base frame; `ft_ext_force` [N, Nm] of UFACTORY's six-axis sensor, less load and offset, in the axes of
+  the TCP, which must be parallel to the flange's. Its sign is the wire's (public code finds a contact below
+  by a negative z of a tool that points down; not verified on an arm). It is 10 ms older than the rest.
 A report has no time: a row has that of its arrival.
 
 Without that sensor nothing of a wrench is reported (`--wrench-source none`): motor torques are not read. The
-TCP's offset is stated (`--tcp-offset`): fast reports do not have it. In teach mode (`--teach-mode`) the arm is
-in its joint teaching mode from the beginning to the end, and the sensor is zeroed before; without it nothing
-is commanded.
+TCP's offset is stated (`--tcp-offset`): fast reports do not have it. In teach mode (`--teach-mode`) the arm
+is in its joint teaching mode from the beginning to the end, and the sensor is zeroed before; without it
+nothing is commanded.
 """
 
 from __future__ import annotations

@@ -50,6 +50,7 @@ class Script:
     emergency_stop: bool = False
     torn: bool = False  # a new state arrives while one is read
     refused: str | None = None
+    fails: str | None = None  # a command that is not carried out
     calls: list[str] = field(default_factory=list)
     asked: list[tuple[Any, ...]] = field(default_factory=list)
 
@@ -129,4 +130,4 @@ class Control:
     def __getattr__(self, name: str) -> Any:
         if name not in SIGNATURES[CONTROL]:
             raise AttributeError(name)
-        return lambda: self._script.calls.append(name) or True
+        return lambda: self._script.calls.append(name) or name != self._script.fails

@@ -110,6 +110,16 @@ def test_teach_mode_asks_for_the_tcp_zeroes_the_sensor_lets_go_and_holds_again(p
     assert len(script.calls) == 6  # once
 
 
+def test_a_command_that_is_not_carried_out_is_named(play):
+    with pytest.raises(SourceError, match="teach mode: the controller did not carry it out"):
+        play(Script(moving(1), fails="teachMode"), replace(STATED, teach_mode=True))
+
+
+def test_without_a_wrench_there_are_no_columns_for_one(play):
+    source = play(Script(moving(12)), replace(STATED, wrench_source="none"))
+    assert rows_of(source)[0][0].shape[1] == len(source.columns) == 1 + 7 + 6
+
+
 @pytest.mark.parametrize(
     ("hand", "stated", "declared"),
     [

@@ -7,6 +7,7 @@ slower than the arm's, and may wait.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -18,6 +19,8 @@ from caesura_protocol.columns import columns_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import Quaternion, Transform, nearest
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
+
+logger = logging.getLogger(__name__)
 
 SIGNALS = ("pos", "quat", "q")
 WRENCH = ("force", "torque")
@@ -111,8 +114,11 @@ class LiveArm:
         if self._gripper is not None:
             self._gripper.close()
         over, self._over = self._over, None
-        if over is not None:
-            over()
+        try:
+            if over is not None:
+                over()
+        except Exception as error:  # an arm that is lost cannot be told, and why it was lost counts
+            logger.warning("%s: its end was not carried out: %s", self._who, _error_text(error))
 
     def _next(self, after_s: float) -> ArmState:
         if self._gripper is not None and self._gripper.failure is not None:
@@ -130,7 +136,7 @@ class LiveArm:
             *state.flange.position,
             *nearest(state.flange.orientation, orientation),
             *map(float, state.q),
-            *state.wrench,
+            *(state.wrench if self.wrench_source != "none" else ()),
             *state.tau,
             *(() if self._gripper is None else (self._gripper.width,)),
         ]

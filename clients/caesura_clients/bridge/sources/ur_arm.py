@@ -59,8 +59,8 @@ def open_ur(
         tcp_offset = tcp_offset or connect_arm(who, control.getTCPOffset)
         over = _end_of_teaching(control, receive)
         if robot.wrench_is_relative:
-            connect_arm(f"{who}, zeroing its sensor", control.zeroFtSensor)
-        connect_arm(f"{who}, teach mode", control.teachMode)
+            _do(f"{who}, zeroing its sensor", control.zeroFtSensor)
+        _do(f"{who}, teach mode", control.teachMode)
     return LiveArm(
         who,
         _reader(receive, pose_of_rotation_vector(tcp_offset or (0.0,) * 6)),
@@ -69,6 +69,12 @@ def open_ur(
         hand_on_robot=hand_on_robot,
         over=over,
     )
+
+
+def _do(what: str, command: Callable[[], bool]) -> None:
+    """Give a command. Raises SourceError where the controller does not carry it out."""
+    if not connect_arm(what, command):
+        raise SourceError(f"{what}: the controller did not carry it out; is it in remote control?")
 
 
 def _end_of_teaching(control: Any, receive: Any) -> Callable[[], None]:

@@ -75,8 +75,18 @@ def bridge(
     mapping: Annotated[
         Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
     ] = None,
-    host: Annotated[str | None, typer.Option(help="The robot's address, for franky and panda.")] = None,
+    host: Annotated[
+        str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
+    ] = None,
     gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
+    tcp_offset: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur and xarm \\[m, rad]."),
+    ] = None,
+    teach_mode: Annotated[
+        bool,
+        typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur and xarm."),
+    ] = False,
     ros: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")
     ] = None,
@@ -121,6 +131,8 @@ def bridge(
         mapping=mapping,
         host=host,
         gripper=gripper,
+        tcp_offset=tcp_offset,
+        teach_mode=teach_mode,
         ros=ros or endpoint,
         config=config if ros is None else None,
     )

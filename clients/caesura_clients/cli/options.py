@@ -19,7 +19,7 @@ from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
-from caesura_protocol.robots import robot_description
+from caesura_protocol.robots import grippers, robot_description
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
 Connect = Annotated[
@@ -60,6 +60,14 @@ AngleTolerance = Annotated[
 CellFile = Annotated[
     Path | None,
     typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
+]
+GripperOption = Annotated[
+    str | None,
+    typer.Option(
+        "--gripper",
+        metavar="NAME",
+        help=f"Which gripper runs it, where it is not the robot's: {', '.join(grippers())}.",
+    ),
 ]
 RobotOption = Annotated[
     str | None,

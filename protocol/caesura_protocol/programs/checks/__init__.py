@@ -7,15 +7,18 @@ from __future__ import annotations
 
 from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.gripping import gripper_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.checks.timing import timing_findings
 from caesura_protocol.programs.checks.value_ranges import value_findings
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.gripping import gripper_of, within_gripper
 
 __all__ = [
     "DemonstrationQuality",
     "document_findings",
     "fidelity_findings",
+    "gripper_findings",
     "order_findings",
     "timing_findings",
     "value_findings",
@@ -23,9 +26,17 @@ __all__ = [
 
 
 def document_findings(program: ProgramFile) -> list[Finding]:
-    """Find everything in a program that needs no robot, errors first."""
+    """Find everything in a program that needs no robot, errors first.
+
+    Raises GripperError or RobotError for a name that is not known.
+    """
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing)
-    found = [*timing_findings(program.timing), *value_findings(program.apps, program.safety)]
+    held_by = gripper_of(program)
+    found = [
+        *timing_findings(program.timing),
+        *value_findings(program.apps, within_gripper(program.safety, held_by)),
+        *(() if held_by is None else gripper_findings(program.apps, program.safety, held_by)),
+    ]
     broken = any(one.severity == "error" for one in found)
     found += order_findings(program.apps)
     if not broken:

@@ -13,6 +13,7 @@ from caesura_protocol.messages import (
     Describe,
     Edit,
     Heartbeat,
+    Hints,
     Open,
     Posterior,
     Program,
@@ -52,7 +53,7 @@ Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | ReplayEnde
 class Publish:
     """A result for all subscribers."""
 
-    message: Changepoints | Segments | Posterior | SessionStatus | Program
+    message: Changepoints | Segments | Posterior | Hints | SessionStatus | Program
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
         force_limit_n=snapshot.program.force_limit_n,
         robot=snapshot.program.robot,
         phases=packed(Phase, snapshot.segments.phases),
+        hints=snapshot.hints.hints if snapshot.hints else (),
     )
 
 
@@ -84,6 +85,7 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         "changepoints": snapshot.changepoints.seq,
         "segments": snapshot.segments.seq,
         "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
+        "hints": snapshot.hints.seq if snapshot.hints else -1,
     }
     header = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
     view = view_from_snapshot(snapshot)

@@ -37,7 +37,7 @@ from caesura_service.signals.tare import TARED_BIAS_N
 Array = NDArray[np.float64]
 
 FAULTS = 50
-LATEST_S, EARLIEST_S = 0.5, 1.0  # after and before the cause: a joint's limit is hinted at ahead
+LATEST_S, EARLIEST_S = 0.5, 2.0  # after and before the cause: a joint's limit is hinted at ahead
 BATCH_S = 0.02
 PANDA = "panda"
 FIRST_S, LAST_S = 1.5, 1.5  # from the start and the end of a demonstration, without a fault
@@ -48,6 +48,12 @@ GRAVITY = 9.81
 RISE_S = 0.1
 SINGULAR, JOINT_MARGIN_RAD = 0.05, 0.05  # below and within which the arm is in trouble
 DRIFT_N = 3.37 * TARED_BIAS_N  # 99 % of tared free space reads less
+HAND_N = 2.33 * TARED_BIAS_N  # along a direction
+TURN_DEG = (45.0, 60.0)
+DIP_S = 0.3
+DEPTHS = (0.15, 0.7)  # of a dip, as a share of the speed: a boundary for certain, and none
+HALVINGS = 6
+DECIDED_S = 2.2  # after a corner, what is shown of it is nearly final
 NEAR_TRUTH_S = 0.3  # of a hint to a changepoint that may or may not count
 
 
@@ -165,12 +171,32 @@ def _with_force(recording: Recording, added: Array) -> Recording:
 
 
 def _hand(taught: Taught, rng: np.random.Generator) -> Fault:
-    """The hand takes hold of the tool, below the sensor, as a movement begins."""
-    first, _ = _run(taught, rng, MOVING_M_PER_S, 0.6)
-    recording, t = taught.recording, taught.recording.t
+    """The hand takes hold of the tool, below the sensor, as a movement begins.
+
+    It can be seen once it drives the movement by more than the bias of a tared sensor does.
+    """
+    first, last = _run(taught, rng, MOVING_M_PER_S, 0.6)
+    recording, t, velocity = taught.recording, taught.recording.t, taught.velocity
     hand = taught.with_hand().signals["force"] - recording.signals["force"]
-    share = np.clip((t - t[first]) / RISE_S, 0.0, 1.0)[:, None]
-    return Fault("hand_in_wrench", _with_force(recording, share * hand), float(t[first]))
+    hand *= np.clip((t - t[first]) / RISE_S, 0.0, 1.0)[:, None]
+    speed = np.maximum(np.linalg.norm(velocity, axis=1), MOVING_M_PER_S)
+    driven = np.convolve(
+        (hand * velocity).sum(axis=1) / speed, np.ones(SMOOTH_ROWS) / SMOOTH_ROWS, mode="same"
+    )
+    start = _lasting(driven[first:last] > HAND_N, RISE_S, t)
+    return Fault("hand_in_wrench", _with_force(recording, hand), float(t[first + start]))
+
+
+def _lasting(true: NDArray[np.bool_], seconds: float, t: Array) -> int:
+    """The first row from which something is true for so long. Raises NotInjectableError without one."""
+    rows = round(seconds / float(t[1] - t[0]))
+    counts = (
+        np.convolve(true.astype(int), np.ones(rows, int), mode="valid") if len(true) >= rows else np.zeros(0)
+    )
+    starts = np.flatnonzero(counts == rows)
+    if not starts.size:
+        raise NotInjectableError
+    return int(starts[0])
 
 
 def _cable(taught: Taught, rng: np.random.Generator) -> Fault:
@@ -201,8 +227,8 @@ def _drift(taught: Taught, rng: np.random.Generator) -> Fault:
     """The zero of the sensor drifts. It can be seen once it is beyond the limit and the arm moves freely."""
     t = taught.recording.t
     direction = rng.normal(size=3)
-    rate, start = rng.uniform(0.7, 2.0), FIRST_S
-    ramp = np.clip(rate * (t - start), 0.0, 1.6 * DRIFT_N)
+    start, reached = FIRST_S, rng.uniform(0.5, 0.7) * t[-1]
+    ramp = DRIFT_N * np.clip((t - start) / (reached - start), 0.0, 1.5)
     beyond = ramp > DRIFT_N
     for first, last in taught.free_runs(MOVING_M_PER_S, 0.5):
         seen = np.flatnonzero(beyond[first:last])
@@ -237,36 +263,65 @@ def _fast(taught: Taught, rng: np.random.Generator) -> Fault:
 
 
 def first_unrecorded(t: Array, position: Array) -> float | None:
-    """When a path (n, 3) first leaves the cubic through poses 0.1 s apart by more than the tolerance [s]."""
+    """When a path (n, 3) begins to leave the cubic through poses 0.1 s apart by more than the tolerance [s].
+
+    For a whole step, so that it is missed wherever the poses lie. None where it does not.
+    """
     step = round(0.05 / float(t[1] - t[0]))
     a, b, middle, c, d = (position[k * step : len(t) - (6 - k) * step] for k in (0, 2, 3, 4, 6))
     error = np.linalg.norm(middle - (9.0 * (b + c) - a - d) / 16.0, axis=1)
-    off = np.flatnonzero(error > TOLERANCE_M)
-    return float(t[3 * step + off[0]]) if off.size else None
+    try:
+        return float(t[3 * step + _lasting(error > TOLERANCE_M, 0.1, t)])
+    except NotInjectableError:
+        return None
 
 
-def _hesitation(taught: Taught, rng: np.random.Generator) -> Fault:
-    """A stop within a movement, too short to be sure of a rest."""
-    recording, (first, last) = taught.recording, _run(taught, rng, FREE_M_PER_S, 0.8)
+def _unclear_corner(taught: Taught, rng: np.random.Generator) -> Fault:
+    """A corner at which the hand slows down just as much that it is as probable a boundary as not.
+
+    How much, is found by halving: with a deeper dip the service shows a boundary two seconds later, with a
+    shallower one it shows none.
+    """
+    first, last = _run(taught, rng, FREE_M_PER_S, 0.8)
+    turn = np.radians(rng.uniform(*TURN_DEG))
+    deep, shallow = DEPTHS
+    if not _shows(*_with_corner(taught, first, last, turn, deep)):
+        raise NotInjectableError
+    if _shows(*_with_corner(taught, first, last, turn, shallow)):
+        raise NotInjectableError
+    for _ in range(HALVINGS):
+        middle = 0.5 * (deep + shallow)
+        if _shows(*_with_corner(taught, first, last, turn, middle)):
+            deep = middle
+        else:
+            shallow = middle
+    return Fault("uncertain_boundary", *_with_corner(taught, first, last, turn, deep))
+
+
+def _with_corner(taught: Taught, first: int, last: int, turn: float, depth: float) -> tuple[Recording, float]:
+    """A movement that turns in its middle, and slows down there to a share of its pace; when it turns."""
+    recording = taught.recording
     dt = float(recording.t[1] - recording.t[0])
-    middle, width = 0.5 * (recording.t[first] + recording.t[last - 1]), 0.25
-    pause = rng.uniform(0.05, 0.2)
-    # Slows down evenly to a stop, rests, and speeds up evenly: half as fast as before on the mean.
-    ramp = np.array([_braked(s, 2.0 * width, pause) for s in np.arange(0.0, 4.0 * width + pause, dt)])
-    inside = middle - width + ramp
+    down = np.linspace(1.0, depth, round(DIP_S / dt))
+    shown = dt * np.cumsum(np.r_[down, down[::-1]])
+    inside = 0.5 * (recording.t[first] + recording.t[last - 1] - shown[-1]) + shown
     outside = recording.t[recording.t < inside[0]], recording.t[recording.t > inside[-1]]
     slower = _warped(recording, np.concatenate([outside[0], inside, outside[1]]))
-    return Fault("uncertain_boundary", slower, float(len(outside[0]) * dt + 2.0 * width + 0.5 * pause))
+    corner = dt * (len(outside[0]) + len(down))
+    angle = turn / (1.0 + np.exp(-(slower.t - corner) / 0.02))
+    steps = np.diff(slower.signals["pos"], axis=0, prepend=slower.signals["pos"][:1])
+    level = (steps[:, 0] + 1j * steps[:, 1]) * np.exp(1j * angle)
+    turned = np.cumsum(np.column_stack([level.real, level.imag, steps[:, 2]]), axis=0)
+    kept = {name: values for name, values in slower.signals.items() if name not in {"q", "torque"}}
+    return replace(slower, signals={**kept, "pos": slower.signals["pos"][:1] + turned}), corner
 
 
-def _braked(s: float, ramp_s: float, pause_s: float) -> float:
-    """Time shown [s] after s [s]: at full pace, braked to a stop in ramp_s, a pause, and the reverse."""
-    if s < ramp_s:
-        return s - s * s / (2.0 * ramp_s)
-    if s < ramp_s + pause_s:
-        return 0.5 * ramp_s
-    rest = s - ramp_s - pause_s
-    return 0.5 * ramp_s + rest * rest / (2.0 * ramp_s)
+def _shows(recording: Recording, corner: float) -> bool:
+    """Does the service show a boundary at a corner, DECIDED_S after it?"""
+    kept = recording.t < corner + DECIDED_S
+    signals = {name: values[kept] for name, values in recording.signals.items()}
+    *_, before_end, _ = views(replace(recording, t=recording.t[kept], signals=signals))
+    return any(abs(one.t - corner) <= NEAR_TRUTH_S for one in before_end.changepoints)
 
 
 def _at_joints(taught: Taught, joints: Array) -> Recording:
@@ -333,7 +388,7 @@ INJECT: Mapping[str, Callable[[Taught, np.random.Generator], Fault]] = MappingPr
         "hand": _hand,
         "cable": _cable,
         "weight": _weight,
-        "hesitation": _hesitation,
+        "unclear corner": _unclear_corner,
         "too fast": _fast,
         "singularity": _singularity,
         "joint limit": _joint_limit,
@@ -346,7 +401,7 @@ KIND_OF: Mapping[str, HintKind] = MappingProxyType(
         "hand": "hand_in_wrench",
         "cable": "unexplained_force",
         "weight": "unexplained_force",
-        "hesitation": "uncertain_boundary",
+        "unclear corner": "uncertain_boundary",
         "too fast": "too_fast",
         "singularity": "singularity",
         "joint limit": "joint_limit",
@@ -361,7 +416,7 @@ WANTED: Mapping[str, int] = MappingProxyType(
         "hand": 7,
         "cable": 4,
         "weight": 4,
-        "hesitation": 6,
+        "unclear corner": 6,
         "too fast": 6,
         "singularity": 6,
         "joint limit": 6,
@@ -449,7 +504,7 @@ def _is_explained(hint: Hint, taught: Taught) -> bool:
 
 
 @dataclass(frozen=True)
-class RealCase:
+class RealRecording:
     """A real recording, taken for clean."""
 
     path: Path
@@ -466,7 +521,7 @@ class RealCase:
         return CleanResult(group, self.path.stem, seconds, tuple(one.hint.kind for one in hints))
 
 
-Case = CoachingCase | RealCase
+Case = CoachingCase | RealRecording
 
 
 def cases(seeds: Sequence[int], data: Path) -> list[Case]:
@@ -477,7 +532,7 @@ def cases(seeds: Sequence[int], data: Path) -> list[Case]:
         CoachingCase(*one, tuple(names[(EACH * number + k) % len(names)] for k in range(EACH)))
         for number, one in enumerate(taught)
     ]
-    return [*simulated, *(RealCase(path) for path in sorted(data.glob("*.npz")))]
+    return [*simulated, *(RealRecording(path) for path in sorted(data.glob("*.npz")))]
 
 
 def run(case: Case) -> CoachingResult | None:
@@ -492,14 +547,14 @@ def run(case: Case) -> CoachingResult | None:
 
 
 @dataclass(frozen=True)
-class Summary:
+class CoachingSummary:
     """Faults by name, at most as many as are wanted, and demonstrations without a fault by set."""
 
     faults: Mapping[str, tuple[FaultResult, ...]]
     clean: Mapping[str, tuple[CleanResult, ...]]
 
 
-def summarise(results: Iterable[CoachingResult | None]) -> Summary:
+def summarise(results: Iterable[CoachingResult | None]) -> CoachingSummary:
     """Put results in order, whatever the order in which they came."""
     known = [result for result in results if result is not None]
     known.sort(key=lambda result: result.clean.name)
@@ -509,7 +564,7 @@ def summarise(results: Iterable[CoachingResult | None]) -> Summary:
     }
     groups = dict.fromkeys(["simulated", *(result.clean.group for result in known)])
     clean = {group: tuple(one.clean for one in known if one.clean.group == group) for group in groups}
-    return Summary(faults, {group: some for group, some in clean.items() if some})
+    return CoachingSummary(faults, {group: some for group, some in clean.items() if some})
 
 
 def title(seeds: Sequence[int]) -> str:
@@ -520,7 +575,7 @@ def title(seeds: Sequence[int]) -> str:
     )
 
 
-def _grids(summary: Summary) -> list[Grid]:
+def _grids(summary: CoachingSummary) -> list[Grid]:
     every = tuple(one for some in summary.faults.values() for one in some)
     rows = [_fault_row(name, some) for name, some in summary.faults.items()]
     faults = Grid(
@@ -590,7 +645,7 @@ def _clean_row(group: str, some: Sequence[CleanResult]) -> tuple[str, ...]:
     )
 
 
-def as_text(summary: Summary, heading: str) -> RenderableType:
+def as_text(summary: CoachingSummary, heading: str) -> RenderableType:
     """Render the results for a terminal."""
     parts: list[RenderableType] = [Text(heading, style="bold")]
     for grid in _grids(summary):
@@ -598,11 +653,11 @@ def as_text(summary: Summary, heading: str) -> RenderableType:
     return Group(*parts)
 
 
-def as_markdown(summary: Summary, heading: str) -> str:
+def as_markdown(summary: CoachingSummary, heading: str) -> str:
     """Render the results as Markdown for a page."""
     return "\n\n".join([f"**{heading}**", *map(markdown_grid, _grids(summary))]) + "\n"
 
 
-def as_json(summary: Summary) -> dict[str, Any]:
+def as_json(summary: CoachingSummary) -> dict[str, Any]:
     """Return every result as plain values."""
     return asdict(summary)

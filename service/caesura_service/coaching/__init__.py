@@ -6,7 +6,7 @@ table of rules. `coach` raises and clears hints by them. All of it is pure and O
 
 from caesura_service.coaching.boundaries import BoundaryCoach
 from caesura_service.coaching.coach import HintLog, all_hints
-from caesura_service.coaching.measures import ArmLimits, CoachingSetup, Pose
+from caesura_service.coaching.measures import ArmLimits, CoachingSetup, ObservedPose
 from caesura_service.coaching.signal_coach import SignalCoach
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "BoundaryCoach",
     "CoachingSetup",
     "HintLog",
-    "Pose",
+    "ObservedPose",
     "SignalCoach",
     "all_hints",
 ]

@@ -1,6 +1,6 @@
 """Hints from the posterior: a boundary that is as probable as not.
 
-Four observations after a boundary the smoothed probability that one is near is mostly below 0.1 or above
+Three observations after a boundary the smoothed probability that one is near is mostly below 0.1 or above
 0.9. In between, the demonstration does not show whether a segment ends there. A boundary that stays so until
 it leaves the window of the posterior is in a part that is to be shown again.
 """
@@ -13,12 +13,13 @@ from typing import NamedTuple, Protocol
 from caesura_protocol.messages import Hint
 from caesura_service.coaching.coach import HintLog
 
-LAG = 4  # observations after a boundary at which it is judged
+LAG = 3  # observations after a boundary at which it is judged
 REACH = 3  # observations to either side at which the same boundary may lie
-UNSURE, SURE = 1.0 / 3.0, 2.0 / 3.0  # odds of two to one, either way
+UNSURE, SURE = 0.4, 0.6  # odds of three to two, either way
 RESOLVED = 0.8  # probability for or against it, above which the hint is cleared
 WINDOW = 40  # observations, after which a boundary's probability does not change
-REFRACTORY = 20  # observations without a new hint
+LEAST = 20  # observations for which a hint stays, so that it can be read
+REFRACTORY = 50  # observations without a new hint
 SHOWN = 100  # observations for which a part that is to be shown again is hinted at
 PAUSE = "Pause here for half a second."
 
@@ -88,7 +89,8 @@ class BoundaryCoach:
         """Clear the hint once the boundary is resolved, or leaves the window unresolved."""
         found = sum(probabilities(watched.start - REACH, watched.start + REACH))
         is_resolved = not 1.0 - RESOLVED < found < RESOLVED
-        if not is_resolved and newest - watched.start < WINDOW:
+        age = newest - watched.start
+        if age < LAG + LEAST or (not is_resolved and age < WINDOW):
             return
         self._watched, self._silent_until = None, newest + REFRACTORY
         self.log.clear("uncertain_boundary", t)

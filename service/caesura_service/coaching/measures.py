@@ -70,7 +70,7 @@ class CoachingSetup:
     arm: ArmLimits | None = None
 
 
-class Pose(NamedTuple):
+class ObservedPose(NamedTuple):
     """An observation, as far as it is measured here. Vectors are in the base frame."""
 
     t: float  # [s]
@@ -105,7 +105,7 @@ class Measures(NamedTuple):
 class MotionState(NamedTuple):
     """What the observations so far leave to those that follow."""
 
-    poses: tuple[Pose, ...] = ()  # the newest POSES, oldest first, none across a gap
+    poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
     along: tuple[float, ...] = (0.0,) * ACROSS  # [N] force along the movement
     drift: DriftState = DriftState()
     arm: ArmMeasures = NO_ARM
@@ -120,7 +120,7 @@ class Meter:
         variance = setup.bias_n**2
         self._tracker = DriftTracker(variance / DRIFT_TIME_S, most_n2=variance)
 
-    def advance(self, state: MotionState, pose: Pose) -> tuple[MotionState, Measures]:
+    def advance(self, state: MotionState, pose: ObservedPose) -> tuple[MotionState, Measures]:
         """Take one observation."""
         arm, arm_age = state.arm, state.arm_age + 1
         before = None if pose.after_gap or not state.poses else state.poses[-1]
@@ -140,7 +140,9 @@ class Meter:
         measured = Measures(sum(forces) / ACROSS, stray_n, path_error_m, bias_n, arm)
         return MotionState(poses, forces, drift, arm, arm_age), measured
 
-    def _of_force(self, drift: DriftState, pose: Pose, before: Pose) -> tuple[DriftState, float, float]:
+    def _of_force(
+        self, drift: DriftState, pose: ObservedPose, before: ObservedPose
+    ) -> tuple[DriftState, float, float]:
         """The bias after a force, and how much of it is a hand's, and stray [N]."""
         dt = pose.t - before.t
         (x, y, z), (x0, y0, z0) = pose.position, before.position
@@ -158,7 +160,7 @@ class Meter:
         return drift, min(along, other[0]), min(stray_n, other[1]) if is_free else 0.0
 
 
-def _of_arm(arm: ArmLimits, pose: Pose, before: Pose | None) -> ArmMeasures:
+def _of_arm(arm: ArmLimits, pose: ObservedPose, before: ObservedPose | None) -> ArmMeasures:
     """Measure the joints of an observation."""
     joints = pose.joints
     if joints is None:
@@ -182,7 +184,7 @@ def _hand_and_stray(force: Vector, heading: Vector, is_open: bool) -> tuple[floa
     return (along if is_open else min(along, level)), max(-along - across, weight, 0.0)
 
 
-def _path_error(poses: tuple[Pose, ...]) -> float:
+def _path_error(poses: tuple[ObservedPose, ...]) -> float:
     """[m] what the cubic through four poses misses in its middle; 0 before there are POSES in a row."""
     if len(poses) < POSES:
         return 0.0

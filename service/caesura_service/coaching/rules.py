@@ -82,7 +82,8 @@ RULES: tuple[SignalRule, ...] = (
         Trigger("joint_limit", confirm=1),
         _joint_level,
         lambda m, _setup: (
-            f"Joint {m.arm.joint + 1} is {max(math.degrees(m.arm.joint_left_rad), 0.0):.0f}° from its limit.",
+            f"Joint {m.arm.joint + 1} nears its limit: "
+            f"{max(math.degrees(m.arm.joint_left_rad), 0.0):.0f}° are left.",
             f"Move joint {m.arm.joint + 1} back.",
         ),
     ),

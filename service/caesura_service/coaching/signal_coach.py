@@ -6,7 +6,7 @@ from functools import partial
 
 from caesura_protocol.messages import Hint
 from caesura_service.coaching.coach import HintLog
-from caesura_service.coaching.measures import CoachingSetup, Meter, MotionState, Pose
+from caesura_service.coaching.measures import CoachingSetup, Meter, MotionState, ObservedPose
 from caesura_service.coaching.rules import RULES
 
 SHOWN_S = 10.0  # so long a part that is to be shown again is hinted at
@@ -21,7 +21,7 @@ class SignalCoach:
         self._motion = MotionState()
         self._again_until = 0.0  # [s]
 
-    def observe(self, pose: Pose) -> None:
+    def observe(self, pose: ObservedPose) -> None:
         """Take one observation."""
         self._motion, measured = self._meter.advance(self._motion, pose)
         for rule in RULES:

@@ -24,7 +24,14 @@ from caesura_service.changepoint.models import UNTURNED, ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
-from caesura_service.coaching import ArmLimits, BoundaryCoach, CoachingSetup, Pose, SignalCoach, all_hints
+from caesura_service.coaching import (
+    ArmLimits,
+    BoundaryCoach,
+    CoachingSetup,
+    ObservedPose,
+    SignalCoach,
+    all_hints,
+)
 from caesura_service.constants import JOINTS
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
@@ -146,11 +153,11 @@ def observed(observation: Observation) -> ModelInput:
     return ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
 
 
-def _pose(observation: Observation) -> Pose:
+def _pose(observation: Observation) -> ObservedPose:
     """What coaching sees of an observation."""
     x, y, z = observation.position_base.tolist()
     fx, fy, fz = observation.force_base.tolist()
-    return Pose(
+    return ObservedPose(
         observation.t,
         (x, y, z),
         (fx, fy, fz),

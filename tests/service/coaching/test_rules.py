@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import Hint
-from caesura_service.coaching import ArmLimits, CoachingSetup, Pose, SignalCoach
+from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias import DriftState, DriftTracker
 from caesura_service.robot import load_panda
 from caesura_service.signals.tare import TARED_BIAS_N
@@ -33,7 +33,7 @@ def coached(
     forces, joints = [*forces], [*joints]
     for k, position in enumerate(positions):
         force = forces[k] if k < len(forces) else (0.0, 0.0, 0.0)
-        coach.observe(Pose(STEP_S * k, position, force, holding, joints[k] if joints else None))
+        coach.observe(ObservedPose(STEP_S * k, position, force, holding, joints[k] if joints else None))
     return coach.log.hints
 
 
@@ -163,5 +163,5 @@ def test_a_gap_asks_for_its_part_until_some_time_has_passed():
     coach.report_gap(2.0, 2.5)
     (hint,) = coach.log.hints
     assert (hint.kind, hint.since, hint.t0, hint.tn, hint.until) == ("show_again", 2.5, 2.0, 2.5, None)
-    coach.observe(Pose(20.0, AT_REST, (0.0, 0.0, 0.0), math.nan, after_gap=True))
+    coach.observe(ObservedPose(20.0, AT_REST, (0.0, 0.0, 0.0), math.nan, after_gap=True))
     assert coach.log.hints[0].until == 20.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from caesura_protocol.messages import Hint
 from caesura_service.coaching import BoundaryCoach
-from caesura_service.coaching.boundaries import LAG, WINDOW
+from caesura_service.coaching.boundaries import LAG, LEAST, WINDOW
 
 
 class FakePosterior:
@@ -34,10 +34,10 @@ def test_a_boundary_that_is_sure_or_that_is_none_gives_no_hint():
 
 
 def test_an_even_boundary_is_hinted_at_and_cleared_when_it_is_resolved():
-    (hint,) = followed({20: {19: 0.2, 20: 0.3}, 40: {19: 0.1, 20: 0.85}})
+    (hint,) = followed({20: {19: 0.2, 20: 0.3}, 30: {19: 0.1, 20: 0.85}})
     assert (hint.kind, hint.t0) == ("uncertain_boundary", 2.0)
     assert hint.since == 0.1 * (20 + LAG)
-    assert hint.until == 4.0
+    assert hint.until == 0.1 * (20 + LAG + LEAST)  # resolved before, and shown so long that it can be read
 
 
 def test_a_boundary_that_stays_unclear_asks_for_its_part_from_the_last_sure_one():

@@ -35,8 +35,8 @@ class SessionPage:
         with page(title, "/" if session is None else "/sessions"):
             self._banner = Banner()
             self._line = text("p", "").classes("state-line").props('aria-label="State"')
-            self._hints = HintBanner(banner_of(None)) if session is None else None
             self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
+            self._hints = HintBanner(banner_of(None)) if session is None else None  # moves no button to press
             self._form = DescriptionForm(
                 self._description(), self._ask, editable=site.desk is not None, live=session is None
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -175,6 +176,16 @@ def connected(endpoint: str | None, config: Path | None, *, patient: bool = Fals
             raise
         typer.echo(f"waiting: {error}", err=True)
         return connect(endpoint, config_file=config, timeout_s=None)
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """While the context lasts SIGTERM is like Ctrl-C, so that what is open is closed."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

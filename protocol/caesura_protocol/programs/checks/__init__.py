@@ -13,6 +13,7 @@ from caesura_protocol.programs.checks.timing import timing_findings
 from caesura_protocol.programs.checks.value_ranges import value_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, within_gripper
+from caesura_protocol.robots import GripperError, RobotError
 
 __all__ = [
     "DemonstrationQuality",
@@ -26,13 +27,15 @@ __all__ = [
 
 
 def document_findings(program: ProgramFile) -> list[Finding]:
-    """Find everything in a program that needs no robot, errors first.
-
-    Raises GripperError or RobotError for a name that is not known.
-    """
+    """Find everything in a program that needs no robot, errors first."""
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing)
-    held_by = gripper_of(program)
-    found = [
+    found: list[Finding] = []
+    try:
+        held_by = gripper_of(program)
+    except (GripperError, RobotError) as error:
+        held_by = None
+        found.append(Finding("warning", None, None, f"the gripper was not checked: {error}"))
+    found += [
         *timing_findings(program.timing),
         *value_findings(program.apps, within_gripper(program.safety, held_by)),
         *(() if held_by is None else gripper_findings(program.apps, program.safety, held_by)),

@@ -14,7 +14,8 @@ from nicegui import app, background_tasks, ui
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.elements import WEB
-from caesura_clients.dashboard.pages import lists, overview
+from caesura_clients.dashboard.pages import lists, overview, recordings
+from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.signals import as_bytes
@@ -128,10 +129,22 @@ def declare(site: Site) -> None:
     def _session(station: str, session: str) -> None:
         SessionPage(site, _checked(station), _checked(session))
 
+    @ui.page("/compare")
+    def _compare(first: str, second: str) -> None:
+        ComparePage(site, _named(first), _named(second))
+
     @app.get(f"{SAMPLES}/{{station}}/{{session}}")
     async def _samples(station: str, session: str, request: Request) -> Response:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
         return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
+
+    @ui.page("/recordings")
+    def _recordings() -> None:
+        recordings.build(site)
+
+    @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
+    async def _upload(upload: str, name: str, request: Request) -> Response:
+        return await recordings.received(site, upload, name, request)
 
     @ui.page("/system")
     def _system() -> None:
@@ -148,6 +161,12 @@ def _signals(site: Site, station: str, session: str, parameters: str) -> Respons
     except CaesuraError as error:
         return PlainTextResponse(str(error), status_code=404 if isinstance(error, NotFound) else 503)
     return Response(content, media_type="application/octet-stream", headers={"cache-control": "no-store"})
+
+
+def _named(session: str) -> tuple[str, str]:
+    """Station and session of `station/session`."""
+    station, _, name = session.partition("/")
+    return _checked(station), _checked(name)
 
 
 def _checked(name: str) -> str:

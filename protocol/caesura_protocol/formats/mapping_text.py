@@ -49,6 +49,8 @@ def _lines(answers: MappingAnswers) -> Iterator[str]:
         "robot": answers.robot,
     }
     yield from (f"{key} = {_quoted(value)}" for key, value in stated.items() if value not in NO_ANSWER)
+    if not answers.columns:  # a rosbag2 names its signals by their types
+        return
     yield from ("", "[time]", f"column = {_quoted(answers.columns.get('t', ''))}")
     if (unit := _unit("t", answers)) is not None:
         yield f"unit = {_quoted(unit)}"

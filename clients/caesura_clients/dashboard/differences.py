@@ -20,7 +20,7 @@ ANOTHER = "another app"
 FIRST_ALONE, SECOND_ALONE = "only in the first", "only in the second"
 
 
-class Limits(NamedTuple):
+class DifferenceLimits(NamedTuple):
     """From where on a difference is named: absolute, and as a share of the larger value."""
 
     target_m: float = 0.005
@@ -31,7 +31,7 @@ class Limits(NamedTuple):
     share: float = 0.15
 
 
-LIMITS = Limits()
+LIMITS = DifferenceLimits()
 
 
 class Difference(NamedTuple):
@@ -42,7 +42,7 @@ class Difference(NamedTuple):
     words: str
 
 
-def differences(first: Program, second: Program, limits: Limits = LIMITS) -> list[Difference]:
+def differences(first: Program, second: Program, limits: DifferenceLimits = LIMITS) -> list[Difference]:
     """Every app of both programs, beside its counterpart where it has one."""
     kinds, others = ([app.kind for app in one.apps] for one in (first, second))
     found = []
@@ -58,7 +58,7 @@ def _named(index: int | None, app: App | None) -> str:
     return "" if index is None or app is None else f"{index + 1} · {APP_KINDS[app.kind].title}"
 
 
-def _words(one: App | None, other: App | None, way: str, limits: Limits) -> str:
+def _words(one: App | None, other: App | None, way: str, limits: DifferenceLimits) -> str:
     if one is None:
         return SECOND_ALONE
     if other is None:
@@ -67,7 +67,7 @@ def _words(one: App | None, other: App | None, way: str, limits: Limits) -> str:
     return "; ".join([*found, *_compared(one, other, limits)]) or ALIKE
 
 
-def _compared(one: App, other: App, limits: Limits) -> Iterator[str]:
+def _compared(one: App, other: App, limits: DifferenceLimits) -> Iterator[str]:
     if one.target is not None and other.target is not None:
         apart = math.dist(one.target, other.target)
         if apart >= limits.target_m:

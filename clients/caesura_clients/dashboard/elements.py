@@ -128,7 +128,15 @@ class RecordingDrop(LiveElement, component="web/recordings.js"):
 
 
 class SessionList(LiveElement, component="web/session_list.js"):
-    """Sessions with search, filters and order: {warning, sessions}."""
+    """Sessions with search, filters and order: {warning, sessions}. on_older: asks for older ones."""
+
+    def __init__(self, initial: dict[str, Any], on_older: Callable[[GenericEventArguments], Any]) -> None:
+        super().__init__(initial)
+        self.on("older", on_older)
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Show what became of the question."""
+        self.run_method("answered", message, failed)
 
 
 class ProgramTimeline(LiveElement, component="web/program.js"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -126,12 +127,15 @@ def declare(site: Site) -> None:
         lists.build_sessions(site)
 
     @ui.page("/sessions/{station}/{session}")
-    def _session(station: str, session: str) -> None:
-        SessionPage(site, _checked(station), _checked(session))
+    async def _session(station: str, session: str) -> None:
+        await _read(site, (_checked(station), _checked(session)))
+        SessionPage(site, station, session)
 
     @ui.page("/compare")
-    def _compare(first: str, second: str) -> None:
-        ComparePage(site, _named(first), _named(second))
+    async def _compare(first: str, second: str) -> None:
+        named = _named(first), _named(second)
+        await _read(site, *named)
+        ComparePage(site, *named)
 
     @app.get(f"{SAMPLES}/{{station}}/{{session}}")
     async def _samples(station: str, session: str, request: Request) -> Response:
@@ -161,6 +165,14 @@ def _signals(site: Site, station: str, session: str, parameters: str) -> Respons
     except CaesuraError as error:
         return PlainTextResponse(str(error), status_code=404 if isinstance(error, NotFound) else 503)
     return Response(content, media_type="application/octet-stream", headers={"cache-control": "no-store"})
+
+
+async def _read(site: Site, *named: tuple[str, str]) -> None:
+    """Read sessions from the journal that the service no longer holds, such as those of a bookmark."""
+    for station, session in named:
+        if site.gateway.world.update(station, session) is None:
+            with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
+                await asyncio.to_thread(site.gateway.read_stored, station, session)
 
 
 def _named(session: str) -> tuple[str, str]:

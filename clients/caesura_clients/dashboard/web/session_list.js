@@ -11,7 +11,9 @@ const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b 
 
 export default {
   mixins: [live],
+  emits: ["older"],
   data: () => ({
+    asking: false, message: "", failed: false,
     warning: "", sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS,
   }),
   template: `
@@ -40,6 +42,8 @@ export default {
         </tr></tbody></table>
       </div>
       <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
+      <p class="older-line"><button class="older" :disabled="asking" @click="older">Older sessions</button>
+        <span role="status" :class="{ alarm: failed }">{{ message }}</span></p>
     </div>`,
   computed: {
     stations() {
@@ -62,6 +66,13 @@ export default {
     },
   },
   methods: {
+    older() {
+      Object.assign(this, { asking: true, message: "", failed: false });
+      this.$emit("older", this.station);
+    },
+    answered(message, failed) {
+      Object.assign(this, { message, failed, asking: false });
+    },
     nameOf: (one) => `${one.station}/${one.session}`,
     choose(name) { // a third takes the place of the first
       this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name].slice(-2);

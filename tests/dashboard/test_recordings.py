@@ -104,3 +104,19 @@ def test_answers_make_the_source_and_the_mapping_for_the_next_time(tmp_path: Pat
     assert source.recording.setting.robot == "panda"
     assert set(source.declared_units) == {"time", "length", "angle", "force"}
     assert 'px = { column = "x", unit = "cm" }' in json.loads(capsys.readouterr().out)["mapping"]
+
+
+def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsys):
+    pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros2)")
+    from harness import ros  # noqa: PLC0415
+
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(guided()), "mcap")
+    found = looked(bag)
+    assert (found["stated"], found["bag"], found["hasWrench"]) == ({}, True, True)
+    answers = recordings.Answers(wrench_source="flange_sensor", hand_on_robot="no").model_dump()
+    source = playback.source_of({"file": str(bag), "answers": answers})
+    assert (source.wrench_source, source.hand_on_robot) == ("flange_sensor", "no")
+    assert (
+        json.loads(capsys.readouterr().out)["mapping"]
+        == 'wrench_source = "flange_sensor"\nhand_on_robot = "no"\n'
+    )

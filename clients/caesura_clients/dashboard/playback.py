@@ -26,6 +26,7 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.client import connect
+from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.formats.csv_layout import CsvLayout, guessed, read_layout
 from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
@@ -61,7 +62,7 @@ def look(job: Job) -> dict[str, Any]:
     path = Path(job["file"])
     if path.suffix.lower() == ".csv" and not (layout := read_layout(path)).is_own:
         return _of_csv(layout)
-    return _of_recording(_read_whole(path))
+    return _of_recording(path) | {"bag": is_bag(path)}
 
 
 def _of_csv(layout: CsvLayout) -> dict[str, Any]:
@@ -75,30 +76,30 @@ def _of_csv(layout: CsvLayout) -> dict[str, Any]:
     }
 
 
-def _read_whole(path: Path) -> Recording:
-    """The recording, of whatever units; a bag that does not state its wrench as one of a flange sensor."""
+def _read_whole(path: Path) -> tuple[Recording, Mapping[str, str]]:
+    """The recording, of whatever units, and what it states; of a bag's wrench that may be nothing."""
     try:
-        return load_recording(path, check_units=False)
+        recording = load_recording(path, check_units=False)
     except RecordingError:
+        if not is_bag(path):
+            raise
         mapping = path.with_name(f"{path.name}.look.toml")
         mapping.write_text('wrench_source = "flange_sensor"\nforce_frame = "base"\n', encoding="utf-8")
         try:
-            return load_recording(path, check_units=False, mapping=mapping)
-        except RecordingError as error:
-            if not str(error).startswith("--mapping"):
-                raise
+            return load_recording(path, check_units=False, mapping=mapping), {}
         finally:
             mapping.unlink()
-        raise
+    return recording, recording.stated_options
 
 
-def _of_recording(recording: Recording) -> dict[str, Any]:
+def _of_recording(path: Path) -> dict[str, Any]:
+    recording, stated = _read_whole(path)
     wrong = recording.implausible
     return {
         "samples": int(recording.t.size),
         "length": round(float(np.ptp(recording.t)), 2),
         "signals": list(recording.signals),
-        "stated": recording.stated_options,
+        "stated": dict(stated),
         "hasWrench": recording.has_wrench,
         "ignored": list(recording.ignored),
         "wrong": "" if wrong is None else f"{wrong}.",
@@ -113,7 +114,7 @@ def source_of(job: Job) -> CountedSource:
     options: dict[str, Any] = {f"{quantity}_unit": units.get(quantity) for quantity in get_args(Quantity)}
     if answers.pop("sure", False):  # the values are believed in the units that were chosen
         options |= {key: options[key] or WIRE_UNIT[_quantity(key)] for key in options}
-    if answers.get("columns") or _is_bag(path):
+    if answers.get("columns") or is_bag(path):
         options["mapping"] = path.with_name(f"{path.name}.toml")
         text = mapping_text(MappingAnswers(**{"columns": {}, **answers}))
         options["mapping"].write_text(text, encoding="utf-8")
@@ -130,7 +131,12 @@ def _quantity(option: str) -> Quantity:
     return next(one for one in get_args(Quantity) if option == f"{one}_unit")
 
 
-def _is_bag(path: Path) -> bool:
+def is_bag(path: Path) -> bool:
+    """Whether ROS 2 wrote it: its wrench and its frame are stated in a mapping."""
+    if path.suffix.lower() == ".mcap" and path.is_file():
+        with import_extra("mcap", path.name):
+            from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
+        return profile_of(path) == ROS2
     return path.is_dir() or path.suffix.lower() in BAGS
 
 

@@ -54,7 +54,7 @@ class Answers(BaseModel):
     sure: bool = False
     wrench_source: WrenchSource | None = None
     hand_on_robot: HandOnRobot = "unknown"
-    force_frame: ForceFrame = "base"
+    force_frame: ForceFrame | None = None  # as in the file
     force_of: Literal["environment", "robot"] = "environment"
     robot: Name | None = None
 

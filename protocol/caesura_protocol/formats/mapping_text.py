@@ -26,7 +26,7 @@ class MappingAnswers(NamedTuple):
     units: Mapping[str, str] = {}
     wrench_source: str | None = None
     hand_on_robot: str = "unknown"
-    force_frame: str = "base"
+    force_frame: str | None = "base"
     force_of: str = "environment"
     robot: str | None = None
 
@@ -45,7 +45,7 @@ def _lines(answers: MappingAnswers) -> Iterator[str]:
         "decimal": answers.decimal if answers.decimal != "." else "",
         "wrench_source": answers.wrench_source,
         "hand_on_robot": answers.hand_on_robot,
-        "force_frame": answers.force_frame if answers.force_frame != "base" else "",
+        "force_frame": "" if answers.columns and answers.force_frame == "base" else answers.force_frame,
         "robot": answers.robot,
     }
     yield from (f"{key} = {_quoted(value)}" for key, value in stated.items() if value not in NO_ANSWER)

@@ -98,7 +98,8 @@ export default {
             <option v-for="one in hands" :key="one" :value="one">{{ handWords[one] }}</option></select></label>
           <label v-if="found.header && hasWrench">Whose force is it? <select class="force-of" v-model="form.force_of">
             <option value="environment">the environment's on the robot</option><option value="robot">the robot's on the environment</option></select></label>
-          <label v-if="found.header && hasWrench">Its frame <select class="frame" v-model="form.force_frame">
+          <label v-if="(found.header || found.bag) && hasWrench">Its frame <select class="frame" v-model="form.force_frame">
+            <option v-if="found.bag" value="">as in the bag</option>
             <option v-for="one in frames" :key="one">{{ one }}</option></select></label>
           <label>Robot <select class="robot" v-model="form.robot"><option value="">another, or as in the file</option>
             <option v-for="one in robots" :key="one">{{ one }}</option></select></label>
@@ -182,7 +183,7 @@ export default {
         chosenUnits: { ...units, ...guess.units, ...old.units },
         declared: { ...Object.fromEntries(Object.keys(this.quantities).map((one) => [one, ""])), ...found.likely },
         form: {
-          wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || "base",
+          wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || (found.bag ? "" : "base"),
           force_of: "environment", robot: stated.robot || "", ...old.form, station: this.station, session: found.session, task: "", sure: false,
         },
       });
@@ -196,7 +197,7 @@ export default {
         localStorage.setItem(ANSWERS, JSON.stringify({ [key]: { columns, units, form } }));
       }
       const answers = {
-        ...form, wrench_source: this.hasWrench ? form.wrench_source || null : null, robot: form.robot || null, columns, units, sure,
+        ...form, force_frame: form.force_frame || null, wrench_source: this.hasWrench ? form.wrench_source || null : null, robot: form.robot || null, columns, units, sure,
         declared: this.found.header ? {} : filled(this.declared), delimiter: this.found.delimiter || ",", decimal: this.found.decimal || ".",
       };
       const operator = (localStorage.getItem(OPERATOR) || "").trim();

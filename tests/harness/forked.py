@@ -108,8 +108,9 @@ class Forked:
 
     def send_signal(self, number: int) -> None:
         """To a process that has ended: nothing."""
-        if self.poll() is None:
-            os.kill(self.pid, number)
+        with suppress(ProcessLookupError):  # it may end, and be waited for, between the two
+            if self.poll() is None:
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
@@ -137,12 +138,19 @@ class _Parent:
         with there:
             self._process = subprocess.Popen(command, pass_fds=[there.fileno()])
         self._lock = threading.Lock()
+        self._orders = 0
         atexit.register(self.close)
 
     def fork(self, order: Mapping[str, Any], ends: Sequence[int]) -> int:
         with self._lock:
-            socket.send_fds(self._link, [json.dumps(order).encode()], list(ends))
-            return int(self._link.recv(16))
+            self._orders += 1
+            socket.send_fds(self._link, [json.dumps({**order, "number": self._orders}).encode()], list(ends))
+            while True:
+                number, pid = map(int, self._link.recv(32).split())
+                if number == self._orders:
+                    return pid
+                with suppress(ProcessLookupError):  # of a test whose time was over before the answer came
+                    os.kill(pid, signal.SIGKILL)
 
     def close(self) -> None:
         self._link.close()
@@ -176,14 +184,15 @@ def serve(link: socket.socket) -> list[str]:
                     os.kill(pid, signal.SIGKILL)
                     os.waitpid(pid, 0)
                 os._exit(0)
+            order = json.loads(said)
             if (pid := os.fork()) == 0:
                 for end in (link.detach(), ends[2], *living, *(status for _, status in living.values())):
                     os.close(end)
-                return become(json.loads(said), ends[0], ends[1])
+                return become(order, ends[0], ends[1])
             living[os.pidfd_open(pid)] = pid, ends[2]
             os.close(ends[0])
             os.close(ends[1])
-            link.send(str(pid).encode())
+            link.send(f"{order['number']} {pid}".encode())
 
 
 def become(order: Mapping[str, Any], out: int, error: int) -> list[str]:

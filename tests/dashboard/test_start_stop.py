@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description
-from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
 from dashboard.stage import Stage, patient, staged
 from harness.demonstrations import guided
 from harness.forked import Forked
@@ -82,14 +82,15 @@ def visitor(browser: Browser) -> Iterator[Visitor]:
 def pictured(visitor: Visitor, name: str) -> None:
     """Pictures in both sizes and themes; nothing keeps a person out, or is wider than the page."""
     page = visitor.page
-    for theme, size, view in (("light", "desktop", DESKTOP), ("dark", "phone", PHONE)):
+    sizes = {"desktop": DESKTOP, "phone": PHONE}
+    for (theme, rules), (size, view) in zip(THEMES.items(), sizes.items(), strict=True):
         page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
         visitor.theme = theme
         page.set_viewport_size(view)
         visitor.picture(f"{name}-{size}")
         wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
         assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
-        assert visitor.barriers() == []
+        assert visitor.barriers(*rules) == []
     page.set_viewport_size(DESKTOP)
 
 

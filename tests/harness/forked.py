@@ -22,6 +22,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -41,7 +42,9 @@ class Forked:
         stderr: int | IO[str] | None = None,
         env: Mapping[str, str] | None = None,
         text: bool = True,
+        imports: Sequence[str] = (),
     ) -> None:
+        """imports: modules that more processes like this one need."""
         assert command[0] == sys.executable, f"{command}: expected {sys.executable} first"
         assert command[1] in {"-m", "-c"}, f"{command}: expected -m or -c"
         assert text
@@ -50,6 +53,7 @@ class Forked:
         self.stderr, error = _end(stderr, 2)
         self._status, status = os.pipe()
         order = {"argv": self.args[1:], "env": dict(env or os.environ), "cwd": os.getcwd(), "path": sys.path}
+        order["imports"] = list(imports)
         try:
             self.pid = _parent().fork(order, (out, error, status))
         finally:
@@ -185,6 +189,8 @@ def serve(link: socket.socket) -> list[str]:
                     os.waitpid(pid, 0)
                 os._exit(0)
             order = json.loads(said)
+            for module in order["imports"]:
+                import_module(module)
             if (pid := os.fork()) == 0:
                 for end in (link.detach(), ends[2], *living, *(status for _, status in living.values())):
                     os.close(end)

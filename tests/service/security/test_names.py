@@ -157,8 +157,12 @@ ROOMS = [
 ]
 
 
-@pytest.mark.parametrize("file", ROOMS, ids=lambda file: "/".join(file.parts[-2:]))
-def test_no_code_that_runs_or_unpickles_what_it_reads(file):
+def test_no_code_runs_or_unpickles_what_it_reads():
+    for file in ROOMS:
+        runs_and_unpickles_nothing(file)
+
+
+def runs_and_unpickles_nothing(file: Path) -> None:
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
             assert FORBIDDEN_MODULES.isdisjoint(alias.name.partition(".")[0] for alias in node.names)

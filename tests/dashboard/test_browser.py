@@ -80,17 +80,15 @@ def test_stations_are_reported_at_a_glance(stage: Stage, visitor: Visitor):
     expect(over.locator(".badge")).to_have_text("demonstration over")
 
 
-def test_segments_appear_while_they_are_taught(stage: Stage, visitor: Visitor):
+def test_segments_appear_while_they_are_taught_and_run_lengths_when_they_are_asked_for(
+    stage: Stage, visitor: Visitor
+):
     page = goto(stage, visitor, "/station/cell-1")
     page.get_by_text("Segments as a table").click()
     rows = page.locator("details.table tbody tr")
     for kind in KINDS:
         expect(rows.filter(has_text=re.compile(rf"{kind}.*final")).first).to_be_visible()
     expect(page.locator(".app").first).to_contain_text("move to contact")
-
-
-def test_run_lengths_are_shown_when_they_are_asked_for(stage: Stage, visitor: Visitor):
-    page = goto(stage, visitor, "/station/cell-1")
     button = page.get_by_role("button", name="run lengths")
     button.click()
     expect(button).to_have_attribute("aria-pressed", "true")

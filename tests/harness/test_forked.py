@@ -57,7 +57,7 @@ def test_a_signal_ends_it_as_any_other_process(number):
         process.kill()  # one that has ended is no error
 
 
-def test_an_order_whose_answer_nobody_waited_for_is_not_taken_for_the_next_ones(monkeypatch):
+def test_an_answer_that_a_test_did_not_wait_for_is_not_that_of_the_next_order(monkeypatch):
     """A test whose time was over left its answer, and every later process had the id of another one."""
     link = _parent()._link
 

@@ -20,13 +20,12 @@ from caesura_protocol.messages import App, AppChange, EditProgram, Program
 from caesura_protocol.programs.app_times import may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
+from caesura_protocol.programs.formats import WRITERS
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]
 CHECKED = 200  # apps that a program may have for its check at every change
-FORMATS = (("JSON", "json"), ("franky script", "franky"), ("behaviour tree", "bt"))
-SUFFIXES = {"json": "json", "franky": "py", "bt": "xml"}
 INSERTED = ("cartesian_motion", "move_to_contact", "grasp", "gripper_move", "transport")  # that need no force
 
 
@@ -84,7 +83,8 @@ def editing_of(program: Program) -> dict[str, Any]:
         ],
         "kinds": [[kind, app_title(kind)] for kind in INSERTED],
         "exports": [
-            [title, f"/programs/{program.station}/{program.session}/{name}"] for title, name in FORMATS
+            [writer.title, f"/programs/{program.station}/{program.session}/{name}"]
+            for name, writer in WRITERS.items()
         ],
     }
 

@@ -19,7 +19,6 @@ from caesura_clients.dashboard.pages import lists, overview, recordings
 from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
-from caesura_clients.dashboard.program_edits import SUFFIXES
 from caesura_clients.dashboard.signals import as_bytes
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
@@ -186,10 +185,10 @@ def _exported(site: Site, station: str, session: str, name: str) -> Response:
         why = f"no program {station}/{session} in format {name!r}; formats: {', '.join(WRITERS)}"
         return PlainTextResponse(why, status_code=404)
     try:
-        content = WRITERS[name](document(update.program, phases=update.phases))
+        content = WRITERS[name].write(document(update.program, phases=update.phases))
     except (ValueError, CaesuraError) as error:
         return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
-    file = f'attachment; filename="{station}-{session}.{SUFFIXES[name]}"'
+    file = f'attachment; filename="{station}-{session}{WRITERS[name].suffix}"'
     return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from nicegui import ui
 from nicegui.element import Element
 
-from caesura_clients.dashboard.differences import ALIKE, differences
 from caesura_clients.dashboard.elements import SessionView, Tables
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.pages.session import line_of_past
 from caesura_clients.results import Update
-from caesura_protocol.messages import Program
+from caesura_protocol.app_kinds import app_number, app_title
+from caesura_protocol.messages import App, Program
+from caesura_protocol.programs.comparison import REPETITION, compared
 
+ALIKE = "alike"
 COLUMNS = (("first", "first"), ("second", "second"), ("words", "difference"))
 TOGETHER = """(event) => {
   const on = event.target.getAttribute("aria-pressed") !== "true";
@@ -82,9 +85,17 @@ class _Half:
 
 
 def _tables(first: Program, second: Program) -> dict[str, Any]:
-    found = differences(first, second)
-    unlike = sum(one.words != ALIKE for one in found)
-    title = f"Programs: {unlike or 'none'} of {len(found)} apps differ" if found else "Programs"
-    rows = [one._asdict() for one in found]
+    pairs = compared(first.apps, second.apps, REPETITION, " and ")
+    rows = []
+    for i, j, words in pairs:
+        alone = "only in the second" if i is None else "only in the first" if j is None else ""
+        row = {"first": _named(first.apps, i), "second": _named(second.apps, j)}
+        rows.append({**row, "words": alone or "; ".join(words) or ALIKE})
+    unlike = sum(row["words"] != ALIKE for row in rows)
+    title = f"Programs: {unlike or 'none'} of {len(rows)} apps differ" if rows else "Programs"
     table = {"title": title, "columns": COLUMNS, "rows": rows, "empty": "Neither has an app."}
     return {"warnings": [], "tables": [table]}
+
+
+def _named(apps: Sequence[App], index: int | None) -> str:
+    return "" if index is None else f"{app_number(index)} · {app_title(apps[index].kind)}"

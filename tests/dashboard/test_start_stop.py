@@ -276,6 +276,10 @@ def test_a_recording_is_dropped_and_played_as_a_session(
     form.locator(".play-recording").click()
     expect(page.locator(".drop-state")).to_contain_text("The robot of station cell-1 is connected")
     form.locator(".station").fill("cell-7")
+    form.locator(".unit-pos").select_option("m")
+    form.locator(".play-recording").click()
+    expect(page.locator(".drop-state")).to_contain_text("positions are 524 m away from the base")
+    form.locator(".unit-pos").select_option("mm")
     form.locator(".play-recording").click()
     expect(page.locator(".play-state").first).to_have_text("done")
     with stage.reader() as caesura:

@@ -43,6 +43,8 @@ from caesura_protocol.messages import (
     Error,
     Gap,
     Heartbeat,
+    Hint,
+    Hints,
     Insert,
     InsertApp,
     JournalReport,
@@ -240,6 +242,22 @@ def examples() -> dict[str, Message]:
     changepoints = Changepoints(**OF_RESULT, seq=7, first=2, changepoints=(changepoint,))
     segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,), first_phase=1, phases=(phase,))
     posterior = Posterior(**OF_RESULT, seq=125, starts=(3.5, 12.0), probabilities=(0.75, 0.25))
+    hint = Hint(
+        kind="hand_in_wrench",
+        since=11.5,
+        text="A hand drives the sensor: 8 N along the movement (limit 5.4 N).",
+        advice="Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
+    )
+    again = Hint(
+        kind="show_again",
+        since=5.25,
+        until=12.5,
+        text="Nothing was recorded from 5.0 to 5.2 s.",
+        advice="Show the part from 5.0 to 5.2 s again.",
+        t0=5.0,
+        tn=5.25,
+    )
+    hints = Hints(**OF_RESULT, seq=2, hints=(again, hint))
     program = Program(
         **OF_RESULT,
         version=3,
@@ -311,6 +329,8 @@ def examples() -> dict[str, Message]:
         changepoints,
         segments,
         posterior,
+        hint,
+        hints,
         wrench,
         refusal,
         budgets.work,
@@ -327,6 +347,7 @@ def examples() -> dict[str, Message]:
             segments=segments,
             posterior=posterior,
             program=program,
+            hints=hints,
         ),
         journal,
         ServiceStatus(

@@ -31,7 +31,7 @@ MAX_TIME_S = 1e10  # magnitude of a sample's time
 _AT_HAND = 4096  # keys, which are asked for again with every message
 
 StationPart = Literal["samples", "replay", "alive", "control", "program", "bridge_status", "bridge_control"]
-SessionPart = Literal["changepoints", "segments", "posterior", "status", "snapshot", "samples"]
+SessionPart = Literal["changepoints", "segments", "posterior", "hints", "status", "snapshot", "samples"]
 ServicePart = Literal["alive", "status"]
 
 

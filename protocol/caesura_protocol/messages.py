@@ -30,6 +30,7 @@ MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
+MAX_HINTS = 64  # that a message lists
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]
@@ -42,6 +43,16 @@ Contact = Literal["free", "contact", "transport"]
 PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
 PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
 Certainty = Literal["provisional", "final"]
+HintKind = Literal[
+    "hand_in_wrench",
+    "unexplained_force",
+    "uncertain_boundary",
+    "too_fast",
+    "singularity",
+    "joint_limit",
+    "bias_drift",
+    "show_again",
+]
 BridgeState = Literal[
     "ready",  # waits for a start
     "starting",
@@ -550,6 +561,27 @@ class Posterior(Result):
     probabilities: Listed[float]
 
 
+class Hint(Message):
+    """What a teacher can do better, raised while the demonstration goes on."""
+
+    kind: HintKind
+    since: Seconds  # [s] the observation at which it was raised
+    until: Seconds | None = None  # [s] the observation at which it was cleared; None: it is active
+    text: Annotated[str, Field(max_length=200)]  # what was found, with the value and its limit
+    advice: Annotated[str, Field(max_length=200)]  # what to do
+    t0: Seconds | None = None  # [s] the part of the demonstration that it is about, where there is one
+    tn: Seconds | None = None
+
+
+class Hints(Result):
+    """All active hints and the newest of those that are cleared, by the time at which they were raised.
+
+    Each message is complete: only the newest counts. No hint is active once the session is closed.
+    """
+
+    hints: Annotated[tuple[Hint, ...], Field(max_length=MAX_HINTS, fail_fast=True)]
+
+
 class WrenchReport(Message):
     """What the wrench is worth in this session."""
 
@@ -727,6 +759,7 @@ class Snapshot(Message):
     segments: Segments
     posterior: Posterior | None
     program: Program
+    hints: Hints | None = None  # None from an older service
 
 
 class RecordedSamples(Message):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -19,7 +20,7 @@ from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
-from caesura_protocol.robots import robot_description
+from caesura_protocol.robots import grippers, robot_description
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
 Connect = Annotated[
@@ -60,6 +61,14 @@ AngleTolerance = Annotated[
 CellFile = Annotated[
     Path | None,
     typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
+]
+GripperOption = Annotated[
+    str | None,
+    typer.Option(
+        "--gripper",
+        metavar="NAME",
+        help=f"Which gripper runs it, where it is not the robot's: {', '.join(grippers())}.",
+    ),
 ]
 RobotOption = Annotated[
     str | None,
@@ -167,6 +176,16 @@ def connected(endpoint: str | None, config: Path | None, *, patient: bool = Fals
             raise
         typer.echo(f"waiting: {error}", err=True)
         return connect(endpoint, config_file=config, timeout_s=None)
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """While the context lasts SIGTERM is like Ctrl-C, so that what is open is closed."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from caesura_clients.cli.options import (
     Config,
     Connect,
     ForceLimit,
+    GripperOption,
     Json,
     Station,
     connected,
@@ -38,6 +39,7 @@ from caesura_protocol.programs.document import (
     read_document,
 )
 from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.gripping import with_gripper
 from caesura_protocol.programs.groups import renamed
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
@@ -49,6 +51,8 @@ class ProgramFormat(StrEnum):
     TABLE = "table"
     JSON = "json"
     FRANKY = "franky"
+    URSCRIPT = "urscript"
+    XARM = "xarm"
     BT = "bt"
 
 
@@ -62,7 +66,10 @@ def program(
     ] = None,
     output_format: Annotated[
         ProgramFormat,
-        typer.Option("--format", help="What to write; franky: a script, bt: BehaviorTree.CPP."),
+        typer.Option(
+            "--format",
+            help="What to write; franky, urscript, xarm: a script, bt: BehaviorTree.CPP.",
+        ),
     ] = ProgramFormat.TABLE,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     cell: CellFile = None,
@@ -84,6 +91,7 @@ def program(
     ] = None,
     speed: Speed = TAUGHT,
     keep_pause: KeepPause = None,
+    gripper: GripperOption = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -97,7 +105,7 @@ def program(
         if as_json and speed != TAUGHT:
             raise CaesuraError("--json prints the message as it was taught: use --format json with --speed")
         if file is not None:
-            made = timed(_in_cell(read_document(file), cell, force_limit))
+            made = with_gripper(timed(_in_cell(read_document(file), cell, force_limit)), gripper)
             if against is not None:
                 _compare(made, against, endpoint, config)
                 return
@@ -119,6 +127,7 @@ def program(
             Console().print(program_view(found))
         else:
             made = timed(_in_cell(document(found, phases=phases), cell, force_limit))
+            made = with_gripper(made, gripper)
             write_program(_named(made, name_group, output_format), output_format, out)
 
 

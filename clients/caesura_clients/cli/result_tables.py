@@ -21,6 +21,7 @@ from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import (
     App,
     Description,
+    Hint,
     Phase,
     Program,
     Refusal,
@@ -40,13 +41,20 @@ RESULTS = {True: "yes", False: "no", None: "–"}  # of demonstrations
 
 
 def segments_view(
-    status: SessionStatus, segments: Sequence[Segment], *, newest: int | None = None
+    status: SessionStatus,
+    segments: Sequence[Segment],
+    *,
+    newest: int | None = None,
+    hints: Sequence[Hint] = (),
 ) -> RenderableType:
-    """The segments of one session, or its newest ones, and a line on how it is doing."""
+    """The segments of one session, or its newest ones, its active hints, and a line on how it is doing."""
     hidden = 0 if newest is None else max(0, len(segments) - newest)
     table = segments_table(segments[hidden:], _title(status), first=hidden)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
-    return Group(table, said + status_line(status))
+    active = [
+        Text(f"! {hint.text} {hint.advice}", style="bold yellow") for hint in hints if hint.until is None
+    ]
+    return Group(table, *active, said + status_line(status))
 
 
 def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:

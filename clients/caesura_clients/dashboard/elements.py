@@ -88,6 +88,10 @@ class StartStop(LiveElement, component="web/start_stop.js"):
         self.run_method("answered", message, failed)
 
 
+class HintBanner(LiveElement, component="web/hints.js"):
+    """Hints to the teacher (`hints.banner_of`)."""
+
+
 class DescriptionForm(LiveElement, component="web/description.js"):
     """What people state about a session (`demonstrations.description_of`). on_ask: as of StartStop."""
 

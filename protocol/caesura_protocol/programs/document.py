@@ -89,6 +89,7 @@ class ProgramFile(BaseModel):
     edits: int = 0  # how many edits the program has had; undo and redo count
     timing: ProgramTiming | None = None  # None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
+    gripper: Name | None = None  # that runs it, of the table of grippers; None: the robot's
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""

@@ -8,7 +8,15 @@ from types import MappingProxyType
 from caesura_protocol.programs.behaviour_tree import behaviour_tree
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.ur_script import ur_script
+from caesura_protocol.programs.xarm_script import xarm_script
 
 WRITERS: Mapping[str, Callable[[ProgramFile], str]] = MappingProxyType(
-    {"json": ProgramFile.as_json, "franky": franky_script, "bt": behaviour_tree}
+    {
+        "json": ProgramFile.as_json,
+        "franky": franky_script,
+        "urscript": ur_script,
+        "xarm": xarm_script,
+        "bt": behaviour_tree,
+    }
 )

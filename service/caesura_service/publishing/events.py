@@ -14,6 +14,7 @@ from caesura_protocol.messages import (
     Edit,
     EditProgram,
     Heartbeat,
+    Hints,
     Open,
     Posterior,
     Program,
@@ -53,7 +54,7 @@ Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | EditProgra
 class Publish:
     """A result for all subscribers."""
 
-    message: Changepoints | Segments | Posterior | SessionStatus | Program
+    message: Changepoints | Segments | Posterior | Hints | SessionStatus | Program
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from caesura_protocol.messages import MAX_GAPS, Program
 from caesura_service.program import EditLog
@@ -14,6 +14,7 @@ from caesura_service.publishing.session_state import (
     SessionState,
     Stream,
     changepoints_of,
+    hints_of,
     observed_until_s,
     posterior_of,
     program_of,
@@ -48,7 +49,7 @@ def initial_state(station: str, session: str, owner: Owner, preset: str, view: P
         notes=view.notes,
         **_program_context(view),
     )
-    silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
+    silent: dict[Stream, int] = dict.fromkeys(get_args(Stream), -1)
     return SessionState(
         station=station,
         session=session,
@@ -97,6 +98,9 @@ def apply_view(
     if _posterior_key(view) != _posterior_key(old):
         state = _advance_seq(state, "posterior")
         outputs.append(Publish(posterior_of(state)))
+    if view.hints != old.hints:
+        state = _advance_seq(state, "hints")
+        outputs.append(Publish(hints_of(state)))
     return state, outputs
 
 

@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     App,
     Changepoints,
     Description,
+    Hints,
     Posterior,
     Program,
     Refusal,
@@ -29,7 +30,7 @@ from caesura_service.publishing.lifecycle import Lifecycle
 from caesura_service.segmentation.encoded_log import since
 from caesura_service.segmentation.view import PipelineView
 
-Stream = Literal["status", "changepoints", "segments", "posterior"]
+Stream = Literal["status", "changepoints", "segments", "posterior", "hints"]
 
 
 class SessionCounters(NamedTuple):
@@ -162,6 +163,11 @@ def posterior_of(state: SessionState) -> Posterior:
     )
 
 
+def hints_of(state: SessionState) -> Hints:
+    """Make the message of the active and the newest cleared hints."""
+    return Hints(**state.header("hints"), hints=state.view.hints)
+
+
 def program_of(state: SessionState) -> Program:
     """Make the task program message with its edits; without any, its apps stay encoded as they are stored."""
     return with_edits(inferred_program_of(state), state.program_edits)
@@ -182,4 +188,5 @@ def snapshot_of(state: SessionState, program: Program | None = None) -> Snapshot
         segments=segments_of(state),
         posterior=posterior_of(state) if state.last_seq["posterior"] >= 0 else None,
         program=program or program_of(state),
+        hints=hints_of(state) if state.last_seq["hints"] >= 0 else None,
     )

@@ -75,6 +75,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
         force_limit_n=snapshot.program.force_limit_n,
         robot=snapshot.program.robot,
         phases=packed(Phase, snapshot.segments.phases),
+        hints=snapshot.hints.hints if snapshot.hints else (),
     )
 
 
@@ -86,6 +87,7 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         "changepoints": snapshot.changepoints.seq,
         "segments": snapshot.segments.seq,
         "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
+        "hints": snapshot.hints.seq if snapshot.hints else -1,
     }
     bare: dict[str, Any] = {"apps": (), "edits": (), "edit_revision": 0}
     header = {"instance": owner.instance, "epoch": owner.epoch, **bare}

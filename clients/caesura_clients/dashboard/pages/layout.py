@@ -22,6 +22,7 @@ _HEAD = (
     f'<script src="{ASSETS}/theme.js"></script>'
     f'<link rel="stylesheet" href="{ASSETS}/vendor/uplot/uPlot.min.css">'
     f'<link rel="stylesheet" href="{ASSETS}/style.css">'
+    f'<link rel="stylesheet" href="{ASSETS}/hints.css">'
     '<meta name="robots" content="noindex">'
 )
 

@@ -11,7 +11,14 @@ from caesura_clients.dashboard.apps import timeline
 from caesura_clients.dashboard.demonstrations import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
-from caesura_clients.dashboard.elements import DescriptionForm, ProgramTimeline, SessionView, StartStop
+from caesura_clients.dashboard.elements import (
+    DescriptionForm,
+    HintBanner,
+    ProgramTimeline,
+    SessionView,
+    StartStop,
+)
+from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
@@ -31,6 +38,7 @@ class SessionPage:
             self._banner = Banner()
             self._line = text("p", "").classes("state-line").props('aria-label="State"')
             self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
+            self._hints = HintBanner(banner_of(None)) if session is None else None  # moves no button to press
             self._form = DescriptionForm(
                 self._description(), self._ask, editable=site.desk is not None, live=session is None
             )
@@ -55,6 +63,8 @@ class SessionPage:
         line = line_of(seen, update) if live else line_of_past(update)
         if line != self._line.text:
             self._line.set_text(line)
+        if self._hints is not None:
+            self._hints.show(banner_of(update))
         if self._start_stop is not None:
             self._start_stop.show(self._controls() | {"t": round(seen.t)})
         self._form.show(self._description())

@@ -17,12 +17,11 @@ from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.pages import lists, overview
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
-from caesura_clients.dashboard.program_edits import SUFFIXES
 from caesura_clients.dashboard.signals import as_bytes
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.formats import FORMATS, WRITERS
 
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
@@ -167,7 +166,7 @@ def _exported(site: Site, station: str, session: str, name: str) -> Response:
         content = WRITERS[name](document(update.program, phases=update.phases))
     except (ValueError, CaesuraError) as error:
         return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
-    file = f'attachment; filename="{station}-{session}.{SUFFIXES[name]}"'
+    file = f'attachment; filename="{station}-{session}.{FORMATS[name].suffix}"'
     return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
 
 

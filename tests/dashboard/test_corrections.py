@@ -30,6 +30,8 @@ expect.set_options(timeout=PATIENCE_MS)
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
+NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
+  .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 
@@ -315,6 +317,7 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
             visitor.theme = theme
             visitor.picture("program-edited-desktop")
+            page.wait_for_function(NOTHING_LOADS)  # Quasar draws a bar while axe fetches the style sheets
             assert visitor.barriers() == []
         page.set_viewport_size({"width": 390, "height": 844})
         visitor.picture("program-edited-phone")

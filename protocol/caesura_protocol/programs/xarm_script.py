@@ -64,7 +64,11 @@ def xarm_script(program: ProgramFile) -> str:
 def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     """What the script needs of an app."""
     app = planned.app
-    row: dict[str, Any] = {"kind": app.kind, "title": app_title(app.kind), "pause": round(planned.pause_s, 3)}
+    row: dict[str, Any] = {
+        "kind": app.kind,
+        "title": app.name or app_title(app.kind),
+        "pause": round(planned.pause_s, 3),
+    }
     row["legs"] = [
         (
             _pose(leg.position, leg.orientation),

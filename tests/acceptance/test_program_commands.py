@@ -129,7 +129,7 @@ def test_a_program_at_half_its_speed_is_written_checked_and_refused_out_of_range
     assert done.exit_code == 0, done.output
     done = caesura("program", "--file", taught, "--speed", "0.5", "--format", "json", "-o", slow)
     assert done.exit_code == 0, done.output
-    for output_format in ("franky", "urscript", "xarm", "bt", "table"):
+    for output_format in ("franky", "bt", "table"):
         words = ("program", "--file", taught, "--speed", "0.5", "--format", output_format)
         assert caesura(*words).output == caesura("program", "--file", slow, *words[-2:]).output
         assert caesura(*words).output != caesura("program", "--file", taught, *words[-2:]).output

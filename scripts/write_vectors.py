@@ -22,32 +22,44 @@ from caesura_protocol.extremes import packed
 from caesura_protocol.messages import (
     Ack,
     App,
+    AppChange,
     AppPath,
+    AppReference,
     BridgeAck,
     BridgeControl,
     BridgeStatus,
     Budget,
+    ChangeApp,
     Changepoint,
     Changepoints,
     Close,
     Control,
+    DeleteApp,
     Describe,
     Description,
+    DuplicateApp,
     Edit,
+    EditProgram,
     Error,
     Gap,
     Heartbeat,
+    Hint,
+    Hints,
     Insert,
+    InsertApp,
     JournalReport,
     LimitForce,
     Message,
     Move,
+    MoveApp,
     NamePhase,
+    NameProgram,
     Open,
     Phase,
     Piece,
     Posterior,
     Program,
+    ProgramEdit,
     RecordedSamples,
     Redo,
     Refusal,
@@ -193,6 +205,20 @@ def examples() -> dict[str, Message]:
         pitch_sd_m=0.0000152587890625,
         torque=(0.0, 0.125, -0.75),
     )
+    reference = AppReference(kind="transport", t0=0.0, tn=3.5)
+    program_actions = (
+        ChangeApp(app=reference, name="carry", speed=0.5, as_taught=("note",)),
+        MoveApp(app=reference, after=None),
+        DeleteApp(app=reference),
+        DuplicateApp(app=reference),
+        InsertApp(after=reference, kind="gripper_move", gripper_width=0.03125),
+        NameProgram(name="pick and place"),
+    )
+    edit_program = EditProgram(session=SESSION, revision=1, author="Ann", action=program_actions[0])
+    program_edit = ProgramEdit(
+        number=2, author="Ann", at=1767225600.25, action=program_actions[0], state="applied"
+    )
+    change = AppChange(field="speed", author="Ann", edit=2)
     app = App(
         kind="transport",
         t0=0.0,
@@ -209,10 +235,29 @@ def examples() -> dict[str, Message]:
         segments=(0,),
         path=path,
         screw=screw,
+        name="carry",
+        speed=0.5,
+        changes=(AppChange(field="name", author="Ann", edit=2), change),
     )
     changepoints = Changepoints(**OF_RESULT, seq=7, first=2, changepoints=(changepoint,))
     segments = Segments(**OF_RESULT, seq=7, first=2, segments=(segment,), first_phase=1, phases=(phase,))
     posterior = Posterior(**OF_RESULT, seq=125, starts=(3.5, 12.0), probabilities=(0.75, 0.25))
+    hint = Hint(
+        kind="hand_in_wrench",
+        since=11.5,
+        text="A hand drives the sensor: 8 N along the movement (limit 5.4 N).",
+        advice="Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
+    )
+    again = Hint(
+        kind="show_again",
+        since=5.25,
+        until=12.5,
+        text="Nothing was recorded from 5.0 to 5.2 s.",
+        advice="Show the part from 5.0 to 5.2 s again.",
+        t0=5.0,
+        tn=5.25,
+    )
+    hints = Hints(**OF_RESULT, seq=2, hints=(again, hint))
     program = Program(
         **OF_RESULT,
         version=3,
@@ -222,6 +267,8 @@ def examples() -> dict[str, Message]:
         gaps=(gap,),
         wrench=wrench,
         force_limit_n=10.0,
+        edit_revision=2,
+        edits=(program_edit,),
     )
     opening = Open(
         session=SESSION,
@@ -268,6 +315,11 @@ def examples() -> dict[str, Message]:
             outcome="closed with 625 batches",
         ),
         *actions,
+        reference,
+        *program_actions,
+        edit_program,
+        program_edit,
+        change,
         Control(command=opening),
         Ack(session=SESSION, next_seq=18, state="open"),
         changepoint,
@@ -277,6 +329,8 @@ def examples() -> dict[str, Message]:
         changepoints,
         segments,
         posterior,
+        hint,
+        hints,
         wrench,
         refusal,
         budgets.work,
@@ -293,6 +347,7 @@ def examples() -> dict[str, Message]:
             segments=segments,
             posterior=posterior,
             program=program,
+            hints=hints,
         ),
         journal,
         ServiceStatus(
@@ -335,6 +390,7 @@ def examples() -> dict[str, Message]:
         "Control.Close": Control(command=closing),
         "Control.Edit": Control(command=edit),
         "Control.Describe": Control(command=describe),
+        "Control.EditProgram": Control(command=edit_program),
         "BridgeControl.Stop": BridgeControl(command=Stop(session=SESSION, success=True)),
         **{type(message).__name__: message for message in messages},
     }

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients import describing, query
+from caesura_clients import describing, program_editing, query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.editing import edit
 from caesura_clients.following import follow
@@ -30,6 +30,7 @@ from caesura_protocol.messages import (
     Move,
     NamePhase,
     Program,
+    ProgramAction,
     Redo,
     Relabel,
     Remove,
@@ -153,6 +154,14 @@ class Caesura:
     def describe(self, station: str, session: str, *, author: str, **changes: Any) -> Ack:
         """Change fields of a session's description, such as `task="wipe"` (`describing.describe`)."""
         return describing.describe(self.transport, station, session, author=author, **changes)
+
+    def edit_program(
+        self, station: str, session: str, action: ProgramAction, *, author: str, revision: int | None = None
+    ) -> Ack:
+        """Edit the program of a session (`program_editing.edit_program`); `reference` names its apps."""
+        return program_editing.edit_program(
+            self.transport, station, session, action, author=author, revision=revision
+        )
 
     def _edit(self, station: str, session: str, action: Action, author: str, revision: int | None) -> Ack:
         return edit(self.transport, station, session, action, author=author, revision=revision)

@@ -13,8 +13,10 @@ from caesura_clients import query
 from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Action, Control, Describe, Edit, Insert
+from caesura_protocol.messages import Ack, Action, Control, Describe, Edit, EditProgram, Insert
 from caesura_protocol.transport.network import Transport
+
+Made = Edit | Describe | EditProgram  # what an operator changes
 
 EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in half of that, on a busy machine
 PATIENCE_S = 60.0  # a minute of a session is rebuilt from the journal in one or two
@@ -44,7 +46,7 @@ def edit(
     return send(transport, station, made)
 
 
-def send(transport: Transport, station: str, made: Edit | Describe, *, patience_s: float = PATIENCE_S) -> Ack:
+def send(transport: Transport, station: str, made: Made, *, patience_s: float = PATIENCE_S) -> Ack:
     """Ask until the service has had time for it. Raises as `edit`."""
     began = time.monotonic()
     while True:
@@ -83,7 +85,7 @@ def is_stale(refusal: ProtocolError) -> bool:
     return refusal.code == "conflict" and type(refusal.value) is int and type(refusal.limit) is int
 
 
-def _ask(transport: Transport, station: str, made: Edit | Describe) -> Ack:
+def _ask(transport: Transport, station: str, made: Made) -> Ack:
     content = encode(Control(command=made))
     answers = transport.query(station_key(station, "control"), content, timeout_s=EDIT_TIMEOUT_S)
     if answers.replies:

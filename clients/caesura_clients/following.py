@@ -27,7 +27,7 @@ from caesura_protocol.messages import MAX_WHOLE_BYTES, Snapshot
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
-STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "status")
+STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "hints", "status")
 SNAPSHOT_ATTEMPTS = 3
 ALL = ("*", "*")
 ALL_S = 600.0  # after which all are queried, whatever is received: the service may have dropped some

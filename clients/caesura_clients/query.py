@@ -11,13 +11,16 @@ from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import (
+    INFERRED_PROGRAM,
     SampleRange,
+    StoredPage,
     parse_service_key,
     parse_station_key,
     samples_parameters,
     service_key,
     session_key,
     station_key,
+    stored_parameters,
 )
 from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
@@ -52,29 +55,50 @@ class SessionInfo:
 
 
 def snapshots(
-    transport: Transport, station: str = "*", session: str = "*", *, complete: bool = False
+    transport: Transport,
+    station: str = "*",
+    session: str = "*",
+    *,
+    complete: bool = False,
+    inferred: bool = False,
 ) -> list[Snapshot]:
     """Query the snapshots of every matching session, one of the highest epoch each; none is no error.
 
-    complete: also raise where only some of the live instances have answered.
+    complete: also raise where only some of the live instances have answered; inferred: programs without the
+    edits of people.
     """
     newest: dict[tuple[str, str], Snapshot] = {}
-    for snapshot in _query_all(
-        transport, session_key(station, session, "snapshot"), Snapshot, complete=complete
-    ):
+    asked, parameters = session_key(station, session, "snapshot"), INFERRED_PROGRAM if inferred else ""
+    for snapshot in _query_all(transport, asked, Snapshot, complete=complete, parameters=parameters):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
     return [newest[key] for key in sorted(newest)]
 
 
-def snapshot(transport: Transport, station: str, session: str | None = None) -> Snapshot:
+def stored_snapshots(
+    transport: Transport, station: str = "*", session: str = "*", *, skip: int = 0
+) -> list[Snapshot]:
+    """A page of the closed sessions that the service no longer holds and the journal has, the newest first.
+
+    skip: how many came before. At most MAX_STORED; none after the last page.
+    """
+    page = stored_parameters(StoredPage(skip=skip))
+    key = session_key(station, session, "snapshot")
+    found = _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+    return sorted(found, key=lambda one: one.status.opened or 0.0, reverse=True)
+
+
+def snapshot(
+    transport: Transport, station: str, session: str | None = None, *, inferred: bool = False
+) -> Snapshot:
     """Everything about one session; without a name the one that `program` speaks of, the newest.
 
-    Raises NotFound, which names what there is, or Unreachable.
+    inferred: its program without the edits of people. Raises NotFound, which names what there is, or
+    Unreachable.
     """
     name = session or _current_session(transport, station)
-    found = snapshots(transport, station, name or "*")
+    found = snapshots(transport, station, name or "*", inferred=inferred)
     if not found:
         raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
     # Without a program the newest session is an open one, or else the last by name.

@@ -2,18 +2,20 @@
 
 Results are published with DROP, so a reader must expect holes. Changepoints and segments come as `first` and
 a list that replaces everything from `first` on; a hole in their numbers is healed by the snapshot. Status,
-posterior and program are complete each time, and of them only the newest counts. Where two instances answer
-for a session (a network that was cut in two), the one with the highest epoch is right.
+posterior, hints and program are complete each time, and of them only the newest counts. Where two instances
+answer for a session (a network that was cut in two), the one with the highest epoch is right.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from caesura_protocol.messages import (
     Changepoint,
     Changepoints,
+    Hint,
+    Hints,
     Phase,
     Posterior,
     Program,
@@ -23,8 +25,8 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 
-Published = Changepoints | Segments | Posterior | SessionStatus | Program
-PUBLISHED: tuple[type[Published], ...] = (Changepoints, Segments, Posterior, SessionStatus, Program)
+Published = Changepoints | Segments | Posterior | Hints | SessionStatus | Program
+PUBLISHED: tuple[type[Published], ...] = (Changepoints, Segments, Posterior, Hints, SessionStatus, Program)
 Outcome = Literal["changed", "unchanged", "hole"]
 
 
@@ -38,6 +40,7 @@ class Update:
     posterior: Posterior | None
     program: Program
     phases: tuple[Phase, ...] = ()
+    hints: tuple[Hint, ...] = ()  # active ones, and the newest of those that are cleared
 
     @property
     def station(self) -> str:
@@ -77,6 +80,7 @@ class SessionReader:
         streams = (snapshot.status, snapshot.changepoints, snapshot.segments)
         self._last = {type(stream): stream.seq for stream in streams}
         self._last[Posterior] = -1 if snapshot.posterior is None else snapshot.posterior.seq
+        self._last[Hints] = -1 if snapshot.hints is None else snapshot.hints.seq
         self._last[Program] = snapshot.program.version
         self.update = Update(
             snapshot.status,
@@ -85,6 +89,7 @@ class SessionReader:
             snapshot.posterior,
             snapshot.program,
             snapshot.segments.phases,
+            snapshot.hints.hints if snapshot.hints else (),
         )
         return "unchanged" if self.update == before else "changed"
 
@@ -112,12 +117,8 @@ class SessionReader:
 def _applied(update: Update, message: Published, *, next_one: bool) -> Update | None:
     """What is known after a message, which may be applied twice; None where a list cannot be continued."""
     match message:
-        case SessionStatus():
-            return replace(update, status=message)
-        case Posterior():
-            return replace(update, posterior=message)
-        case Program():
-            return replace(update, program=message)
+        case SessionStatus() | Posterior() | Hints() | Program():
+            return replace(update, **_replaced(message))
         case Changepoints() if next_one and message.first <= len(update.changepoints):
             return replace(update, changepoints=update.changepoints[: message.first] + message.changepoints)
         case Segments() if next_one and _goes_on(update, message):
@@ -127,6 +128,18 @@ def _applied(update: Update, message: Published, *, next_one: bool) -> Update | 
                 phases=update.phases[: message.first_phase] + message.phases,
             )
     return None
+
+
+def _replaced(message: SessionStatus | Posterior | Hints | Program) -> dict[str, Any]:
+    """What a message that is complete stands for."""
+    match message:
+        case SessionStatus():
+            return {"status": message}
+        case Posterior():
+            return {"posterior": message}
+        case Hints():
+            return {"hints": message.hints}
+    return {"program": message}
 
 
 def _goes_on(update: Update, message: Segments) -> bool:

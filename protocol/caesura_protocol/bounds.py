@@ -33,6 +33,7 @@ from caesura_protocol.messages import (
     Control,
     Describe,
     Edit,
+    EditProgram,
     Error,
     Heartbeat,
     Message,
@@ -70,7 +71,7 @@ _LONG = Bounds(MAX_WHOLE_BYTES)
 BOUNDS: Mapping[type[Message], Bounds] = {
     # The usual batch is not counted: with arrays of 64, what fits into 8 KiB takes less than a megabyte.
     SampleBatch: Bounds(_BATCH_BYTES, 256, array=MAX_COLUMNS, uncounted=1 << 13),
-    **dict.fromkeys((Heartbeat, Open, Close, Edit, Describe, Control, Ack), _COMMAND),
+    **dict.fromkeys((Heartbeat, Open, Close, Edit, Describe, EditProgram, Control, Ack), _COMMAND),
     **dict.fromkeys((BridgeControl, BridgeAck, BridgeStatus), _COMMAND),
     Error: Bounds(1 << 16, 512),
     Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64),

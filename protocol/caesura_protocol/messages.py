@@ -28,6 +28,9 @@ MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
+MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
+LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
+MAX_HINTS = 64  # that a message lists
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]
@@ -40,6 +43,16 @@ Contact = Literal["free", "contact", "transport"]
 PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
 PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
 Certainty = Literal["provisional", "final"]
+HintKind = Literal[
+    "hand_in_wrench",
+    "unexplained_force",
+    "uncertain_boundary",
+    "too_fast",
+    "singularity",
+    "joint_limit",
+    "bias_drift",
+    "show_again",
+]
 BridgeState = Literal[
     "ready",  # waits for a start
     "starting",
@@ -81,11 +94,18 @@ Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
 Tag = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+AppField = Literal["name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"]
+ChangedField = AppField | Literal["place", "added"]
+EditState = Literal["applied", "not_applied", "undone"]
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
 Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
 Vector = tuple[float, float, float]
+FiniteVector = tuple[Finite, Finite, Finite]
 Quaternion = tuple[float, float, float, float]
 Joints = Annotated[tuple[float, ...], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
 
@@ -264,7 +284,98 @@ class Describe(Message):
     description: Description
 
 
-Command = Annotated[Open | Close | Edit | Describe, Field(discriminator="type")]
+class AppReference(Message):
+    """An app as an editor has seen it.
+
+    It is the app of this kind that begins there, or else the one whose time is most nearly the same.
+    """
+
+    kind: AppKind
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    added: Count | None = None  # the number of the program edit that added it; None: it was taught
+
+
+class ChangeApp(Message):
+    """An app has other values. A field that is None stays as it is."""
+
+    do: Literal["change"] = "change"
+    app: AppReference
+    name: AppLabel | None = None
+    note: Note | None = None
+    target: FiniteVector | None = None  # [m] base frame; its path keeps the via points
+    speed: SpeedFactor | None = None  # a factor of the taught speed
+    force_n: Newtons | None = None  # [N] in the direction that was taught
+    tolerance_m: Tolerance | None = None  # that its path has to keep
+    gripper_width: Amount | None = None  # [m]
+    as_taught: Annotated[Listed[AppField], Field(max_length=7)] = ()  # fields that lose their edits
+
+
+class MoveApp(Message):
+    """An app is run at another place of the program."""
+
+    do: Literal["move"] = "move"
+    app: AppReference
+    after: AppReference | None  # None: first
+
+
+class DeleteApp(Message):
+    """An app is left out."""
+
+    do: Literal["delete"] = "delete"
+    app: AppReference
+
+
+class DuplicateApp(Message):
+    """A copy of an app follows it."""
+
+    do: Literal["duplicate"] = "duplicate"
+    app: AppReference
+
+
+class InsertApp(Message):
+    """A new app, which was not taught. What is None is that of the app before it."""
+
+    do: Literal["insert"] = "insert"
+    after: AppReference | None  # None: first
+    kind: AppKind
+    seconds: Annotated[float, Field(gt=0.0, le=600.0)] = 2.0  # that it takes
+    name: AppLabel | None = None
+    target: FiniteVector | None = None  # [m] base frame
+    force: FiniteVector | None = None  # [N] that the robot exerts, base frame
+    gripper_width: Amount | None = None  # [m]
+
+
+class NameProgram(Message):
+    """The program is called this."""
+
+    do: Literal["name"] = "name"
+    name: TaskName
+
+
+ProgramChange = Annotated[
+    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | NameProgram, Field(discriminator="do")
+]
+ProgramAction = Annotated[
+    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | NameProgram | Undo | Redo,
+    Field(discriminator="do"),
+]
+
+
+class EditProgram(Message):
+    """Command: edit the program of a session, open or closed. What was inferred stays beneath the edits.
+
+    Refused where the program has another `edit_revision`: another operator was first.
+    """
+
+    type: Literal["edit_program"] = "edit_program"
+    session: Name
+    revision: Count  # `edit_revision` of the program, as the author has seen it
+    author: Author
+    action: ProgramAction
+
+
+Command = Annotated[Open | Close | Edit | Describe | EditProgram, Field(discriminator="type")]
 
 
 class Control(Message):
@@ -450,6 +561,27 @@ class Posterior(Result):
     probabilities: Listed[float]
 
 
+class Hint(Message):
+    """What a teacher can do better, raised while the demonstration goes on."""
+
+    kind: HintKind
+    since: Seconds  # [s] the observation at which it was raised
+    until: Seconds | None = None  # [s] the observation at which it was cleared; None: it is active
+    text: Annotated[str, Field(max_length=200)]  # what was found, with the value and its limit
+    advice: Annotated[str, Field(max_length=200)]  # what to do
+    t0: Seconds | None = None  # [s] the part of the demonstration that it is about, where there is one
+    tn: Seconds | None = None
+
+
+class Hints(Result):
+    """All active hints and the newest of those that are cleared, by the time at which they were raised.
+
+    Each message is complete: only the newest counts. No hint is active once the session is closed.
+    """
+
+    hints: Annotated[tuple[Hint, ...], Field(max_length=MAX_HINTS, fail_fast=True)]
+
+
 class WrenchReport(Message):
     """What the wrench is worth in this session."""
 
@@ -550,8 +682,17 @@ class AppPath(Message):
     tolerance_rad: float
 
 
+class AppChange(Message):
+    """A field of an app that a person has set."""
+
+    field: ChangedField
+    author: Author
+    edit: Count  # its number
+    inferred: Shown = None  # the value without edits; of a force its size [N]
+
+
 class App(Message):
-    """One step of a task program."""
+    """One step of a task program, with the edits that apply to it."""
 
     kind: AppKind
     t0: Seconds
@@ -568,6 +709,22 @@ class App(Message):
     segments: Listed[Count]  # indices of the segments that it came from
     path: AppPath | None = None  # None: an app that does not move, or whose movement goes on
     screw: ScrewMotion | None = None  # of a turn: its torque is what the robot exerts
+    name: AppLabel | None = None
+    note: Note | None = None
+    speed: SpeedFactor | None = None  # a factor of the taught speed; None: as taught
+    added: Count | None = None  # the number of the edit that added it; None: it was taught
+    changes: Annotated[Listed[AppChange], Field(max_length=9)] = ()  # what people set, a field once
+
+
+class ProgramEdit(Message):
+    """An edit of a program, and what became of it."""
+
+    number: Count  # of this one, from 1; undo and redo count
+    author: Author
+    at: Seconds  # [s] time of day (UTC)
+    action: ProgramChange
+    state: EditState
+    reason: str | None = None  # why it is not applied
 
 
 class Program(Message):
@@ -589,6 +746,9 @@ class Program(Message):
     wrench: WrenchReport | None = None  # what the force in it is worth
     force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
+    name: TaskName | None = None  # that a person gave it
+    edit_revision: Count = 0  # how many `EditProgram` it has had; undo and redo count
+    edits: Annotated[tuple[ProgramEdit, ...], Field(max_length=MAX_PROGRAM_EDITS)] = ()  # oldest first
 
 
 class Snapshot(Message):
@@ -599,6 +759,7 @@ class Snapshot(Message):
     segments: Segments
     posterior: Posterior | None
     program: Program
+    hints: Hints | None = None  # None from an older service
 
 
 class RecordedSamples(Message):

@@ -39,6 +39,15 @@ def quaternion_of(rotation: Array) -> Array:
     return _unit(products[int(np.argmax(squares))])
 
 
+def rotation_vector(quaternion: Sequence[float] | Array) -> tuple[float, float, float]:
+    """Return the axis times the angle [rad], at most π, of a quaternion (4,)."""
+    unit = _unit(quaternion)
+    x, y, z, w = (unit if unit[3] >= 0.0 else -unit).tolist()
+    size = math.sqrt(x * x + y * y + z * z)
+    factor = 2.0 if size < 1e-9 else 2.0 * math.atan2(size, w) / size
+    return factor * x, factor * y, factor * z
+
+
 def angle_between(one: Sequence[float], other: Sequence[float]) -> float:
     """Return the angle [rad] between two quaternions (4,)."""
     return 2.0 * math.acos(min(abs(float(_unit(one) @ _unit(other))), 1.0))

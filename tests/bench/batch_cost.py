@@ -28,6 +28,7 @@ from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control, Message
 from caesura_service.app import segmenting_pipeline
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
+from caesura_service.coaching import BoundaryCoach, SignalCoach
 from caesura_service.journal import SqliteJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.session_event_logger import SessionEventLogger
@@ -56,6 +57,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "segments and changepoints": ((Segmenter, "look"), (Segmenter, "outline")),
     "the program": ((SegmentationPipeline, "_apps"),),
     "phases": ((SegmentationPipeline, "_phases_with"),),
+    "hints": ((SignalCoach, "observe"), (BoundaryCoach, "observe")),
     "what has changed, as messages": ((messages, "apply_view"), (messages, "update_program")),
     "counting and logging": (
         (StationCounterSet, "count_call"),

@@ -47,6 +47,7 @@ def snapshot(seq: int, *kinds: str, **changes: object) -> Snapshot:
         "segments": segments(seq, 0, *kinds, **changes),
         "posterior": None,
         "program": whole.program.model_copy(update=changes),
+        "hints": None,
     }
     return whole.model_copy(update=parts)
 

@@ -270,7 +270,15 @@ def test_program_shows_the_apps_of_the_only_station(caesura, service):
     service.answers[station_key("cell-1", "program")] = encode(example(Program))
     result = caesura("program")
     assert result.exit_code == 0, result.output
-    for word in ("1  transport", "625 -250 375", "0.50±0.06 kg", "version 3", "being taught", "not weighed"):
+    for word in (
+        "1  carry (transport)",
+        "speed: Ann",
+        "625 -250 375",
+        "0.50±0.06 kg",
+        "version 3",
+        "being taught",
+        "not weighed",
+    ):
         assert word in result.stdout
 
 
@@ -438,3 +446,13 @@ def test_an_app_that_is_less_sure_than_its_segments_is_explained():
     (sentence,) = doubtful_apps(apps)
     assert sentence.endswith("that of its less certain boundary; low: apps 2, 3.")
     assert doubtful_apps(apps[:1]) == ()
+
+
+def test_what_people_write_in_a_program_is_no_markup(caesura, service):
+    service.snapshots = [snapshot(0)]
+    named = example(Program)
+    app = named.apps[0].model_copy(update={"name": "[/red]", "note": "[bold"})
+    named = named.model_copy(update={"name": "[/]", "apps": (app,)})
+    service.answers[station_key("cell-1", "program")] = encode(named)
+    shown = caesura("program").stdout
+    assert all(words in shown for words in ("[/]:", "[/red] (transport)", "[bold"))

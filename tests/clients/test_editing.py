@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_clients import Caesura, connect, editing
+from caesura_clients import Caesura, connect, editing, query
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
@@ -275,3 +275,44 @@ def test_a_force_limit_where_no_app_is_names_the_nearest(expected, said):
     assert str(shown.value) == f"no app exerts a force at 0.5 s; {said}"
     with pytest.raises(ProtocolError), nearest_named(Insert(t=0.5)):
         raise refusal
+
+
+def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
+    endpoint: str, caesura: Caesura, tmp_path: Path
+):
+    session = taught(caesura, "cell-9")
+    app = typer.Typer()
+    register(app)
+
+    def run(*words: str) -> str:
+        done = CliRunner().invoke(app, [*words, "--connect", endpoint], env={"COLUMNS": "200"})
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    def edit(*words: str) -> str:
+        return run("edit-program", "cell-9", session, *words, "--author", "Ann")
+
+    inferred = caesura.snapshot("cell-9", session).program
+    file = tmp_path / "inferred.json"
+    run("program", "--station", "cell-9", "--session", session, "--format", "json", "-o", str(file))
+    kinds = [one.kind for one in inferred.apps]
+    grasp = str(kinds.index("grasp") + 1)
+    assert "'grasp' at" in edit("change", grasp, "name=pick", "width=31")
+    assert edit("duplicate", "1").endswith("duplicated\n")
+    shown = caesura.program("cell-9")
+    assert [one.kind for one in shown.apps] == [kinds[0], *kinds]
+    assert (shown.apps[int(grasp)].name, shown.apps[int(grasp)].gripper_width) == ("pick", 0.031)
+    assert "pick (grasp)" in run("program", "--station", "cell-9")
+    differing = run("program", "--station", "cell-9", "--against", f"cell-9/{session}")
+    assert differing == f"no differences from cell-9/{session}\n"
+    differing = run("program", "--station", "cell-9", "--against", str(file))
+    assert "(move to contact) is added" in differing
+    assert "gripper width 31 mm" in differing
+    beneath = query.snapshot(caesura.transport, "cell-9", session, inferred=True).program
+    assert (beneath.apps, beneath.edit_revision) == (inferred.apps, 2)
+    assert "undone: 'move to contact'" in edit("undo")
+    assert "undone" in edit()
+    wrong = ["edit-program", "cell-9", session, "change", "1", "width=3", "--connect", endpoint]
+    refused = CliRunner().invoke(app, wrong)
+    assert refused.exit_code == 1
+    assert "'move to contact' moves no fingers" in refused.output

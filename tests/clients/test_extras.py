@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -13,7 +14,15 @@ from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
 from clients.examples import recording
 
-PACKAGES_OF = {"mcap": "mcap", "ros2": "rosbags", "franky": "franky", "panda": "panda_py"}
+PACKAGES_OF = {
+    "mcap": "mcap",
+    "ros2": "rosbags",
+    "franky": "franky",
+    "panda": "panda_py",
+    "ur": "rtde_receive",
+    "xarm": "xarm",
+}
+STATED = SourceOptions(host="172.16.0.2", ros="tcp/127.0.0.1:1", robot="ur5e", tcp_offset="0,0,0,0,0,0")
 
 
 @pytest.fixture
@@ -43,13 +52,13 @@ def test_a_file_that_needs_an_extra_names_it(tmp_path, without, extra, file):
         load_recording(tmp_path / file)
 
 
-@pytest.mark.parametrize("source", ["ros2", "franky", "panda"])
+@pytest.mark.parametrize("source", ["ros2", "franky", "panda", "ur", "xarm"])
 def test_a_source_that_needs_an_extra_names_it(without, source):
     without(source)
     with pytest.raises(
         SourceError, match=rf"the source {source} needs .*: pip install '\.\[{source}\]' in a clone"
     ):
-        open_source(source, SourceOptions(host="172.16.0.2", ros="tcp/127.0.0.1:1"))
+        open_source(source, replace(STATED, wrench_source="none" if source == "xarm" else None))
 
 
 def test_the_table_imports_nothing_of_the_extras(tmp_path):
@@ -65,7 +74,7 @@ def test_the_table_imports_nothing_of_the_extras(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
-    assert {"file", "mcap", "rosbag2", "teacher", "franky", "panda", "ros2"} <= set(SOURCES)
+    assert {"file", "mcap", "rosbag2", "teacher", "franky", "panda", "ur", "xarm", "ros2"} <= set(SOURCES)
 
 
 WHEEL = "caesura_teaching-0.1.0-py3-none-any.whl"

@@ -322,7 +322,7 @@ def test_leaving_the_loop_ends_the_subscriptions(memory):
     with Answering(memory.transport()) as publishing:
         publishing.snapshots = [snapshot(4, "motion")]
         for _ in follow(memory.transport()):
-            assert len(memory.subscribers) == 5
+            assert len(memory.subscribers) == 6
             break
         assert memory.subscribers == []
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -271,7 +272,67 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
     expect(page.locator("#program-title")).to_contain_text("complete, corrected by Ann")
     with stage.reader() as caesura:
         assert any(one.corrected for one in caesura.snapshot("cell-over", "over").changepoints.changepoints)
-    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="Undo", exact=True).click()
     expect(page.locator(".message")).to_contain_text("Undone")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, browser: Browser):
+    stage.teach("cell-program", guided(), session="over", pace="fast")
+    stage.wait("cell-program")
+    visitor = Visitor(browser)
+    page, apps = visitor.page, visitor.page.locator(".app")
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{stage.dashboard.url}/sessions/cell-program/over")
+    expect(apps.first).to_be_visible()
+    said, count = page.locator(".program-said"), apps.count()
+    with stage.reader() as caesura:
+        taught = caesura.snapshot("cell-program", "over").program.apps
+        pressing = next(index for index, one in enumerate(taught) if one.kind == "apply_force")
+
+        card = apps.nth(pressing)
+        card.get_by_text("Edit", exact=True).click()
+        card.locator(".app-name").fill("Press the pump")
+        card.locator(".app-force_n").fill("4")
+        card.locator(".save").click()
+        expect(said).to_contain_text("name set, force set")
+        expect(card.locator("h3")).to_contain_text("Press the pump")
+        expect(card.locator(".marks")).to_contain_text("force by Ann (taught")
+        edited = caesura.snapshot("cell-program", "over").program
+        assert edited.apps[pressing].name == "Press the pump"
+        assert max(map(abs, edited.apps[pressing].force or ())) <= 4.01
+
+        apps.first.get_by_text("Edit", exact=True).focus()
+        page.keyboard.press("Enter")
+        apps.first.get_by_role("button", name="Delete app 1").focus()
+        page.keyboard.press("Enter")
+        expect(said).to_contain_text("deleted")
+        expect(apps).to_have_count(count - 1)
+        expect(page.locator(".app .findings .error").first).to_contain_text("presses without a contact")
+        for theme in ("light", "dark"):
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture("program-edited-desktop")
+            assert visitor.barriers() == []
+        page.set_viewport_size({"width": 390, "height": 844})
+        visitor.picture("program-edited-phone")
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+
+        page.get_by_role("button", name="Undo edit").click()
+        expect(apps).to_have_count(count)
+        page.get_by_role("button", name="Undo edit").click()
+        expect(page.locator(".edits summary")).to_contain_text("Edits: 2")
+        expect(page.locator(".marks")).to_have_count(0)
+        assert caesura.snapshot("cell-program", "over").program.apps == taught
+    for words, part in (
+        ("JSON", '"caesura.program"'),
+        ("franky script", "APPS ="),
+        ("behaviour tree", "<root"),
+    ):
+        with page.expect_download() as download:
+            page.get_by_role("link", name=words).click()
+        assert part in Path(download.value.path()).read_text("utf-8")
     assert visitor.errors == []
     visitor.close()

@@ -20,14 +20,17 @@ from caesura_protocol.messages import (
     MAX_GAPS,
     MAX_MESSAGE_BYTES,
     MAX_TAGS,
+    AppReference,
     BridgeControl,
     BridgeStatus,
     Budget,
+    ChangeApp,
     Changepoint,
     Changepoints,
     Control,
     Describe,
     Description,
+    EditProgram,
     Error,
     Gap,
     Message,
@@ -237,12 +240,20 @@ LONGEST = Description(
     note=1000 * WIDE,
     tags=tuple(63 * WIDE + chr(ord(WIDE) + number) for number in range(MAX_TAGS)),
 )
+LONGEST_EDIT = ChangeApp(
+    app=AppReference(kind="cartesian_motion", t0=0.125, tn=1.25, added=1 << 50),
+    name=64 * WIDE,
+    note=1000 * WIDE,
+    target=(0.1, 0.2, 0.3),
+    as_taught=("name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"),
+)
 
 
 @pytest.mark.parametrize(
     "message",
     [
         Control(command=Describe(session="s1", author=64 * WIDE, before=LONGEST, description=LONGEST)),
+        Control(command=EditProgram(session="s1", revision=0, author=64 * WIDE, action=LONGEST_EDIT)),
         BridgeControl(command=Start(id="start-1", description=LONGEST)),
         BridgeStatus(
             station="cell-1",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
@@ -20,6 +19,8 @@ from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open
 from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by, start, stop
 from caesura_clients.cli.doctor import doctor
 from caesura_clients.cli.edit import edit
+from caesura_clients.cli.edit_program import edit_program
+from caesura_clients.cli.hints import hints
 from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.options import (
     Config,
@@ -28,6 +29,7 @@ from caesura_clients.cli.options import (
     Reading,
     Station,
     connected,
+    ended_by_sigterm,
     grouped,
     named,
     reported,
@@ -55,8 +57,9 @@ PATIENCE_S = 2.0  # until the command line says what it waits for
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
-    for command in (bridge, start, stop, watch, program, edit, doctor):
+    for command in (bridge, start, stop, watch, hints, program, edit, doctor):
         app.command(command.__name__)(command)
+    app.command("edit-program")(edit_program)
     app.command("record")(record_session)
     app.command("robots")(list_robots)
     app.add_typer(sessions)
@@ -73,8 +76,18 @@ def bridge(
     mapping: Annotated[
         Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
     ] = None,
-    host: Annotated[str | None, typer.Option(help="The robot's address, for franky and panda.")] = None,
+    host: Annotated[
+        str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
+    ] = None,
     gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
+    tcp_offset: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur and xarm \\[m, rad]."),
+    ] = None,
+    teach_mode: Annotated[
+        bool,
+        typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur and xarm."),
+    ] = False,
     ros: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")
     ] = None,
@@ -119,6 +132,8 @@ def bridge(
         mapping=mapping,
         host=host,
         gripper=gripper,
+        tcp_offset=tcp_offset,
+        teach_mode=teach_mode,
         ros=ros or endpoint,
         config=config if ros is None else None,
     )
@@ -157,7 +172,7 @@ def bridge(
             with (
                 watch_services(caesura.transport, _teller()),
                 marking(opened) if marker else nullcontext(),
-                _ended_by_sigterm(),
+                ended_by_sigterm(),
             ):
                 ack = _run(opened, caesura)
             for unmade in opened.unmarked:
@@ -246,16 +261,6 @@ def _teller() -> Callable[[Change], None]:
     return say
 
 
-@contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """Like Ctrl-C, so that the session is closed."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _run(opened: Bridge, caesura: Caesura) -> Ack:
     try:
         with suppress(Unreachable):
@@ -282,13 +287,14 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
         known = ", ".join(sorted({info.station for info in caesura.sessions()}))
         raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
     for one in found:
-        Console().print(segments_view(one.status, one.segments.segments))
+        found_hints = one.hints.hints if one.hints else ()
+        Console().print(segments_view(one.status, one.segments.segments, hints=found_hints))
 
 
 def _write_lines(caesura: Caesura, station: str | None) -> None:
     """Each final segment, written at once; until Ctrl-C or SIGTERM."""
     final = FinalLines()
-    with _ended_by_sigterm(), suppress(KeyboardInterrupt):
+    with ended_by_sigterm(), suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             if isinstance(event, Update):
                 for line in final.lines(event):
@@ -302,7 +308,7 @@ def _show_live(caesura: Caesura, station: str | None) -> None:
     elif not caesura.services():
         waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
     view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
-    with _ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
+    with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             view.receive(event)
             live.update(view)

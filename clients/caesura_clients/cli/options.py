@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 import math
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
+from textwrap import indent
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
@@ -19,7 +21,8 @@ from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
-from caesura_protocol.robots import robot_description
+from caesura_protocol.recording import UnknownColumnsError
+from caesura_protocol.robots import grippers, robot_description
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
 Connect = Annotated[
@@ -61,6 +64,14 @@ CellFile = Annotated[
     Path | None,
     typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
 ]
+GripperOption = Annotated[
+    str | None,
+    typer.Option(
+        "--gripper",
+        metavar="NAME",
+        help=f"Which gripper runs it, where it is not the robot's: {', '.join(grippers())}.",
+    ),
+]
 RobotOption = Annotated[
     str | None,
     typer.Option(
@@ -77,6 +88,10 @@ AngleUnit = Annotated[str | None, typer.Option(help=f"Of joints in the file: {',
 ForceUnit = Annotated[str | None, typer.Option(help=f"Of forces in the file: {', '.join(UNITS['force'])}.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
+MAPPING_HINT = (
+    "`caesura segment FILE --ask` asks which column is what and writes a mapping. This one may be a "
+    "beginning, with … for names that are missing:"
+)
 
 
 class Reading(NamedTuple):
@@ -170,6 +185,16 @@ def connected(endpoint: str | None, config: Path | None, *, patient: bool = Fals
 
 
 @contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """While the context lasts SIGTERM is like Ctrl-C, so that what is open is closed."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
 def reported() -> Iterator[None]:
     """Turn an error that a user can act on into one line on stderr and exit code 1."""
     try:
@@ -177,6 +202,8 @@ def reported() -> Iterator[None]:
     except (CaesuraError, ProtocolError) as error:
         # `malformed` is a code of the wire: it says nothing about a command line.
         typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
+        if isinstance(error, UnknownColumnsError):
+            typer.echo(f"{MAPPING_HINT}\n\n{indent(error.example, '    ')}", err=True)
         raise typer.Exit(1) from error
 
 

@@ -10,12 +10,15 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
+from caesura_clients import query
 from caesura_clients.cli.options import (
     CellFile,
     Config,
     Connect,
     ForceLimit,
+    GripperOption,
     Json,
     Station,
     connected,
@@ -27,6 +30,7 @@ from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
 from caesura_clients.cli.result_tables import apps_table, doubtful_apps, program_view
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Phase
+from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import (
     BadProgramError,
     ProgramFile,
@@ -35,6 +39,7 @@ from caesura_protocol.programs.document import (
     read_document,
 )
 from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.gripping import with_gripper
 from caesura_protocol.programs.groups import renamed
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
@@ -46,6 +51,8 @@ class ProgramFormat(StrEnum):
     TABLE = "table"
     JSON = "json"
     FRANKY = "franky"
+    URSCRIPT = "urscript"
+    XARM = "xarm"
     BT = "bt"
 
 
@@ -59,7 +66,10 @@ def program(
     ] = None,
     output_format: Annotated[
         ProgramFormat,
-        typer.Option("--format", help="What to write; franky: a script, bt: BehaviorTree.CPP."),
+        typer.Option(
+            "--format",
+            help="What to write; franky, urscript, xarm: a script, bt: BehaviorTree.CPP.",
+        ),
     ] = ProgramFormat.TABLE,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
     cell: CellFile = None,
@@ -72,8 +82,16 @@ def program(
             "repeated. A session keeps a name by `caesura edit … name_phase`.",
         ),
     ] = None,
+    inferred: Annotated[
+        bool, typer.Option("--inferred", help="Without the edits of people (`caesura edit-program`).")
+    ] = False,
+    against: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|STATION/SESSION", help="Show the differences from this program instead."),
+    ] = None,
     speed: Speed = TAUGHT,
     keep_pause: KeepPause = None,
+    gripper: GripperOption = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -87,24 +105,42 @@ def program(
         if as_json and speed != TAUGHT:
             raise CaesuraError("--json prints the message as it was taught: use --format json with --speed")
         if file is not None:
-            made = timed(_in_cell(read_document(file), cell, force_limit))
+            made = with_gripper(timed(_in_cell(read_document(file), cell, force_limit)), gripper)
+            if against is not None:
+                _compare(made, against, endpoint, config)
+                return
             write_program(_named(made, name_group, output_format), output_format, out)
             return
         phases: tuple[Phase, ...] = ()
         with connected(endpoint, config) as caesura:
             name = only_station(caesura, station, session)
-            if session is not None or output_format is ProgramFormat.JSON:
-                snapshot = caesura.snapshot(name, session)
+            if session is not None or inferred or output_format is ProgramFormat.JSON:
+                snapshot = query.snapshot(caesura.transport, name, session, inferred=inferred)
                 found, phases = snapshot.program, snapshot.segments.phases
             else:
                 found = caesura.program(name)
-        if as_json:
+        if against is not None:
+            _compare(timed(_in_cell(document(found), cell, force_limit)), against, endpoint, config)
+        elif as_json:
             typer.echo(found.model_dump_json(indent=2))
         elif output_format is ProgramFormat.TABLE and speed == TAUGHT and not (out or cell or force_limit):
             Console().print(program_view(found))
         else:
             made = timed(_in_cell(document(found, phases=phases), cell, force_limit))
+            made = with_gripper(made, gripper)
             write_program(_named(made, name_group, output_format), output_format, out)
+
+
+def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path | None) -> None:
+    """Print the differences of a program from that of a file, or of a session."""
+    station, separator, session = against.partition("/")
+    if separator and not Path(against).exists():
+        with connected(endpoint, config) as caesura:
+            other = document(caesura.snapshot(station, session).program)
+    else:
+        other = read_document(Path(against))
+    found = differences(made, other)
+    typer.echo("\n".join(found) if found else f"no differences from {against}")
 
 
 def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None) -> ProgramFile:
@@ -128,7 +164,7 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
         if output_format is ProgramFormat.TABLE:
             _write_table(program, out)
             return
-        text = WRITERS[output_format.value](program)
+        text = WRITERS[output_format.value].write(program)
         if out is None:
             typer.echo(text, nl=False)
         else:
@@ -142,7 +178,8 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
 def _write_table(program: ProgramFile, out: Path | None) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
-    parts = [apps_table(program.apps, title), *program.notes, *doubtful_apps(program.apps)]
+    notes = map(Text, (*program.notes, *doubtful_apps(program.apps)))
+    parts = [apps_table(program.apps, title), *notes]
     if out is None:
         Console().print(*parts, sep="\n")
     else:

@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from caesura_clients.budget_texts import budgets_in_words
+from caesura_clients.program_editing import FIELD_WORDS
 from caesura_clients.query import SessionInfo
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import (
     App,
     Description,
+    Hint,
     Phase,
     Program,
     Refusal,
@@ -38,13 +41,20 @@ RESULTS = {True: "yes", False: "no", None: "–"}  # of demonstrations
 
 
 def segments_view(
-    status: SessionStatus, segments: Sequence[Segment], *, newest: int | None = None
+    status: SessionStatus,
+    segments: Sequence[Segment],
+    *,
+    newest: int | None = None,
+    hints: Sequence[Hint] = (),
 ) -> RenderableType:
-    """The segments of one session, or its newest ones, and a line on how it is doing."""
+    """The segments of one session, or its newest ones, its active hints, and a line on how it is doing."""
     hidden = 0 if newest is None else max(0, len(segments) - newest)
     table = segments_table(segments[hidden:], _title(status), first=hidden)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
-    return Group(table, said + status_line(status))
+    active = [
+        Text(f"! {hint.text} {hint.advice}", style="bold yellow") for hint in hints if hint.until is None
+    ]
+    return Group(table, *active, said + status_line(status))
 
 
 def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:
@@ -147,7 +157,8 @@ def ignored_line(recording: Recording) -> str:
 def program_view(program: Program) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
-    title = f"{program.station} / {program.session}, version {program.version}, {state}"
+    name = f"{escape(program.name)}: " if program.name else ""
+    title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
     notes = (*program.notes, *doubtful_apps(program.apps))
     return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in notes))
 
@@ -169,7 +180,7 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
     for index, app in enumerate(apps):
         table.add_row(
             app_number(index),
-            app_title(app.kind),
+            _title_of(app),
             "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
             path_in_words(app, unit=""),
             _effort_of_app(app),
@@ -177,6 +188,18 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
             f"{app.confidence:.2f}",
         )
     return table
+
+
+def _title_of(app: App) -> Text:
+    """The name or kind of an app, with what people changed, and who."""
+    text = Text(f"{app.name} ({app_title(app.kind)})" if app.name else app_title(app.kind))
+    if app.changes:
+        changes = ", ".join(FIELD_WORDS[change.field] for change in app.changes)
+        authors = " and ".join(dict.fromkeys(change.author for change in app.changes))
+        text.append(f"\n{changes}: {authors}", style="dim")
+    if app.note:
+        text.append(f"\n{app.note}", style="italic")
+    return text
 
 
 def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:

@@ -101,5 +101,5 @@ class LiveView:
 
     def _views(self, updates: Iterable[Update], rows: int) -> list[RenderableType]:
         """The newest rows of each station, and what is to be said of the service."""
-        views = [segments_view(update.status, update.segments, newest=rows) for update in updates]
+        views = [segments_view(one.status, one.segments, newest=rows, hints=one.hints) for one in updates]
         return [*views, Text(self._service)] if self._service else views

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from caesura_clients.dashboard.program_edits import app_editing, editing_of, findings
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Program, Vector
@@ -18,14 +19,22 @@ NEWEST = 100  # apps that are drawn
 def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
     """What the page shows of a program; of a long one the newest apps, and how many come before them."""
     before = max(0, len(program.apps) - newest)
+    of_program, of_apps = findings(program)
     return {
+        **editing_of(program),
+        "findings": of_program,
         "version": program.version,
         "complete": program.complete,
         "author": program.author or "",
         "edited": program.edited,
         "notes": list(program.notes),
         "before": before,
-        "apps": [card(index, app) for index, app in enumerate(program.apps[before:], start=before + 1)],
+        "apps": [
+            card(index + 1, program.apps[index])
+            | app_editing(program.apps, index)
+            | {"findings": of_apps.get(index, [])}
+            for index in range(before, len(program.apps))
+        ],
     }
 
 
@@ -39,7 +48,7 @@ def card(number: int, app: App) -> dict[str, Any]:
         "tn": round(app.tn, 2),
         "confidence": round(app.confidence, 2),
         "segments": list(app.segments),
-        "limited": is_limited(app),
+        "limited": is_limited(app) and not any(mark.field == "force_n" for mark in app.changes),
         "drawing": path_svg(app),
         "lines": [[name, value] for name, value in _lines(app) if value],
     }

@@ -9,12 +9,21 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import CellFile, ForceLimit, Json, RobotOption, reported, safety_of
+from caesura_clients.cli.options import (
+    CellFile,
+    ForceLimit,
+    GripperOption,
+    Json,
+    RobotOption,
+    reported,
+    safety_of,
+)
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
 from caesura_protocol.programs.document import ProgramFile, on_robot, read_document
+from caesura_protocol.programs.gripping import gripper_of, with_gripper
 from caesura_protocol.robots import robot_description
 
 ProgramPath = Annotated[
@@ -39,6 +48,7 @@ def check(
     force_limit: ForceLimit = None,
     robot: RobotOption = None,
     retarget: Retarget = False,
+    gripper: GripperOption = None,
     as_json: Json = False,
 ) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
@@ -50,7 +60,7 @@ def check(
     from caesura_service.robot import load_robot  # noqa: PLC0415
 
     with reported():
-        program = on_robot(read_document(file), robot, retarget=retarget)
+        program = with_gripper(on_robot(read_document(file), robot, retarget=retarget), gripper)
         safety = safety_of(program, cell_file, force_limit)
         cell = (
             SimulatedCell(safety)
@@ -62,6 +72,7 @@ def check(
             cell,
             DemonstrationQuality(program.gaps, program.wrench, program.timing),
             None if program.robot is None else load_robot(program.robot),
+            gripper_of(program),
         )
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
@@ -107,7 +118,7 @@ def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bo
     from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
-    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+    from caesura_protocol.programs.checks.findings import RefusedError  # noqa: PLC0415
     from caesura_service.robot import load_robot  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")

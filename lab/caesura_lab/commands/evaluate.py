@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -43,9 +43,9 @@ DEFAULT_PRESET = "default"
 DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]
 WORKERS = 2
 WIDTH = 90  # [characters] of text in a file
-THESIS, ROUNDTRIP, REALISM = "thesis", "roundtrip", "realism"
-ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP, REALISM]
-SEEDS, THESIS_SEEDS = 5, 20
+THESIS, ROUNDTRIP, REALISM, COACHING = "thesis", "roundtrip", "realism", "coaching"
+ALL_SUITES = [*SUITES, THESIS, ROUNDTRIP, REALISM, COACHING]
+SEEDS, THESIS_SEEDS, COACHING_SEEDS = 5, 20, 2
 SLACK_S = 0.2
 DATA_VARIABLE = "CAESURA_REAL_DATA"
 
@@ -93,7 +93,7 @@ def evaluate(
         typer.Option(
             min=1,
             help="Simulated people a scenario.",
-            show_default=f"{SEEDS}, thesis and roundtrip {THESIS_SEEDS}",
+            show_default=f"{SEEDS}, thesis and roundtrip {THESIS_SEEDS}, coaching {COACHING_SEEDS}",
         ),
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="The first of them.")] = 1,
@@ -171,10 +171,9 @@ def evaluate(
                     if mutated is None
                     else _mutation_page(mutated, workers)
                 )
-            elif suite_name == THESIS and not recordings:
-                page = _thesis_page(range(first_seed, first_seed + (seeds or THESIS_SEEDS)), workers)
-            elif suite_name == REALISM and not recordings:
-                page = _realism_page(data, range(first_seed, first_seed + (seeds or SEEDS)), workers)
+            elif suite_name is not None and suite_name in OTHER_SUITES and not recordings:
+                made, usual_seeds = OTHER_SUITES[suite_name]
+                page = made(data, range(first_seed, first_seed + (seeds or usual_seeds)), workers)
             else:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent)
@@ -204,7 +203,7 @@ def evaluate(
 # The suites below import a second's worth of scipy, which every command would wait for.
 
 
-def _thesis_page(seeds: range, workers: int) -> ResultPage:
+def _thesis_page(_data: Path, seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation.thesis import suite as thesis  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import summary as thesis_summary  # noqa: PLC0415
     from caesura_lab.evaluation.thesis import tables as thesis_tables  # noqa: PLC0415
@@ -245,6 +244,27 @@ def _realism_page(data: Path, seeds: range, workers: int) -> ResultPage:
         markdown=lambda: realism.as_markdown(result, title),
         plain=lambda: {"title": title, **realism.as_json(result)},
     )
+
+
+def _coaching_page(data: Path, seeds: range, workers: int) -> ResultPage:
+    from caesura_lab.evaluation import coaching  # noqa: PLC0415
+
+    cases = coaching.cases(seeds, data)
+    result = coaching.summarise(_with_progress(each(coaching.run, cases, workers=workers), cases))
+    title = coaching.title(seeds)
+    return ResultPage(
+        text=lambda: coaching.as_text(result, title),
+        markdown=lambda: coaching.as_markdown(result, title),
+        plain=lambda: {"title": title, **coaching.as_json(result)},
+    )
+
+
+#: Suites in which no methods are compared: what makes their page, and how many people there usually are.
+OTHER_SUITES: Mapping[str, tuple[Callable[[Path, range, int], ResultPage], int]] = {
+    THESIS: (_thesis_page, THESIS_SEEDS),
+    REALISM: (_realism_page, SEEDS),
+    COACHING: (_coaching_page, COACHING_SEEDS),
+}
 
 
 def _mutation_page(count: int, workers: int) -> ResultPage:

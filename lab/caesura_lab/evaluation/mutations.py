@@ -51,7 +51,7 @@ class MutationResult:
 def run_mutation(number: int) -> MutationResult:
     """Mutate a program, check it, run it where it passes."""
     from caesura_lab.execution.executor import execute  # noqa: PLC0415
-    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
+    from caesura_protocol.programs.checks.findings import RefusedError  # noqa: PLC0415
 
     rng = np.random.default_rng([number, 2])
     scenario = SCENARIOS[number % 2]

@@ -76,8 +76,8 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
     """Teach, segment, execute and segment again; compare the two programs and their paths."""
     # Pinocchio and the compiled filter take seconds to load: only in the processes that need them.
     from caesura_lab.execution.executor import SimulatedCell, execute  # noqa: PLC0415
-    from caesura_lab.execution.findings import RefusedError  # noqa: PLC0415
     from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish  # noqa: PLC0415
+    from caesura_protocol.programs.checks.findings import RefusedError  # noqa: PLC0415
     from caesura_service.offline_segmentation import segment_recording  # noqa: PLC0415
     from caesura_service.robot import load_robot  # noqa: PLC0415
 

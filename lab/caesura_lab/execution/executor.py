@@ -15,7 +15,6 @@ import numpy as np
 
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import DemonstrationQuality, check
-from caesura_lab.execution.findings import RefusedError
 from caesura_lab.execution.safety_monitor import RobotStopped
 from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
@@ -27,6 +26,7 @@ from caesura_lab.teacher.plan import Plan
 from caesura_lab.teacher.scenarios import Scenario
 from caesura_lab.teacher.sensor import Sensors
 from caesura_protocol.messages import App, Vector, WrenchSource
+from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.recording import Recording
 from caesura_service.robot import Robot, load_panda

@@ -4,7 +4,7 @@ For each movement: the way along its path (a turn by a radian counts as `TURNED_
 the fastest time law (`time_law`), and via points so close that the reproduced path is the same. Then the
 reproduced path itself is looked at every millisecond, and its time scaled until it keeps to the limits. A
 movement that a contact ends is scaled until what the executor makes of it keeps to the limits too. A
-movement that cannot be timed stays as taught, and a note says so.
+movement that cannot be timed stays as taught, and a note says so. One that a person gave a speed keeps it.
 
 A pause is removed where it is not marked. Where a hand crept on in it, it lasts as long as the executor
 takes to creep there.
@@ -28,8 +28,9 @@ from caesura_lab.retiming.time_law import TimeLawError, fastest
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.paths import Curve, curve_of
+from caesura_protocol.programs.app_times import TURNED_M, may_retime, moved
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.retiming import TURNED_M, may_retime, moved, retimed
+from caesura_protocol.programs.retiming import retimed
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import matrix_of
 from caesura_service.robot import ReachError, Robot, load_robot
@@ -71,7 +72,7 @@ def optimal(
     still = FINGERS_DOWN
     for index, app in enumerate(program.apps):
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
-        if may_retime(app):
+        if may_retime(app) and app.speed is None:
             limits = limits_of(robot, program.safety, app.load_kg or 0.0)
             try:
                 steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)

@@ -6,7 +6,7 @@ Quaternions are x y z w; a frame of the end effector that was never set (all zer
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import cos, sin, sqrt
 from typing import NamedTuple
 
 Vector = tuple[float, float, float]
@@ -20,6 +20,7 @@ class Transform(NamedTuple):
     orientation: Quaternion
 
 
+SMALL_RAD = 1e-4  # below it a sine is its series
 HERE = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
@@ -80,6 +81,31 @@ def _quaternion_of(m: Sequence[float]) -> Quaternion:
     )
     a, b, c, d = (float(value) / (2.0 * twice) for value in four[largest])
     return a, b, c, d
+
+
+def pose_of_rotation_vector(values: Sequence[float]) -> Transform:
+    """A pose (6,): position, then rotation vector (axis times angle [rad]), as Universal Robots has it."""
+    x, y, z, *turn = map(float, values)
+    a, b, c = turn
+    angle = sqrt(a * a + b * b + c * c)
+    share = 0.5 - angle * angle / 48.0 if angle < SMALL_RAD else sin(0.5 * angle) / angle
+    return Transform((x, y, z), (share * a, share * b, share * c, cos(0.5 * angle)))
+
+
+def pose_of_roll_pitch_yaw(position: Vector, turn: Sequence[float]) -> Transform:
+    """A pose by turns [rad] about x, then y, then z of the base frame, as UFACTORY has it."""
+    roll, pitch, yaw = (0.5 * float(angle) for angle in turn)
+    about_x = (sin(roll), 0.0, 0.0, cos(roll))
+    about_y = (0.0, sin(pitch), 0.0, cos(pitch))
+    about_z = (0.0, 0.0, sin(yaw), cos(yaw))
+    return Transform(position, multiply(about_z, multiply(about_y, about_x)))
+
+
+def moved_wrench(wrench: Sequence[float], about: Vector, place: Vector) -> list[float]:
+    """A wrench (6,) about one point as one about another; all in one frame."""
+    fx, fy, fz, mx, my, mz = map(float, wrench)
+    x, y, z = about[0] - place[0], about[1] - place[1], about[2] - place[2]
+    return [fx, fy, fz, mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx]
 
 
 def nearest(orientation: Quaternion, last: Quaternion) -> Quaternion:

@@ -83,7 +83,7 @@ def behaviour_tree(program: ProgramFile) -> str:
     name = f"{program.station}/{program.session}, revision {program.revision}"
     sequence = Xml.SubElement(tree, "Sequence", {"name": name})
     for index, app in enumerate(program.apps):
-        given = {"name": f"{app_number(index)} {app_title(app.kind)}"} | _inputs(app, program)
+        given = {"name": f"{app_number(index)} {app.name or app_title(app.kind)}"} | _inputs(app, program)
         Xml.SubElement(sequence, action_name(app.kind), given)
     models = Xml.SubElement(root, "TreeNodesModel")
     for kind in sorted({app.kind for app in program.apps}):

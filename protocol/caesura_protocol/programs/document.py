@@ -19,7 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.force_limit import with_force_limit
-from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, WrenchReport
+from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, WrenchReport
+from caesura_protocol.programs.app_times import edited_times
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.programs.timing import ProgramTiming
@@ -40,6 +41,15 @@ UNITS: Mapping[str, str] = MappingProxyType(
         "load": "kg",
         "gripper_width": "m between the fingers",
         "time": "s of the demonstration",
+    }
+)
+
+
+UNITS_EDITED: Mapping[str, str] = MappingProxyType(
+    {
+        **UNITS,
+        "path": "as target and orientation; its times are those of the edited program",
+        "time": "s of the program as it is edited: apps one after the other",
     }
 )
 
@@ -75,8 +85,11 @@ class ProgramFile(BaseModel):
     gaps: Annotated[tuple[Gap, ...], Field(max_length=MAX_GAPS)] = ()  # the newest ones
     wrench: WrenchReport | None = None
     groups: tuple[Group, ...] = ()  # the apps of each phase
+    name: TaskName | None = None  # that a person gave it
+    edits: int = 0  # how many edits the program has had; undo and redo count
     timing: ProgramTiming | None = None  # None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
+    gripper: Name | None = None  # that runs it, of the table of grippers; None: the robot's
 
     def as_json(self) -> str:
         """The file's text. Raises ValueError where a number is not finite: JSON has no word for it."""
@@ -88,6 +101,7 @@ def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase]
 
     phases: those of its session, by which its apps are grouped.
     """
+    times = edited_times(program.apps, program.gaps, program.edits)
     if program.force_limit_n is not None:
         safety = safety.model_copy(update={"force_n": program.force_limit_n})
     return ProgramFile(
@@ -99,9 +113,12 @@ def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase]
         t=program.t,
         complete=program.complete,
         safety=safety,
-        apps=tuple(_step(app) for app in program.apps),
+        units=dict(UNITS if times is None else UNITS_EDITED),
+        apps=tuple(_step(app) for app in (program.apps if times is None else times.apps)),
         notes=program.notes,
-        gaps=program.gaps,
+        gaps=program.gaps if times is None else times.gaps,
+        name=program.name,
+        edits=program.edit_revision,
         wrench=program.wrench,
         groups=groups_of(program.apps, phases),
         robot=program.robot,

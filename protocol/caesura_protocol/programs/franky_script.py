@@ -64,7 +64,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
     """What the script needs of an app."""
     row: dict[str, Any] = {
         "kind": app.kind,
-        "title": app_title(app.kind),
+        "title": app.name or app_title(app.kind),
         "t0": round(app.t0, 3),
         "tn": round(app.tn, 3),
     }

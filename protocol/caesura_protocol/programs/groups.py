@@ -29,7 +29,7 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
     """Return a group for each phase that has apps, named as the phase is, or by kind and number: `contact 1`.
 
     An app belongs to the phase of its first segment; one without segments to the phase in whose time it lies.
-    A single phase makes no group.
+    A single phase makes no group, nor does one whose apps no longer follow each other, because of edits.
     """
     groups: list[Group] = []
     if len(phases) < 2:
@@ -38,7 +38,8 @@ def groups_of(apps: Sequence[App], phases: Sequence[Phase]) -> tuple[Group, ...]
     owners = [_phase_of(app, phases) for app in apps]
     for number, phase in enumerate(phases):
         members = [index for index, owner in enumerate(owners) if owner == number]
-        if members:
+        apart = bool(members) and members[-1] - members[0] + 1 > len(members)
+        if members and not (apart and any(app.changes for app in apps)):
             counts[phase.kind] += 1
             name = phase.name or f"{phase.kind} {counts[phase.kind]}"
             groups.append(Group(first=members[0], last=members[-1], name=name))

@@ -1,9 +1,7 @@
 """A program at another speed: by a factor, or with movements that another package has timed.
 
 Rules: only movements in free space and movements that carry are re-timed, along the same path. Presses,
-slides, turns, holds and the fingers stay as they were taught. An app that begins earlier than taught
-keeps every duration to the last bit. Its times are shifted by a multiple of `SHIFT_S`, and a float that
-gets smaller by that is exact.
+slides, turns, holds and the fingers stay as they were taught.
 """
 
 from __future__ import annotations
@@ -14,28 +12,18 @@ from types import MappingProxyType
 
 import numpy as np
 
-from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.messages import App, AppPath
-from caesura_protocol.paths import turn_of
+from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
+from caesura_protocol.programs.app_times import SHIFT_S, earlier, may_retime, scaled
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, ProgramTiming, Speed
+from caesura_protocol.programs.timing import ProgramTiming, Speed
 
-SHIFT_S = 2.0**-20
-TURNED_M = 0.1  # a turn by a radian counts as so many metres
 UNITS: Mapping[str, str] = MappingProxyType(
     {
         "path": "as target and orientation; its times are those of the program",
         "time": "s of the program as it is timed",
     }
 )
-
-
-def may_retime(app: App) -> bool:
-    """Whether an app moves in free space or carries, along a path that is no turn in place."""
-    if not APP_KINDS[app.kind].travels or app.path is None or app.target is None or app.screw is not None:
-        return False
-    return app.path.length_m > TURNED_M * turn_of(app)
 
 
 def factor_of(text: str) -> float:
@@ -55,7 +43,7 @@ def at_factor(program: ProgramFile, factor: float, keeps_pause: Collection[int] 
 
     Raises CaesuraError as `retimed`.
     """
-    steps = {index: _scaled(app, factor) for index, app in enumerate(program.apps) if may_retime(app)}
+    steps = {index: scaled(app, factor) for index, app in enumerate(program.apps) if may_retime(app)}
     return retimed(program, steps, factor, lambda _, taught_s: taught_s, keeps_pause)
 
 
@@ -79,7 +67,7 @@ def retimed(
         if made:
             taught_s = max(app.t0 - program.apps[index - 1].tn, 0.0)
             t0 = made[-1].tn + (taught_s if index in keeps_pause else pause_s(index, taught_s))
-        made.append(_earlier(steps.get(index, app), math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S))
+        made.append(earlier(steps.get(index, app), math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S))
     taught_t = [t for app in program.apps for t in (app.t0, app.tn)]
     new_t = [t for app in made for t in (app.t0, app.tn)]
 
@@ -111,35 +99,3 @@ def _check(program: ProgramFile, keeps_pause: Collection[int]) -> None:
         if not 0 < index < len(program.apps):
             last = len(program.apps)
             raise CaesuraError(f"there is no pause before app {index + 1}, expected an app from 2 to {last}")
-
-
-def _earlier(app: ProgramStep, shift_s: float) -> ProgramStep:
-    """The app with all its times a while earlier; the same one for 0 s."""
-    if shift_s == 0.0:
-        return app
-    path = None if app.path is None else moved(app.path, lambda t: t - shift_s)
-    return app.model_copy(update={"t0": app.t0 - shift_s, "tn": app.tn - shift_s, "path": path})
-
-
-def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) -> AppPath:
-    """The path at other times [s]; faster: factor of its velocities."""
-    start, *via = (
-        point.model_copy(
-            update={
-                "t": when(point.t),
-                "velocity": None if point.velocity is None else tuple(faster * v for v in point.velocity),
-            }
-        )
-        for point in (path.start, *path.via)
-    )
-    return path.model_copy(update={"start": start, "via": tuple(via), "tn": when(path.tn)})
-
-
-def _scaled(app: ProgramStep, factor: float) -> ProgramStep:
-    """The app at a factor of its speed, from the same time on."""
-    assert app.path is not None, "is asked for where there is a path"
-
-    def when(t: float) -> float:
-        return app.t0 + (t - app.t0) / factor
-
-    return app.model_copy(update={"tn": when(app.tn), "path": moved(app.path, when, factor)})

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that a program may have
+from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
 
 AppNumber = Annotated[int, Field(ge=0)]
 Speed = Annotated[float, Field(gt=0.0)] | Literal["optimal"]

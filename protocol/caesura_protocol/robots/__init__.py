@@ -6,5 +6,15 @@ from caesura_protocol.robots.description import (
     robot_description,
     robot_names,
 )
+from caesura_protocol.robots.grippers import GripperDescription, GripperError, gripper, grippers
 
-__all__ = ["RobotDescription", "RobotError", "robot_description", "robot_names"]
+__all__ = [
+    "GripperDescription",
+    "GripperError",
+    "RobotDescription",
+    "RobotError",
+    "gripper",
+    "grippers",
+    "robot_description",
+    "robot_names",
+]

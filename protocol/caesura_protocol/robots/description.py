@@ -14,10 +14,12 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import JOINTS_MOST, Name, WrenchSource
+from caesura_protocol.robots.grippers import GripperDescription
+from caesura_protocol.robots.grippers import gripper as named_gripper
 
 ENTRY_POINTS = "caesura.robots"  # name → a function without arguments that returns the path of a robot.json
 SHIPPED = Path(__file__).parent
@@ -37,14 +39,9 @@ class RobotError(CaesuraError, ValueError):
     """A robot is not known, or its description cannot be used."""
 
 
-class GripperDescription(BaseModel):
-    """The gripper that a robot usually carries."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    title: str
-    opening_m: Positive  # between the fingers, at most
-    force_n: Positive  # that it grasps with, at most
+def _named_gripper(value: object) -> object:
+    """A gripper of the table by its name; another value as it is."""
+    return named_gripper(value) if isinstance(value, str) else value
 
 
 class RobotDescription(BaseModel):
@@ -68,9 +65,10 @@ class RobotDescription(BaseModel):
     reach_m: Positive  # of the flange from the shoulder
     payload_kg: Positive
     wrench_source: WrenchSource  # how this robot usually measures the wrench
-    gripper: GripperDescription | None = None
+    wrench_is_relative: bool = False  # its zero is that of the last zeroing, and drifts: zero it before use
+    gripper: Annotated[GripperDescription | None, BeforeValidator(_named_gripper)] = None
     task_offset_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)  # by which simulated tasks stand elsewhere
-    script: Literal["franky"] | None = None  # the script that `caesura program` writes for it
+    script: Literal["franky", "urscript", "xarm"] | None = None  # that `caesura program` writes for it
     sources: dict[str, str] = {}  # where the figures come from
     folder: Path = Path()  # set by the reader, not by the file
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]
 Starts = NDArray[np.int64]
@@ -105,13 +106,12 @@ def first_links(groups: int) -> Links:
     return Links(zero, zero, np.full(groups, NOTHING), zero, zero, NOTHING, free=True)
 
 
-def link(total: Array, ended: Array, log_transition: Array, *, free: bool) -> Links:
+def link(total: Array, ended: Array, lattice: SegmentModelSet, *, free: bool) -> Links:
     """Join what ends at a start with what begins there."""
-    log_transition = _weights(log_transition, free=free)
-    scores = ended[:, None] + log_transition
+    scores = ended[:, None] + _weights(lattice.log_transition, free=free)
     before = scores.argmax(axis=0)
     best = scores[before, np.arange(before.size)]
-    prior = log_sum_exp(total[:, None] + log_transition, axis=0)
+    prior = log_sum_exp(total[:, None] + _weights(lattice.tempered_transition, free=free), axis=0)
     return Links(prior, best, before, total, ended, int(ended.argmax()), free)
 
 
@@ -153,7 +153,7 @@ class Window:
     def smoothed(self, count: int, hazard: Hazard, log_transition: Array, log_total: float) -> Array:
         """(size,) probability that a segment starts, at every observation still in the window.
 
-        log_total: log evidence of everything.
+        hazard, log_transition: to the power of the model set. log_total: log evidence of everything.
         """
         first = self.oldest(count)
         size = count - first
@@ -173,7 +173,7 @@ class Window:
         return result
 
     def sum_from(
-        self, start: int, before: int | None, count: int, hazard: Hazard, log_transition: Array
+        self, start: int, before: int | None, count: int, hazard: Hazard, lattice: SegmentModelSet
     ) -> tuple[dict[Node, PathSegment], Links]:
         """Keep only the segmentations with a boundary at `start`, and sum again from there.
 
@@ -184,19 +184,22 @@ class Window:
             self._evidence[earlier % self.size, start - earlier :] = -np.inf
             self._map_evidence[earlier % self.size, start - earlier :] = -np.inf
         if before is not None:
-            self._links[start % self.size] = _with_past(self.links(start), before, log_transition)
+            self._links[start % self.size] = _with_past(self.links(start), before, lattice.log_transition)
         ended: dict[Node, PathSegment] = {}
         starts = np.arange(start, count)
         rows, log_mass = starts % self.size, hazard.log_mass(1 + np.arange(starts.size))
+        tempered_mass = lattice.power * log_mass
         for end in range(start + 1, count + 1):
             size = end - start
-            mass, at = log_mass[:size][::-1, None], (rows[:size], end - 1 - starts[:size])
+            at = rows[:size], end - 1 - starts[:size]
             past = [self.links(s) for s in range(start, end)]
-            total = log_sum_exp(np.array([one.prior for one in past]) + (mass + self._evidence[at]), axis=0)
-            scores = np.array([one.best for one in past]) + (mass + self._map_evidence[at])
+            evidence = tempered_mass[:size][::-1, None] + self._evidence[at]
+            total = log_sum_exp(np.array([one.prior for one in past]) + evidence, axis=0)
+            map_evidence = log_mass[:size][::-1, None] + self._map_evidence[at]
+            scores = np.array([one.best for one in past]) + map_evidence
             best = scores.argmax(axis=0)
             free = end < count and self.links(end).free
-            links = link(total, scores.max(axis=0), log_transition, free=free)
+            links = link(total, scores.max(axis=0), lattice, free=free)
             for group in links.nodes:
                 s = int(best[group])
                 kinds = self._kinds[rows[s], size - 1 - s].copy()

@@ -66,8 +66,8 @@ REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to
 STROKES_REFRACTORY_S = 0.2
 # Of 1, 0.7, 0.5 and 0.35 the one with which stated probabilities and intervals come nearest to the share that
 # is right, on simulated people 4201 to 4210 and the open annotations (docs/judge.md).
-EVIDENCE_POWER = 0.5
-CERTAIN = 0.96  # what the evidence makes 0.99 at the power 0.7, with log odds of 4.6, it makes 0.96 at 0.5
+JOINT_POWER = 0.5
+CERTAIN = 0.96  # the log odds 4.6 of 0.99, at the power 0.7 that it was chosen at, are those of 0.96 at 0.5
 DURATIONS_S = np.geomspace(0.4, 5.0, 16)  # of strokes; real ones last 0.3–3.4 s
 CALM = 0.3  # a stroke's residuals at rest, as a share of those at its fastest
 
@@ -190,7 +190,7 @@ DEFAULT = Preset(
     continuous=True,
     refractory_s=REFRACTORY_S,
     unrepeated=UNREPEATED,
-    power=EVIDENCE_POWER,
+    power=JOINT_POWER,
     filter=FilterParameters(certain=CERTAIN),
 )
 STROKES = Preset("strokes", stroke_channels, STROKE_KINDS, continuous=True, refractory_s=STROKES_REFRACTORY_S)

@@ -77,6 +77,24 @@ class Refractory:
 
 
 @dataclass(frozen=True)
+class Tempered:
+    """Another prior to a power, in sums over segmentations (`SegmentModelSet.power`); not normalised."""
+
+    prior: Hazard
+    power: float
+
+    def log_mass(self, n: NDArray[np.int64]) -> Array:
+        """Return power · log g(n)."""
+        mass: Array = self.power * self.prior.log_mass(n)
+        return mass
+
+    def log_survival(self, n: NDArray[np.int64]) -> Array:
+        """Return power · log S(n)."""
+        survival: Array = self.power * self.prior.log_survival(n)
+        return survival
+
+
+@dataclass(frozen=True)
 class Uniform:
     """Every length from 1 to longest samples is equally likely. Thesis (2.9), whose exponent is wrong."""
 

@@ -10,7 +10,8 @@ is the evidence of observations t..n, given a segment of group j that starts at 
     C_j(0) = Q_j(0) / Σ_k Q_k(0),    C_j(e) = Σ_{t<e,i} C_i(t) P_i(t,e−1) g(e−t) R_ij Q_j(e) / Q_i(t)
 
 the probability that a segment of group j starts at e: thesis (2.13)–(2.18) put right, with no second prior on
-the number of changepoints. The same recursion with maximum gives the best segmentation.
+the number of changepoints. The same recursion with maximum gives the best segmentation. In sums, evidence,
+hazard and R are to the power of the model set.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.hazard import Hazard, Tempered
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.changepoint.threshold_segmenter import THRESHOLD, threshold_path
@@ -72,11 +73,12 @@ def segment_offline(
     """
     if not data:
         raise ValueError("no observations, expected at least one")
-    evidence, n = _collect(lattice, hazard, data, prune_ratio), len(data)
-    backward = _Backward(evidence, hazard, lattice.log_transition, n)
+    tempered = Tempered(hazard, lattice.power)
+    evidence, n = _collect(lattice, tempered, data, prune_ratio), len(data)
+    backward = _Backward(evidence, tempered, hazard, lattice, n)
     return OfflinePosterior(
         log_evidence=float(log_sum_exp(backward.total[0])),
-        changepoint_probability=_marginals(evidence, hazard, lattice.log_transition, backward),
+        changepoint_probability=_marginals(evidence, tempered, lattice.tempered_transition, backward),
         path=_path(evidence, backward, n),
         lattice=lattice,
         data=tuple(data),
@@ -90,7 +92,7 @@ def _collect(
     best: list[list[Array]] = [[] for _ in data]
     kinds: list[list[Array]] = [[] for _ in data]
     rows, starts = lattice.empty(), np.zeros(0, np.int64)
-    transition = lattice.log_transition
+    transition = lattice.tempered_transition
     prior = np.full((len(data) + 1, len(transition)), -np.inf)  # A(s): everything before s, a start there
     prior[0] = 0.0
     for now, observed in enumerate(data):
@@ -118,20 +120,23 @@ class _Backward:
     total, best: (n + 1, groups) log; length, after: (n, groups).
     """
 
-    def __init__(self, evidence: _Evidence, hazard: Hazard, transition: Array, n: int) -> None:
+    def __init__(
+        self, evidence: _Evidence, tempered: Hazard, hazard: Hazard, lattice: SegmentModelSet, n: int
+    ) -> None:
+        transition = lattice.log_transition
         groups = len(transition)
         self.total, self.best = np.zeros((n + 1, groups)), np.zeros((n + 1, groups))
         self.length, self.after = (np.zeros((n, groups), np.int64) for _ in range(2))
         followed, best_followed = np.zeros((n + 1, groups)), np.zeros((n + 1, groups))
         chosen = np.zeros((n + 1, groups), np.int64)  # the group that follows, by the one before
         for start in range(n - 1, -1, -1):
-            self.total[start] = log_sum_exp(_terms(evidence.values, hazard, followed, start, n), axis=0)
+            self.total[start] = log_sum_exp(_terms(evidence.values, tempered, followed, start, n), axis=0)
             terms = _terms(evidence.best, hazard, best_followed, start, n)
             step = terms.argmax(axis=0)
             self.best[start] = terms.max(axis=0)
             self.length[start] = step + 1
             self.after[start] = chosen[start + step + 1, np.arange(groups)]
-            followed[start] = log_sum_exp(transition + self.total[start], axis=1)
+            followed[start] = log_sum_exp(lattice.tempered_transition + self.total[start], axis=1)
             scores = transition + self.best[start]
             chosen[start], best_followed[start] = scores.argmax(axis=1), scores.max(axis=1)
 

@@ -39,7 +39,7 @@ class Preset:
     `threshold` on the smoothed probability decides what is a changepoint, as in the thesis; without one the
     best segmentation does.
 
-    `unrepeated` has groups of kinds of which no two segments follow each other. `power` of the evidence makes
+    `unrepeated` has groups of kinds of which no two segments follow each other. `power` of the joint makes
     stated probabilities mean what they say; it does not change the best segmentation.
     """
 

@@ -1,8 +1,8 @@
 """The run-length filter on starts: which hypothesis is the current segment, now that one more sample is in.
 
 With L_j(s,t) the evidence of samples s..t as one segment of group j, S and g from the hazard, and R the
-log weight of a group after another (`SegmentModelSet.log_transition`). L is the evidence to the power of the
-model set in sums, and the evidence itself in maxima:
+log weight of a group after another (`SegmentModelSet.log_transition`). In sums all of them are taken to the
+power of the model set, in maxima as they are:
 
     joint(s,t) = logsumexp_j [A_j(s) + log S(t−s) + L_j(s,t)]
     E_i(t+1)   = logsumexp_s [A_i(s) + log g(t−s+1) + L_i(s,t)]
@@ -44,7 +44,7 @@ from caesura_service.changepoint.best_path_window import (
     link,
 )
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.hazard import Hazard, Tempered
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import LatticeRows, SegmentModelSet
@@ -63,6 +63,7 @@ class RunLengthFilter(SmoothedProbabilities):
 
     def __post_init__(self) -> None:
         kinds, groups = len(self.lattice.kinds), len(self.lattice.log_transition)
+        self._tempered = Tempered(self.hazard, self.lattice.power)
         self.count = 0  # observations taken
         self.starts: Starts = np.zeros(0, np.int64)  # (h,) ascending
         self.log_prior: Array = np.zeros((0, groups))  # (h, groups) A(s)
@@ -97,8 +98,7 @@ class RunLengthFilter(SmoothedProbabilities):
         """
         check_finite(observed, self.count)
         if self.count and (boundary or changepoint):
-            transition = self.lattice.log_transition
-            self._next = link(self._next.total, self._next.ended, transition, free=True)
+            self._next = link(self._next.total, self._next.ended, self.lattice, free=True)
         if boundary and self.count:
             self._keep(np.zeros(self.starts.size, bool))
             self.boundaries.append(self.count)
@@ -133,8 +133,8 @@ class RunLengthFilter(SmoothedProbabilities):
 
     def _sum_from(self, start: int, before: int | None) -> None:
         """Keep the hypotheses from a start on, and sum what they descend from again."""
-        transition, keep = self.lattice.log_transition, self.starts >= start
-        ended, self._next = self._window.sum_from(start, before, self.count, self.hazard, transition)
+        keep = self.starts >= start
+        ended, self._next = self._window.sum_from(start, before, self.count, self.hazard, self.lattice)
         self.ended |= ended
         links = [self._window.links(s) for s in self.starts[keep].tolist()]
         self._select(keep)
@@ -151,7 +151,7 @@ class RunLengthFilter(SmoothedProbabilities):
     @property
     def _joint(self) -> Array:
         """(h, groups)."""
-        survived = self.hazard.log_survival(self.count - 1 - self.starts)[:, None]
+        survived = self._tempered.log_survival(self.count - 1 - self.starts)[:, None]
         return self.log_prior + survived + self.log_evidence
 
     def map_path(self) -> list[PathSegment]:
@@ -194,10 +194,11 @@ class RunLengthFilter(SmoothedProbabilities):
             self._keep(newborn == changepoint)
 
     def _prepare_next(self) -> None:
-        mass = self.hazard.log_mass(self.count - self.starts)[:, None]
-        total = log_sum_exp(self.log_prior + (mass + self.log_evidence), axis=0)
+        ages = self.count - self.starts
+        tempered, mass = self._tempered.log_mass(ages)[:, None], self.hazard.log_mass(ages)[:, None]
+        total = log_sum_exp(self.log_prior + (tempered + self.log_evidence), axis=0)
         scores = self.map_prior + (mass + self.map_evidence)
-        self._next = link(total, scores.max(axis=0), self.lattice.log_transition, free=False)
+        self._next = link(total, scores.max(axis=0), self.lattice, free=False)
         for group in self._next.nodes:
             self.ended[self.count, group] = self._segment(int(scores[:, group].argmax()), group)
 
@@ -266,8 +267,9 @@ class RunLengthFilter(SmoothedProbabilities):
         return None
 
     def _smooth(self) -> None:
-        total, transition = float(log_sum_exp(self.log_joint)), self.lattice.log_transition
-        self._smoothing.follow(self._window.smoothed(self.count, self.hazard, transition, total), self.count)
+        total, transition = float(log_sum_exp(self.log_joint)), self.lattice.tempered_transition
+        smoothed = self._window.smoothed(self.count, self._tempered, transition, total)
+        self._smoothing.follow(smoothed, self.count)
 
 
 def _common_ancestor(nodes: set[Node], ended: Mapping[Node, PathSegment]) -> Node:

@@ -43,12 +43,15 @@ class SegmentModelSet:
     are one rest, whether the hand holds something or not. All other kinds are one more group. Without
     unrepeated kinds there is a single group, and every kind may follow every other.
 
-    `power` is that of a segment's evidence in every probability; the best segmentation takes the evidence
-    as it is. Below 1 the posterior allows for models that are only nearly right (Miller & Dunson 2019).
+    `power` is that of the joint of a segmentation and the observations in every probability, priors and
+    evidence alike. The best segmentation is the same for every power. Below 1 the posterior allows for models
+    that are only nearly right. Miller & Dunson 2019 take the evidence alone to a power; a boundary of the
+    best segmentation that the prior speaks against then has a probability that is too low.
 
     groups: (kinds,) the group of each kind; members: the numbers of the kinds of each group; log_weight:
     (kinds,) log prior weight of each kind; log_transition: (groups, groups) log weight of the second after
-    the first, which replaces the prior weights of the kinds by those that may follow, normalised.
+    the first, which replaces the prior weights of the kinds by those that may follow, normalised;
+    tempered_transition: the same to the power.
     Raises ValueError where a kind names a channel that is not there.
     """
 
@@ -61,6 +64,7 @@ class SegmentModelSet:
     members: tuple[tuple[int, ...], ...] = field(init=False, repr=False, compare=False)
     log_weight: Array = field(init=False, repr=False, compare=False)
     log_transition: Array = field(init=False, repr=False, compare=False)
+    tempered_transition: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         unknown = {c for kind in self.kinds for c in kind.channels} - set(self.channels)
@@ -77,6 +81,7 @@ class SegmentModelSet:
         object.__setattr__(self, "members", members)
         object.__setattr__(self, "log_weight", np.log(weights / weights.sum()))
         object.__setattr__(self, "log_transition", self._log_transition(groups))
+        object.__setattr__(self, "tempered_transition", self.power * self.log_transition)
 
     def _log_transition(self, groups: NDArray[np.int64]) -> Array:
         """(groups, groups): 0 between groups, −inf for an unrepeated one after itself, rows normalised."""
@@ -117,11 +122,17 @@ class SegmentModelSet:
         return np.column_stack(columns)
 
     def temper(self, kind_log_evidence: Array) -> Array:
-        """(…, kinds) the same with the evidence to its power; prior weights stay as they are."""
-        if self.power == 1.0:
-            return kind_log_evidence
-        tempered: Array = self.log_weight + self.power * (kind_log_evidence - self.log_weight)
+        """(…, kinds) the same to the power."""
+        tempered: Array = self.power * kind_log_evidence
         return tempered
+
+    def weigh(self, kind_log_evidence: Array) -> Array:
+        """(…, kinds) log weight of each kind of one segment: its evidence to the power, its prior as it is.
+
+        How often a hand carries something is known, however wrong the models of signals are.
+        """
+        weighed: Array = self.log_weight + self.power * (kind_log_evidence - self.log_weight)
+        return weighed
 
     def combine(self, kind_log_evidence: Array) -> Array:
         """(h, groups) log evidence of each hypothesis over the kinds of each group; (h, kinds) is given."""

@@ -54,7 +54,7 @@ def verdict(lattice: SegmentModelSet, ended: PathSegment) -> Classification:
     Given where the segment begins and ends, and the group of the segment before it: a kind that may not
     follow that one has no probability, unless the best segmentation repeats it, as it may after a gap.
     """
-    kinds, values = lattice.kinds, lattice.temper(ended.kind_log_evidence)
+    kinds, values = lattice.kinds, lattice.weigh(ended.kind_log_evidence)
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
     values, best = values.tolist(), _best(lattice, ended)

@@ -1,8 +1,8 @@
 """The journal's interface. A record is written before it is processed, and never changed.
 
 What changes a session is recorded in the order in which it was taken: the opening, every batch that was
-news, every hole that was given up (an `evicted` error), every edit and description, the close. What came
-twice, and what was refused without touching the session, is not.
+news, every hole that was given up (an `evicted` error), every edit, description and edit of the program, the
+close. What came twice, and what was refused without touching the session, is not.
 
 When a record is safe. Batches may be processed, and their results published, a little before: the bridge
 still has them, and the same batches give the same results. What no bridge can send again, or what would
@@ -16,10 +16,19 @@ from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from caesura_protocol.messages import Close, Describe, Error, JournalReport, Open, SampleBatch, Snapshot
+from caesura_protocol.messages import (
+    Close,
+    Describe,
+    EditProgram,
+    Error,
+    JournalReport,
+    Open,
+    SampleBatch,
+    Snapshot,
+)
 from caesura_service.journal.edits import Edit
 
-Recordable = Open | SampleBatch | Edit | Describe | Error | Close
+Recordable = Open | SampleBatch | Edit | Describe | EditProgram | Error | Close
 Key = tuple[str, str]  # station and session
 
 
@@ -64,7 +73,7 @@ class Copy(NamedTuple):
     last_seq: int  # the highest number of a batch; -1 without one
     size: int  # [bytes]
     edits: int = 0
-    described: int = 0  # changes of the description
+    described: int = 0  # changes of the description and edits of the program: they alter no result
 
     @property
     def key(self) -> Key:

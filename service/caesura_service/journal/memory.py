@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 
-from caesura_protocol.messages import Close, Describe, JournalReport, SampleBatch
+from caesura_protocol.messages import Close, Describe, EditProgram, JournalReport, SampleBatch
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
 
@@ -132,7 +132,7 @@ class MemoryJournal:
         opened, touched = records[0].at, records[-1].at
         closed, size = _is_closed(records), self._sizes[key]
         edits = sum(isinstance(record.message, Edit) for record in records)
-        described = sum(isinstance(record.message, Describe) for record in records)
+        described = sum(isinstance(record.message, Describe | EditProgram) for record in records)
         return Copy(*key, opened, touched, closed, max(numbers, default=-1), size, edits, described)
 
 

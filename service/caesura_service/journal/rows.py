@@ -13,6 +13,7 @@ from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
     Close,
     Describe,
+    EditProgram,
     Error,
     Open,
     SampleBatch,
@@ -22,8 +23,8 @@ from caesura_service.journal.checksums import checksum, is_intact
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import Copy, JournalDamagedError, Key, Outcome, Record, Recordable
 from caesura_service.journal.schema import (
-    HAS_DESCRIPTIONS,
     SELECT_EPOCH,
+    SELECT_INDEXES,
     SELECT_PAGE,
     SELECT_STATIONS,
     select_copies,
@@ -33,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
-_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Describe, Error, Close)
+_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Describe, EditProgram, Error, Close)
 
 
 class RecordRow(NamedTuple):
@@ -169,8 +170,8 @@ def outcome_of(
 def copies_in(database: sqlite3.Connection, *key: str | None) -> tuple[Copy, ...]:
     """Return the extent of every session, of a station's, or of one; oldest first."""
     given = [name for name in key if name is not None]
-    has_descriptions = database.execute(HAS_DESCRIPTIONS).fetchone() is not None
-    rows = database.execute(select_copies(len(given), has_descriptions=has_descriptions), given)
+    indexes = {name for (name,) in database.execute(SELECT_INDEXES)}
+    rows = database.execute(select_copies(len(given), indexes), given)
     found = ((last_seq, edits, described, SessionRow(*row)) for last_seq, edits, described, *row in rows)
     return tuple(
         Copy(*row[1:5], bool(row.closed), last_seq, row.size, edits, described)

@@ -10,21 +10,22 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
-from caesura_protocol.messages import Close, Describe
+from caesura_protocol.messages import Close, Describe, EditProgram
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 LOCK_SUFFIX = ".lock"
 CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(Edit), encoding_of(Describe)
+EDIT_PROGRAM = encoding_of(EditProgram)
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -68,7 +69,11 @@ CREATE INDEX IF NOT EXISTS edits_of_session ON records (session_id) WHERE encodi
 # What came with version 5: records may be descriptions.
 SCHEMA_5 = f"""
 CREATE INDEX IF NOT EXISTS descriptions_of_session ON records (session_id) WHERE encoding = '{DESCRIBE}'"""
-HAS_DESCRIPTIONS = "SELECT 1 FROM sqlite_master WHERE type = 'index' AND name = 'descriptions_of_session'"
+# What came with version 6: records may be edits of the program.
+SCHEMA_6 = f"""
+CREATE INDEX IF NOT EXISTS program_edits_of_session ON records (session_id)
+WHERE encoding = '{EDIT_PROGRAM}'"""
+SELECT_INDEXES = "SELECT name FROM sqlite_master WHERE type = 'index'"
 # Overviews of closed sessions, for plots: a cache, made again where it is missing. So it has no version.
 SCHEMA_OVERVIEWS = """
 CREATE TABLE IF NOT EXISTS overviews (
@@ -153,9 +158,13 @@ SELECT
     {{described}},
     known.*
 FROM sessions AS known WHERE {{which}} ORDER BY id"""
-_COUNT_DESCRIPTIONS = (
-    f"(SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{DESCRIBE}')"
-)
+_COUNTS_OF = {  # by the index that a journal has which may have such records
+    index: f"(SELECT count(*) FROM records WHERE session_id = known.id AND encoding = '{encoding}')"
+    for index, encoding in (
+        ("descriptions_of_session", DESCRIBE),
+        ("program_edits_of_session", EDIT_PROGRAM),
+    )
+}
 _WHICH = (
     KNOWN,
     f"{KNOWN} AND station = ?",
@@ -176,14 +185,14 @@ SELECT_EPOCH = "SELECT * FROM stations WHERE station = ?"
 INSERT_EPOCH = "INSERT OR REPLACE INTO stations (station, epoch, crc) VALUES (?, ?, ?)"
 
 
-def select_copies(names: int, *, has_descriptions: bool) -> str:
+def select_copies(names: int, indexes: Collection[str]) -> str:
     """Return the query for all sessions, a station's, or one: by how many names of the key are given.
 
-    has_descriptions: False for a journal of an older version, which has none and no index over them.
+    indexes: that the journal has; one of an older version lacks those over what it cannot hold.
 
     Each form is found by the index over both names: what it costs does not grow with the other sessions.
     """
-    described = _COUNT_DESCRIPTIONS if has_descriptions else "0"
+    described = " + ".join(count for index, count in _COUNTS_OF.items() if index in indexes) or "0"
     return _SELECT_COPIES.format(which=_WHICH[names], described=described)
 
 
@@ -312,6 +321,7 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
         database.execute(SCHEMA_2)
         database.execute(SCHEMA_3)
         database.execute(SCHEMA_5)
+        database.execute(SCHEMA_6)
         database.execute(SCHEMA_OVERVIEWS)
         for table, column, kind in COLUMNS_4:
             if not database.execute(HAS_COLUMN, (table, column)).fetchone():

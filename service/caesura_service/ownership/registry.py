@@ -25,6 +25,7 @@ from caesura_protocol.messages import (
     Command,
     Describe,
     Edit,
+    EditProgram,
     Heartbeat,
     JournalReport,
     Open,
@@ -35,6 +36,7 @@ from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
 from caesura_service.ownership.station_ownership import StationOwnership
+from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.publishing.events import (
     BatchRejected,
@@ -57,7 +59,7 @@ REBUILDING = "/rebuilding"  # what `step` does, among the slices; the name of no
 
 
 class Registry:
-    """One thread calls the methods; any thread may read `index` and `counters`."""
+    """One thread calls the methods; any thread may read `index` and `counters`, and call `stored`."""
 
     def __init__(
         self,
@@ -82,6 +84,7 @@ class Registry:
         self._throttled: set[Session] = set()  # whose next status about refusals waits
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
         self.index = SessionIndex({})
+        self.stored = StoredSessions(journal, lambda: self.index)
         self.counters = SessionCounters()
 
     # --- whose stations are whose -----------------------------------------------------------------------
@@ -178,7 +181,8 @@ class Registry:
                     return [Reply(self._rebuilder.request(station, session, owner))]
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
-            if isinstance(command, Edit | Describe):  # the editor's affair, not that of the session's bridge
+            # A refusal of these concerns the editor and not the session's bridge.
+            if isinstance(command, Edit | Describe | EditProgram):
                 self.counters = self.counters.with_refusal(error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
@@ -401,7 +405,8 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
     if isinstance(command, Edit):
         session.check_revision(command)
         return True
-    return isinstance(command, Describe) and not session.has_records  # only a peer's journal has them
+    # only a peer's journal has the records
+    return isinstance(command, Describe | EditProgram) and not session.has_records
 
 
 class _JournalErrorsAs:

@@ -174,14 +174,14 @@ def is_behind(session: Session, copies: SessionCopies) -> bool:
         return False
     peer = copies.peer.copy
     further = peer.closed or peer.last_seq >= session.next_seq
-    described = peer.described > session.state.described
+    described = peer.described > session.state.annotations
     return (session.is_open and further) or peer.edits > session.revision or described
 
 
 def _is_current(outcome: Outcome, copy: Copy) -> bool:
-    """Whether no correction or description came after it: the power may go before it is stored anew."""
-    status = outcome.snapshot.status
-    return (status.revision, status.described) == (copy.edits, copy.described)
+    """Whether no correction or annotation came after it: the power may go before it is stored anew."""
+    status, program = outcome.snapshot.status, outcome.snapshot.program
+    return (status.revision, status.described + program.edit_revision) == (copy.edits, copy.described)
 
 
 def _require_open(message: object) -> Open:

@@ -1,6 +1,7 @@
 """Task programs: segments and gripper events become apps that a robot can run."""
 
 from caesura_service.program.builder import GRIP_SLACK_S, task_program
+from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, Paths
 from caesura_service.program.segment_interpretation import (
@@ -15,13 +16,17 @@ __all__ = [
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
+    "EditLog",
     "Gaps",
     "GripperAction",
     "Moment",
     "MomentAt",
     "Paths",
     "ProgramSegment",
+    "check_applies",
     "holds",
+    "log_of",
     "observed_share",
     "task_program",
+    "with_edits",
 ]

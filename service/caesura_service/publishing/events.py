@@ -12,7 +12,9 @@ from caesura_protocol.messages import (
     Close,
     Describe,
     Edit,
+    EditProgram,
     Heartbeat,
+    Hints,
     Open,
     Posterior,
     Program,
@@ -45,14 +47,14 @@ class ReplayEnded:
     oldest: int | None = None  # the oldest batch that it still has, where it said so
 
 
-Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | ReplayEnded
+Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | EditProgram | ReplayEnded
 
 
 @dataclass(frozen=True)
 class Publish:
     """A result for all subscribers."""
 
-    message: Changepoints | Segments | Posterior | SessionStatus | Program
+    message: Changepoints | Segments | Posterior | Hints | SessionStatus | Program
 
 
 @dataclass(frozen=True)

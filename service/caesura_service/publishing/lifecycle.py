@@ -2,7 +2,7 @@
 
 A session is opened once, takes samples and closes once. A heartbeat, a late answer to a replay, or what it
 has already may trail behind the close, and a close may be repeated because its acknowledgement was lost.
-It can be corrected and described as long as it is kept.
+It can be corrected and described, and its program edited, as long as it is kept.
 `failed` is a session whose pipeline raised: closed for the world, with the reason in its status.
 """
 
@@ -14,7 +14,9 @@ from typing import Literal
 from caesura_protocol.errors import ProtocolError
 
 Lifecycle = Literal["open", "closed", "failed"]
-LifecycleEvent = Literal["open", "samples", "heartbeat", "replayed", "close", "edit", "describe", "fail"]
+LifecycleEvent = Literal[
+    "open", "samples", "heartbeat", "replayed", "close", "edit", "describe", "edit_program", "fail"
+]
 
 TRANSITIONS: Mapping[tuple[Lifecycle, LifecycleEvent], Lifecycle] = {
     ("open", "open"): "open",
@@ -24,15 +26,18 @@ TRANSITIONS: Mapping[tuple[Lifecycle, LifecycleEvent], Lifecycle] = {
     ("open", "close"): "closed",
     ("open", "edit"): "open",
     ("open", "describe"): "open",
+    ("open", "edit_program"): "open",
     ("open", "fail"): "failed",
     ("closed", "close"): "closed",
     ("closed", "heartbeat"): "closed",
     ("closed", "replayed"): "closed",
     ("closed", "edit"): "closed",
     ("closed", "describe"): "closed",
+    ("closed", "edit_program"): "closed",
     ("failed", "heartbeat"): "failed",
     ("failed", "replayed"): "failed",
     ("failed", "describe"): "failed",
+    ("failed", "edit_program"): "failed",
 }
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from caesura_protocol.messages import MAX_GAPS, Program
+from caesura_service.program import EditLog
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.publishing.session_state import (
     SessionCounters,
     SessionState,
     Stream,
     changepoints_of,
+    hints_of,
     observed_until_s,
     posterior_of,
     program_of,
@@ -47,7 +49,7 @@ def initial_state(station: str, session: str, owner: Owner, preset: str, view: P
         notes=view.notes,
         **_program_context(view),
     )
-    silent: dict[Stream, int] = {"status": -1, "changepoints": -1, "segments": -1, "posterior": -1}
+    silent: dict[Stream, int] = dict.fromkeys(get_args(Stream), -1)
     return SessionState(
         station=station,
         session=session,
@@ -96,6 +98,9 @@ def apply_view(
     if _posterior_key(view) != _posterior_key(old):
         state = _advance_seq(state, "posterior")
         outputs.append(Publish(posterior_of(state)))
+    if view.hints != old.hints:
+        state = _advance_seq(state, "hints")
+        outputs.append(Publish(hints_of(state)))
     return state, outputs
 
 
@@ -128,6 +133,16 @@ def apply_edit(
     )
     state, status = publish_status(state)
     return state, [*changes, Publish(program_of(state)), status]
+
+
+def apply_program_edit(
+    state: SessionState, log: EditLog, author: str, at: float
+) -> tuple[SessionState, Publish]:
+    """Replace the edits of the program, and publish its next version. at: time of day [s]."""
+    header, complete = state.program_header, not state.is_open
+    state = state._replace(program_edits=log)
+    state = _next_program(state, notes=header.notes, complete=complete, author=author, edited=at)
+    return state, Publish(program_of(state))
 
 
 def replay_edit(state: SessionState, view: PipelineView, edited: EditOutcome, version: int) -> SessionState:

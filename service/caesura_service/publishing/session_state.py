@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     App,
     Changepoints,
     Description,
+    Hints,
     Posterior,
     Program,
     Refusal,
@@ -23,12 +24,13 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_service.program import EditLog, with_edits
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.lifecycle import Lifecycle
 from caesura_service.segmentation.encoded_log import since
 from caesura_service.segmentation.view import PipelineView
 
-Stream = Literal["status", "changepoints", "segments", "posterior"]
+Stream = Literal["status", "changepoints", "segments", "posterior", "hints"]
 
 
 class SessionCounters(NamedTuple):
@@ -68,6 +70,12 @@ class SessionState(NamedTuple):
     description: Description = Description()
     described: int = 0  # changes of the description so far
     opened: float | None = None  # [s] time of day of its first opening
+    program_edits: EditLog = EditLog()
+
+    @property
+    def annotations(self) -> int:
+        """Changes so far that alter no result: of the description, and edits of the program."""
+        return self.described + self.program_edits.revision
 
     @property
     def is_open(self) -> bool:
@@ -155,17 +163,30 @@ def posterior_of(state: SessionState) -> Posterior:
     )
 
 
+def hints_of(state: SessionState) -> Hints:
+    """Make the message of the active and the newest cleared hints."""
+    return Hints(**state.header("hints"), hints=state.view.hints)
+
+
 def program_of(state: SessionState) -> Program:
-    """Make the task program message; its apps stay encoded as they are stored."""
-    return state.program_header.model_copy(update={"apps": state.apps})
+    """Make the task program message with its edits; without any, its apps stay encoded as they are stored."""
+    return with_edits(inferred_program_of(state), state.program_edits)
 
 
-def snapshot_of(state: SessionState) -> Snapshot:
-    """Everything so far, with the last sequence number of each stream."""
+def inferred_program_of(state: SessionState) -> Program:
+    """Make the task program as it was inferred, with a list of the edits that are not in its apps."""
+    log = state.program_edits
+    changes = {"apps": state.apps, "edits": log.listed, "edit_revision": log.revision}
+    return state.program_header.model_copy(update=changes)
+
+
+def snapshot_of(state: SessionState, program: Program | None = None) -> Snapshot:
+    """Everything so far, with the last sequence number of each stream. program: by default the edited one."""
     return Snapshot(
         status=status_of(state),
         changepoints=changepoints_of(state),
         segments=segments_of(state),
         posterior=posterior_of(state) if state.last_seq["posterior"] >= 0 else None,
-        program=program_of(state),
+        program=program or program_of(state),
+        hints=hints_of(state) if state.last_seq["hints"] >= 0 else None,
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import check_name, service_key, session_key, station_key
+from caesura_protocol.keys import SessionPart, check_name, service_key, session_key, station_key
 
 Role = Literal["service", "bridge", "dashboard", "operator"]
 
@@ -29,7 +29,8 @@ class Access:
     watch: tuple[str, ...] = ()  # liveliness tokens of others, by subscription or query
 
 
-RESULTS = tuple(session_key("*", "*", part) for part in ("changepoints", "segments", "posterior", "status"))
+STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "hints", "status")
+RESULTS = tuple(session_key("*", "*", part) for part in STREAMS)
 PROGRAMS = station_key("*", "program")
 SAMPLES = station_key("*", "samples")
 SNAPSHOTS = session_key("*", "*", "snapshot")

@@ -24,10 +24,18 @@ from caesura_service.changepoint.models import UNTURNED, ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
+from caesura_service.coaching import (
+    ArmLimits,
+    BoundaryCoach,
+    CoachingSetup,
+    ObservedPose,
+    SignalCoach,
+    all_hints,
+)
 from caesura_service.constants import JOINTS
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
-from caesura_service.robot import load_robot
+from caesura_service.robot import Robot, load_robot
 from caesura_service.segmentation.corrections import (
     Change,
     EditContext,
@@ -51,6 +59,7 @@ from caesura_service.signals import (
     SampleLayout,
     WrenchCapabilities,
 )
+from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
 
 PHASES = Chain(PARAMETERS)
 # Observations from one look at segments to the next, while nothing happens but that the last one goes on or
@@ -86,7 +95,8 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
             expected=["yes", "unknown"],
         )
     try:
-        return SegmentationPipeline(layout_of(opening), preset, opening)
+        robot = _robot_of(opening)
+        return SegmentationPipeline(_layout(opening, robot), preset, opening, arm=_arm_of(opening, robot))
     except ValueError as error:
         raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
 
@@ -97,12 +107,32 @@ def layout_of(opening: Open) -> SampleLayout:
     Seven joints of a robot that is not stated are read as those of a Panda. Raises ValueError for a robot
     that is not known, and for columns that cannot be segmented.
     """
-    joints = len(signal_columns(opening.columns).get("q", ()))
+    return _layout(opening, _robot_of(opening))
+
+
+def _joints_of(opening: Open) -> int:
+    return len(signal_columns(opening.columns).get("q", ()))
+
+
+def _robot_of(opening: Open) -> Robot | None:
+    """The arm that an opening states, or a Panda for seven joints. Raises ValueError as `layout_of`."""
+    joints = _joints_of(opening)
     name = opening.robot or ("panda" if joints == JOINTS else None)
     robot = None if name is None else load_robot(name)
     if robot is not None and joints not in {0, robot.joints}:
         stated = f"robot is {name!r}, which has {robot.joints} joints"
         raise ValueError(f"{stated}; the columns have {joints}: q1 to q{joints}")
+    return robot
+
+
+def _arm_of(opening: Open, robot: Robot | None) -> ArmLimits | None:
+    """What hints compare the joints with; None where the arm is assumed, or no joints are reported."""
+    if robot is None or opening.robot is None or not _joints_of(opening):
+        return None
+    return ArmLimits(robot.lower_limits, robot.upper_limits, robot.flange_jacobian)
+
+
+def _layout(opening: Open, robot: Robot | None) -> SampleLayout:
     return SampleLayout(
         columns=opening.columns,
         wrench_source=opening.wrench_source,
@@ -111,7 +141,7 @@ def layout_of(opening: Open) -> SampleLayout:
         metres_per_unit=UNITS["length"][opening.length_unit],
         pose_of_joints=None if robot is None else robot.flange_poses,
         wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
-        joints=joints or JOINTS,
+        joints=_joints_of(opening) or JOINTS,
     )
 
 
@@ -121,6 +151,20 @@ def observed(observation: Observation) -> ModelInput:
     rotation = UNTURNED if observation.rotation is None else observation.rotation
     torsion = torsion_of(observation.force_base, observation.torque_base)
     return ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
+
+
+def _pose(observation: Observation) -> ObservedPose:
+    """What coaching sees of an observation."""
+    x, y, z = observation.position_base.tolist()
+    fx, fy, fz = observation.force_base.tolist()
+    return ObservedPose(
+        observation.t,
+        (x, y, z),
+        (fx, fy, fz),
+        holding(observation),
+        observation.joints,
+        observation.after_gap,
+    )
 
 
 class _Happened(NamedTuple):
@@ -153,7 +197,9 @@ _NEVER = _Looked()
 class SegmentationPipeline:
     """One demonstration, from samples to task program. See `Pipeline`."""
 
-    def __init__(self, layout: SampleLayout, preset: Preset, opening: Open) -> None:
+    def __init__(
+        self, layout: SampleLayout, preset: Preset, opening: Open, *, arm: ArmLimits | None = None
+    ) -> None:
         self._opening = opening
         self._preset = preset
         self._source = layout.source
@@ -172,6 +218,8 @@ class SegmentationPipeline:
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._heeded = FilterConstraints()
         self._history = ObservationStore()
+        self._arm = arm
+        self._coach = self._signal_coach(tared=True)
         self._begin(tared=True)
         self._gaps = Gaps()
         self._grips: list[GripperAction] = []
@@ -214,6 +262,7 @@ class SegmentationPipeline:
             latest = self._conditioner.t_last
             self._gaps.add(Gap(t0=latest, tn=latest, reason="evicted"))
         self._take(self._conditioner.finish())
+        self._close_hints()
 
     def resolve(self, change: Change) -> ResolvedEdit:
         """What a correction comes to. Raises ProtocolError where it points at nothing."""
@@ -236,11 +285,19 @@ class SegmentationPipeline:
         other._program, other._looked = other._growing(), _NEVER
         other._begin(tared=self._division.tared)
         for index in range(len(self._history)):
-            other._division.step(index)
+            other._step(index)
             other._keep_up()  # an hour of it, all at once at the end, would be one slice
             give_way()
+        if self._finished:
+            other._close_hints()
         other._view = other._look(other._happened())
         return other
+
+    def _close_hints(self) -> None:
+        """Clear what is active: the demonstration is over."""
+        for log in (self._coach.log, self._boundary_coach.log):
+            log.clear_all(self._history.t_last)
+        self._view = self._view._replace(hints=all_hints(self._coach.log, self._boundary_coach.log))
 
     def _note_beginning(self, t: float) -> None:
         """Where the first sample was not the first one sent, say so; it divides nothing."""
@@ -275,22 +332,43 @@ class SegmentationPipeline:
             orientation=layout.has_orientation,
             torque=layout.has_torque,
         )
+        self._boundary_coach = BoundaryCoach()
         self._phases, self._decided_phases = PhaseTracker(PHASES), EncodedMessageLog(Phase)
+
+    def _signal_coach(self, *, tared: bool) -> SignalCoach:
+        """Make what gives hints on signals; the force is judged where it is declared to be without a hand."""
+        source = self._source
+        return SignalCoach(
+            CoachingSetup(
+                clean_wrench=source.contact_models and source.bias == "tare",
+                bias_n=TARED_BIAS_N if tared else UNTARED_BIAS_N,
+                path_tolerance_m=self._opening.path_tolerance_m or TOLERANCE_M,
+                arm=self._arm,
+            )
+        )
+
+    def _step(self, index: int) -> None:
+        """Filter an observation, and look whether the posterior gives a hint."""
+        self._division.step(index)
+        self._boundary_coach.observe(self._division.online, self._history.t(index), self._division.places)
 
     def _take(self, conditioned: ConditioningOutput) -> None:
         for t0, tn in conditioned.gaps:
             self._gaps.add(Gap(t0=t0, tn=tn, reason="evicted" if self._lost else "source"))
+            self._coach.report_gap(t0, tn)
             self._lost = False
         grips = [GripperAction(event.t, event.kind, event.width) for event in conditioned.gripper_events]
         self._grips += grips
         if any(grip.t <= self._program.since for grip in grips):
             self._program = self._growing()
         if conditioned.observations and not self._division.online.count and self._conditioner.tare is None:
+            self._coach = self._signal_coach(tared=False)
             self._begin(tared=False)
         looked = self._looked
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._division.step(len(self._history) - 1)
+            self._coach.observe(_pose(observation))
+            self._step(len(self._history) - 1)
             self._keep_up()
             give_way()
         happened, count = self._happened(), self._division.online.count
@@ -338,6 +416,7 @@ class SegmentationPipeline:
             "posterior_probabilities": tuple(online.posterior.tolist()),
             "hypotheses": online.starts.size,
             "capped": online.capped,
+            "hints": all_hints(self._coach.log, self._boundary_coach.log),
         }
 
     def _look(self, happened: _Happened, *, before: PipelineView | None = None) -> PipelineView:

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Gap, LengthUnit, Phase, Segment, WrenchReport
+from caesura_protocol.messages import App, Changepoint, Gap, Hint, LengthUnit, Phase, Segment, WrenchReport
 from caesura_service.segmentation.corrections import Change, ResolvedEdit
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
@@ -47,6 +47,7 @@ class PipelineView(NamedTuple):
     force_limit_n: float | None = None  # [N] of the cell
     robot: str | None = None  # None: not stated
     phases: Sequence[Phase] = ()
+    hints: tuple[Hint, ...] = ()  # active ones, and the newest of those that are cleared
 
 
 class Pipeline(Protocol):

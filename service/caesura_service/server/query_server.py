@@ -16,11 +16,24 @@ from collections.abc import Callable, Mapping
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.keys import parse_station_key, service_key, session_key, station_key
-from caesura_protocol.messages import Control, Open, ServiceStatus, Snapshot
+from caesura_protocol.keys import (
+    INFERRED_PROGRAM,
+    StoredPage,
+    parse_station_key,
+    parse_stored_parameters,
+    service_key,
+    session_key,
+    station_key,
+)
+from caesura_protocol.messages import Control, Open, Program, ServiceStatus, Snapshot
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
-from caesura_service.publishing.session_state import SessionState, program_of, snapshot_of
+from caesura_service.publishing.session_state import (
+    SessionState,
+    inferred_program_of,
+    program_of,
+    snapshot_of,
+)
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
@@ -52,8 +65,13 @@ class QueryServer(BackgroundThread):
         status: Callable[[], ServiceStatus],
         budgets: Budgets,
         questions: Rate,
+        stored: Callable[[IncomingQuery, StoredPage], None],
     ) -> None:
-        """work: the worker's queue; questions: the rate of queries, of all readers together."""
+        """work: the worker's queue; questions: the rate of queries, of all readers together.
+
+        stored: takes a query for stored sessions.
+        """
+        self._stored = stored
         self._query_rate = RateLimit(questions)
         self._log_rate = RateLimit(LOG_RATE)
         self.rejected_commands = 0  # commands that were refused because of an overload
@@ -67,8 +85,19 @@ class QueryServer(BackgroundThread):
         super().__init__("caesura-answers", self._queue.wake)
 
     def snapshot(self, query: IncomingQuery) -> None:
-        """Enqueue a query for sessions."""
-        self._enqueue_query(self._answer_snapshot, query)
+        """Enqueue a query for sessions: those that are held, or a page of those that are stored."""
+        try:
+            page = parse_stored_parameters(query.parameters)
+        except ProtocolError as error:
+            with query:
+                reply_error(query, error)
+            return
+        if page is None:
+            self._enqueue_query(self._answer_snapshot, query)
+        elif self._query_rate.allows("every reader"):
+            self._stored(query, page)
+        else:
+            _reply_overloaded(query, "too many questions a second", self._query_rate.rates[0].per_s)
 
     def program(self, query: IncomingQuery) -> None:
         """Enqueue a query for stations' programs."""
@@ -159,10 +188,11 @@ class QueryServer(BackgroundThread):
             for state in self._registry.index.all_states():
                 key = session_key(state.station, state.session, "snapshot")
                 if query.matches(key):
-                    reply_message(query, key, self._snapshot(state))
+                    program = inferred_program_of(state) if query.parameters == INFERRED_PROGRAM else None
+                    reply_message(query, key, self._snapshot(state, program))
 
-    def _snapshot(self, state: SessionState) -> Snapshot:
-        snapshot = snapshot_of(state)
+    def _snapshot(self, state: SessionState, program: Program | None) -> Snapshot:
+        snapshot = snapshot_of(state, program)
         return snapshot.model_copy(
             update={"status": with_load(snapshot.status, self._work_queue, self._budgets)}
         )

@@ -17,6 +17,7 @@ from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, s
 from caesura_protocol.messages import (
     Ack,
     Changepoints,
+    Hints,
     Message,
     Posterior,
     Program,
@@ -50,6 +51,7 @@ STREAMS: Mapping[type[Result], SessionPart] = {
     Changepoints: "changepoints",
     Segments: "segments",
     Posterior: "posterior",
+    Hints: "hints",
     SessionStatus: "status",
 }
 
@@ -159,7 +161,7 @@ def with_load(status: SessionStatus, queue: WorkQueue[Arrival], budgets: Budgets
     return status.model_copy(update=load)
 
 
-def key_of(message: Changepoints | Segments | Posterior | SessionStatus | Program) -> str:
+def key_of(message: Changepoints | Segments | Posterior | Hints | SessionStatus | Program) -> str:
     """Return the key of a result."""
     if isinstance(message, Program):
         return station_key(message.station, "program")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Changepoint, Phase, Segment, Snapshot
+from caesura_service.program import log_of
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionCounters, SessionState, Stream
 from caesura_service.segmentation.corrections import Change, ResolvedEdit
@@ -73,6 +75,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
         force_limit_n=snapshot.program.force_limit_n,
         robot=snapshot.program.robot,
         phases=packed(Phase, snapshot.segments.phases),
+        hints=snapshot.hints.hints if snapshot.hints else (),
     )
 
 
@@ -84,8 +87,10 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         "changepoints": snapshot.changepoints.seq,
         "segments": snapshot.segments.seq,
         "posterior": snapshot.posterior.seq if snapshot.posterior else -1,
+        "hints": snapshot.hints.seq if snapshot.hints else -1,
     }
-    header = {"instance": owner.instance, "epoch": owner.epoch, "apps": ()}
+    bare: dict[str, Any] = {"apps": (), "edits": (), "edit_revision": 0}
+    header = {"instance": owner.instance, "epoch": owner.epoch, **bare}
     view = view_from_snapshot(snapshot)
     return SessionState(
         station=status.station,
@@ -105,4 +110,5 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         description=status.description,
         described=status.described,
         opened=status.opened,
+        program_edits=log_of(snapshot.program),
     )

@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Action, Description, Open, Redo, Undo
+from caesura_protocol.messages import Action, Description, EditProgram, Open, Redo, Undo
 from caesura_service.journal import Edit
+from caesura_service.program import check_applies
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
 from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next_state
 from caesura_service.publishing.session_state import (
     SessionCounters,
     SessionState,
+    inferred_program_of,
     observed_until_s,
     program_of,
 )
@@ -150,6 +152,22 @@ class PipelineHost:
         described = self.state.described + changes
         self.state = self.state._replace(description=description, described=described)
         return self.publish_status()
+
+    def check_program_edit(self, command: EditProgram, at: float) -> None:
+        """Check that an edit applies to the program of now. Raises ProtocolError. at: time of day [s]."""
+        log = self.state.program_edits.after(command, at)
+        if not isinstance(command.action, Undo | Redo):
+            check_applies(inferred_program_of(self.state), log)
+
+    def edit_program(self, command: EditProgram, at: float) -> Publish:
+        """Take an edit of the program into its log, and publish the program. at: time of day [s].
+
+        One of the journal may no longer apply; the program then lists it with the reason.
+        """
+        log = self.state.program_edits.after(command, at)
+        self.state, published = messages.apply_program_edit(self.state, log, command.author, at)
+        self._program_t, self._program_pending = observed_until_s(self.state.view), False
+        return published
 
     # Edits of the journal: each is counted at its place among the batches, their corrections are filtered
     # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all

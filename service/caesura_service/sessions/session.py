@@ -24,6 +24,7 @@ from caesura_protocol.messages import (
     Close,
     Describe,
     Edit,
+    EditProgram,
     Error,
     Heartbeat,
     Open,
@@ -36,7 +37,7 @@ from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
 from caesura_service.publishing.lifecycle import next_state
 from caesura_service.publishing.messages import EditOutcome
-from caesura_service.publishing.session_state import SessionState, snapshot_of
+from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.batch_receiver import BatchReceiver
@@ -129,6 +130,8 @@ class Session:
                         self._receiver.declare_lost(target)
                     case AppliedEdit() as edit:
                         self._host.replay_edit(edit, record.at)
+                    case EditProgram() as command:
+                        self._host.edit_program(command, record.at)
                     case Open() | SampleBatch() | Close() | Describe() as message:
                         self.receive(message, record.at)
                 yield
@@ -142,20 +145,20 @@ class Session:
 
         edits: as in `replay_records`. Publishes nothing. Raises as `receive`.
         """
-        before = self.is_open, self.revision, self.state.described
-        known = self.state.described  # so many of the descriptions were applied earlier
+        before = self.is_open, self.revision, self.state.annotations
+        known = self.state.annotations  # so many of the descriptions and program edits were applied earlier
         try:
             with self._collecting_edits():
                 self._host.prefilter_edits(edits)
                 for record in records:
-                    if isinstance(record.message, Describe) and known > 0:
+                    if isinstance(record.message, Describe | EditProgram) and known > 0:
                         known -= 1
-                    elif self.is_open or isinstance(record.message, AppliedEdit | Describe):
+                    elif self.is_open or isinstance(record.message, AppliedEdit | Describe | EditProgram):
                         self._apply_peer_record(record)
                     yield
         finally:
             self._receiver.reset_backoff()
-            if (self.is_open, self.revision, self.state.described) != before:
+            if (self.is_open, self.revision, self.state.annotations) != before:
                 self._store_outcome()
 
     @contextmanager
@@ -201,7 +204,7 @@ class Session:
                 return self._receive_opening(message, now)
             case Close():
                 return self._receive_close(message, now)
-            case Edit() | Describe():
+            case Edit() | Describe() | EditProgram():
                 return self._receive_change(message, now)
 
     def check_revision(self, edit: Edit) -> None:
@@ -297,11 +300,15 @@ class Session:
             return [self._host.describe(stated, changes=0), *self._finish()]
         return self._finish()
 
-    def _receive_change(self, change: Edit | Describe, now: float) -> list[Output]:
+    def _receive_change(self, change: Edit | Describe | EditProgram, now: float) -> list[Output]:
         """Process what an operator changes, of an open session or a closed one."""
-        if isinstance(change, Describe):
-            return self._receive_description(change, now)
-        return self._receive_edit(change, now)
+        match change:
+            case Describe():
+                return self._receive_description(change, now)
+            case EditProgram():
+                return self._receive_program_edit(change, now)
+            case Edit():
+                return self._receive_edit(change, now)
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
         next_state(self.state.lifecycle, "edit")
@@ -327,6 +334,19 @@ class Session:
         status = self._host.describe(command.description)
         self._store_outcome()
         return [status, self._ack()]
+
+    def _receive_program_edit(self, command: EditProgram, now: float) -> list[Output]:
+        next_state(self.state.lifecycle, "edit_program")
+        current = self.state.program_edits.revision
+        if command.revision != current:
+            why = "another operator has edited the program meanwhile: look at it again"
+            raise ProtocolError("conflict", why, value=command.revision, limit=current)
+        self._check_records_exist()
+        self._host.check_program_edit(command, now)
+        self._journal.append(command, now)
+        program = self._host.edit_program(command, now)
+        self._store_outcome()
+        return [program, self._ack()]
 
     def _check_records_exist(self) -> None:
         """Check that a closed session still has records. Raises ProtocolError `conflict`."""
@@ -356,6 +376,9 @@ class Session:
                 self.receive(close, record.at)
             case Describe() as description:
                 self.receive(description, record.at)
+            case EditProgram() as command if command.revision == self.state.program_edits.revision:
+                self._journal.append(command, record.at)
+                self._host.edit_program(command, record.at)
             case AppliedEdit() as edit if edit.revision == self.revision:
                 self._journal.append(edit, record.at)
                 self._host.replay_edit(edit, record.at)
@@ -413,7 +436,8 @@ class Session:
     def _store_outcome(self) -> None:
         """Store the outcome of a closed session in the journal."""
         if self.state.lifecycle == "closed" and not self._collects_edits:
-            self._journal.store_outcome(Outcome(self._opening, self.next_seq - 1, snapshot_of(self.state)))
+            snapshot = snapshot_of(self.state, inferred_program_of(self.state))
+            self._journal.store_outcome(Outcome(self._opening, self.next_seq - 1, snapshot))
 
     def _ack(self) -> Reply:
         """Write all records to disk, then acknowledge. Raises JournalError."""

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import DemonstrationQuality, check
-from caesura_lab.execution.findings import CheckReport
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
+from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.safety import Safety
 from caesura_service.robot import Robot, load_panda
 from harness.programs import app, pick_and_place, press

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from caesura_lab.evaluation.mutations import violations
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.executor import RunResult, SimulatedCell, execute, run
-from caesura_lab.execution.findings import RefusedError
 from caesura_lab.execution.safety_monitor import RobotStopped, SafetyMonitor
 from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
@@ -21,6 +20,7 @@ from caesura_lab.teacher.guided_arm import start_posture
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS, Surface, tips
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.screw_motion import torque_about_axis
 from caesura_service.offline_segmentation import segment_recording

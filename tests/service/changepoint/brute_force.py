@@ -88,7 +88,8 @@ class BruteForce:
         self.total = float(log_sum_exp(self.joint))
 
     def log_joints(self, lattice: SegmentModelSet) -> tuple[np.ndarray, np.ndarray]:
-        """(paths,) the sum, and (paths,) the largest, over all sequences of groups along each path."""
+        """(paths,) the sum, to the power, and (paths,) the largest, over all sequences of groups."""
+        power = lattice.power
         tempered, plain = np.full((2, self.n, self.n + 1, len(self.transition)), -np.inf)
         for span, kinds in self.kinds.items():
             tempered[span] = lattice.combine(lattice.temper(kinds[None]))[0]
@@ -101,13 +102,14 @@ class BruteForce:
             ends = self.holds[:, end]
             start = last[ends]
             weight = np.zeros_like(self.transition) if end in self.free else self.transition
-            before = total[ends] + mass[end - start][:, None] + tempered[start, end]
-            total[ends] = log_sum_exp(before[:, :, None] + weight, axis=1)
+            before = total[ends] + power * mass[end - start][:, None] + tempered[start, end]
+            total[ends] = log_sum_exp(before[:, :, None] + power * weight, axis=1)
             before = best[ends] + mass[end - start][:, None] + plain[start, end]
             best[ends] = (before[:, :, None] + weight).max(axis=1)
             last[ends] = end
         survival = self.hazard.log_survival(lengths)[self.n - 1 - last][:, None]
-        total, best = total + survival + tempered[last, self.n], best + survival + plain[last, self.n]
+        total = total + power * survival + tempered[last, self.n]
+        best = best + survival + plain[last, self.n]
         return log_sum_exp(total, axis=1), best.max(axis=1)
 
     def probability(self, holds: Sequence[bool] | np.ndarray) -> float:

@@ -291,9 +291,9 @@ def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds
                 length = np.array([end - start])
                 last = i == len(spans) - 1
                 mass = HAZARD.log_survival(length - 1) if last else HAZARD.log_mass(length)
-                total += float(mass[0]) + lattice.power * (kinds[start, end][kind] - prior[kind])
+                total += float(mass[0]) + kinds[start, end][kind] - prior[kind]
                 total += log_prior(kind, labels[i - 1] if i else None)
-            joints.append((total, path, labels))
+            joints.append((lattice.power * total, path, labels))
     values = np.array([total for total, _, _ in joints])
     expected = float(log_sum_exp(values))
     starts = [

@@ -16,7 +16,7 @@ from caesura_service.security.roles import ROLES as TABLE
 from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
 from service.security.acl_world import KEYS, ROLES, STRANGER, World, certificates
 
-STREAMS = ("changepoints", "segments", "posterior", "status")
+STREAMS = ("changepoints", "segments", "posterior", "hints", "status")
 RESULTS = {f"caesura/v1/session/{station}/s1/{part}" for station in ("cell-1", "cell-2") for part in STREAMS}
 SNAPSHOTS = {"caesura/v1/session/cell-1/s1/snapshot", "caesura/v1/session/cell-2/s1/snapshot"}
 PAST_SAMPLES = {"caesura/v1/session/cell-1/s1/samples", "caesura/v1/session/cell-2/s1/samples"}

@@ -14,7 +14,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connect_arm, state_of
+from caesura_clients.bridge.sources.franka import FrankaSource, state_of
+from caesura_clients.bridge.sources.live_arm import NO_GRIPPER, connect_arm
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.poses import Transform, pose_of
 from caesura_protocol.messages import HandOnRobot

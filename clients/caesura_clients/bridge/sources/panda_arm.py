@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from caesura_clients.bridge.sources.franka import NO_GRIPPER, FrankaSource, connect_arm, state_of
+from caesura_clients.bridge.sources.franka import FrankaSource, state_of
+from caesura_clients.bridge.sources.live_arm import NO_GRIPPER, connect_arm
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.messages import HandOnRobot
 

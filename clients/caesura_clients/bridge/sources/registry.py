@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
+from math import isfinite
 from pathlib import Path
 
 from caesura_clients.bridge.sources import Source
@@ -12,9 +13,10 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot
+from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
 from caesura_protocol.plausibility import WIRE_UNIT
 from caesura_protocol.recording import declared_units
+from caesura_protocol.robots import RobotDescription, robot_description
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 GROUP = "caesura.sources"  # entry points, each a function of SourceOptions that returns a Source
@@ -30,10 +32,12 @@ class SourceOptions:
     length_unit: str | None = None
     scenario: str | None = None
     seed: int = 0
-    robot: str | None = None  # that the simulated teacher guides
+    robot: str | None = None  # which arm it is; that the simulated teacher guides
     mapping: Path | None = None
     host: str | None = None  # of the robot
     gripper: bool = True  # does it have one?
+    tcp_offset: str | None = None  # x,y,z,rx,ry,rz [m, rad] of the TCP on the flange
+    teach_mode: bool = False  # the source lets go of the arm, so that it can be guided
     ros: str | None = None  # the Zenoh endpoint of ROS 2
     config: Path | None = None  # of Zenoh there
     hand_on_robot: str | None = None
@@ -105,6 +109,63 @@ def _panda(options: SourceOptions) -> Source:
     return open_panda(_host(options, "panda"), gripper=options.gripper, hand_on_robot=hand)
 
 
+def _ur(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.ur_arm import open_ur  # noqa: PLC0415 - an extra
+
+    robot = _stated_robot(options, "ur", "ur5e", "ur10e")
+    return open_ur(
+        _host(options, "ur"),
+        robot,
+        wrench_source=_wrench_source(options, robot),
+        hand_on_robot=hand_statement(options),
+        tcp_offset=_tcp_offset(options),
+        teach_mode=options.teach_mode,
+    )
+
+
+def _xarm(options: SourceOptions) -> Source:
+    from caesura_clients.bridge.sources.xarm_arm import open_xarm  # noqa: PLC0415 - an extra
+
+    robot = _stated_robot(options, "xarm", "xarm7")
+    return open_xarm(
+        _host(options, "xarm"),
+        robot,
+        wrench_source=None if options.wrench_source is None else _wrench_source(options, robot),
+        hand_on_robot=hand_statement(options),
+        tcp_offset=_tcp_offset(options),
+        teach_mode=options.teach_mode,
+    )
+
+
+def _stated_robot(options: SourceOptions, name: str, *examples: str) -> RobotDescription:
+    if options.robot is None:
+        raise SourceError(f"the source {name} needs --robot, such as {' or '.join(examples)}")
+    return robot_description(options.robot)
+
+
+def _wrench_source(options: SourceOptions, robot: RobotDescription) -> WrenchSource:
+    """Where an arm measures its wrench, as stated or as it usually does; no sensor feels an absent hand."""
+    stated = options.wrench_source or robot.wrench_source
+    if stated not in WRENCH_SOURCES:
+        raise SourceError(f"wrench_source is {stated!r}, expected one of {', '.join(WRENCH_SOURCES)}")
+    if (options.wrench_source, stated, options.hand_on_robot) == (None, "flange_sensor_with_hand", "no"):
+        return "flange_sensor"
+    return stated
+
+
+def _tcp_offset(options: SourceOptions) -> tuple[float, ...] | None:
+    if options.tcp_offset is None:
+        return None
+    try:
+        values = tuple(float(part) for part in options.tcp_offset.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 6 or not all(map(isfinite, values)):
+        expected = "six numbers x,y,z,rx,ry,rz [m, rad], such as 0,0,0.1,0,0,0"
+        raise SourceError(f"tcp_offset is {options.tcp_offset!r}, expected {expected}")
+    return values
+
+
 def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
     """The statement of the hand for an arm that estimates its wrench; these arms are guided by hand."""
     if options.wrench_source not in {None, ESTIMATE}:
@@ -157,5 +218,7 @@ SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
     "rosbag2": _file,
     "franky": _franky,
     "panda": _panda,
+    "ur": _ur,
+    "xarm": _xarm,
     "ros2": _ros2,
 } | {found.name: _of_entry_point(found) for found in entry_points(group=GROUP)}

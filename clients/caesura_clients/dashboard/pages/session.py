@@ -11,8 +11,16 @@ from caesura_clients.dashboard.apps import timeline
 from caesura_clients.dashboard.demonstrations import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
-from caesura_clients.dashboard.elements import DescriptionForm, ProgramTimeline, SessionView, StartStop
+from caesura_clients.dashboard.elements import (
+    DescriptionForm,
+    HintBanner,
+    ProgramTimeline,
+    SessionView,
+    StartStop,
+)
+from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
@@ -24,18 +32,20 @@ class SessionPage:
     def __init__(self, site: Site, station: str, session: str | None) -> None:
         self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
         self._station, self._session = station, session
+        self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
         with page(title, "/" if session is None else "/sessions"):
             self._banner = Banner()
             self._line = text("p", "").classes("state-line").props('aria-label="State"')
             self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
+            self._hints = HintBanner(banner_of(None)) if session is None else None  # moves no button to press
             self._form = DescriptionForm(
                 self._description(), self._ask, editable=site.desk is not None, live=session is None
             )
             self._view = SessionView(
                 station, editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
-            self._program = ProgramTimeline()
+            self._program = ProgramTimeline(self._edit_program, editable=self._program_desk is not None)
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
@@ -53,6 +63,8 @@ class SessionPage:
         line = line_of(seen, update) if live else line_of_past(update)
         if line != self._line.text:
             self._line.set_text(line)
+        if self._hints is not None:
+            self._hints.show(banner_of(update))
         if self._start_stop is not None:
             self._start_stop.show(self._controls() | {"t": round(seen.t)})
         self._form.show(self._description())
@@ -116,6 +128,17 @@ class SessionPage:
             self._view.answered(str(refused), failed=True)
         else:
             self._view.answered(said or "", failed=False)
+
+    async def _edit_program(self, event: GenericEventArguments) -> None:
+        """Pass an edit of the program on, without delaying any other page."""
+        if self._program_desk is None or not isinstance(event.args, dict):
+            return
+        try:
+            said = await run.io_bound(self._program_desk.carry_out, self._station, event.args)
+        except EditRefused as refused:
+            self._program.answered(str(refused), failed=True)
+        else:
+            self._program.answered(said or "", failed=False)
 
 
 def line_of(seen: StationSummary, update: Update | None) -> str:

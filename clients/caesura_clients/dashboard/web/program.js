@@ -1,42 +1,86 @@
 import { live } from "caesura-dashboard/live.js";
 import { percent } from "caesura-dashboard/palette.js";
+import AppEdit from "caesura-dashboard/program_edit.js";
+
+const AUTHOR = "caesura-author";
 
 export default {
   mixins: [live],
-  data: () => ({ program: null }),
+  components: { AppEdit },
+  props: { editable: Boolean },
+  emits: ["edit"],
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "" }),
   template: `
     <section aria-labelledby="program-title">
-      <h2 id="program-title">Program <small v-if="program">version <span class="version">{{ program.version }}</span>{{
+      <h2 id="program-title">Program <small v-if="program">{{ program.name }} version <span class="version">{{ program.version }}</span>{{
         program.complete ? ", complete" : ", being taught" }}{{ edited }}</small></h2>
+      <div v-if="program" class="program-tools">
+        <template v-if="editable">
+          <label>Program name <input class="program-name" v-model="name" maxlength="120" placeholder="unnamed" autocomplete="off"
+            @change="rename"></label>
+          <button class="undo-edit" :disabled="busy || !program.undoable" @click="say({ do: 'undo' })">Undo edit</button>
+          <button class="redo-edit" :disabled="busy || !program.redoable" @click="say({ do: 'redo' })">Redo edit</button>
+        </template>
+        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="href" download>{{ title }}</a></span>
+        <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
+      </div>
       <ul v-if="program && program.notes.length" class="notes" aria-label="Notes">
         <li v-for="note in program.notes" :key="note">{{ note }}</li>
+      </ul>
+      <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
+        <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
       <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">
-        <li v-for="app in program.apps" :key="app.number" class="app">
-          <h3>{{ app.number }} · {{ app.title }}</h3>
-          <p class="when">{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
+        <li v-for="app in program.apps" :key="key(app)" class="app" :class="{ changed: app.changes.length }">
+          <h3>{{ app.number }} · {{ app.name || app.title }}</h3>
+          <p class="when"><template v-if="app.name">{{ app.title }}, </template>{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
+          <p v-if="app.note" class="app-said">{{ app.note }}</p>
           <div v-if="app.drawing" v-html="app.drawing"></div>
           <dl><div v-for="[name, value] in app.lines" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></div></dl>
           <p v-if="app.limited" class="limited">force limited</p>
           <p class="confidence"><span aria-hidden="true" class="bar"><i :style="{ width: 100 * app.confidence + '%' }"></i></span>
             confidence {{ percent(app.confidence) }}</p>
+          <ul v-if="app.changes.length" class="marks" aria-label="Edits"><li v-for="one in app.changes" :key="one">{{ one }}</li></ul>
+          <ul v-if="app.findings.length" class="findings" aria-label="Findings">
+            <li v-for="[severity, reason] in app.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
+          </ul>
+          <app-edit v-if="editable" :app="app" :kinds="program.kinds" :busy="busy" @edit="say"></app-edit>
         </li>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>
+      <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
+        <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
+          {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
     </section>`,
   computed: {
     edited() {
       if (!this.program.author) return "";
       const at = this.program.edited ? new Date(1000 * this.program.edited).toLocaleTimeString() : "";
-      return `, corrected by ${this.program.author} ${at}`;
+      return `, ${this.program.changed} by ${this.program.author} ${at}`;
     },
   },
   methods: {
     percent,
+    key: (app) => Object.values(app.reference).slice(0, 2).concat(app.reference.added).join(),
     apply(payload) {
+      if (!this.program || payload.name !== this.program.name || payload.session !== this.program.session) this.name = payload.name;
+      if (this.program && payload.session !== this.program.session) this.message = "";
       this.program = payload;
+    },
+    rename() {
+      const name = this.name.trim();
+      if (name && name !== this.program.name) this.say({ do: "name", name });
+    },
+    say(action) { // with the name that corrections have too
+      const author = (localStorage.getItem(AUTHOR) || "").trim() || "dashboard";
+      Object.assign(this, { busy: true, message: "", failed: false });
+      const { session, editRevision } = this.program;
+      this.$emit("edit", { session, revision: editRevision, author, action });
+    },
+    answered(message, failed) {
+      Object.assign(this, { message, failed, busy: false });
     },
   },
 };

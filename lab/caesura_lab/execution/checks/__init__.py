@@ -1,8 +1,10 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
-Five looks, one module each: `timing` at what was re-timed, `values` at every app for itself, `order` at
-what holds before each app. Once the numbers are sane, `reach` looks at the arm (joints, inverse
-kinematics along the way, what stands in it), and `fidelity` at what was taught and is not reproduced.
+Six looks, one module each, of which five need no robot and are in `caesura_protocol.programs.checks`:
+`timing` at what was re-timed, `value_ranges` at every app for itself, `gripping` at what the gripper has,
+`preconditions` at what holds before each app, and `fidelity` at what was taught and is not reproduced. Once
+the numbers are sane, `reachability` looks at the arm: joints, inverse kinematics along the way, what stands
+in it.
 """
 
 from __future__ import annotations
@@ -10,13 +12,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from caesura_lab.execution.cell import Cell
-from caesura_lab.execution.checks.fidelity import DemonstrationQuality, fidelity_findings
-from caesura_lab.execution.checks.preconditions import order_findings
 from caesura_lab.execution.checks.reachability import reach_findings
-from caesura_lab.execution.checks.timing import timing_findings
-from caesura_lab.execution.checks.value_ranges import value_findings
-from caesura_lab.execution.findings import CheckReport, Finding
 from caesura_protocol.messages import App
+from caesura_protocol.programs.checks import (
+    DemonstrationQuality,
+    fidelity_findings,
+    gripper_findings,
+    order_findings,
+    timing_findings,
+    value_findings,
+)
+from caesura_protocol.programs.checks.findings import CheckReport, Finding
+from caesura_protocol.programs.gripping import within_gripper
+from caesura_protocol.robots import GripperDescription
 from caesura_service.robot import Robot
 
 __all__ = ["DemonstrationQuality", "check"]
@@ -31,18 +39,21 @@ def check(
     cell: Cell | None = None,
     quality: DemonstrationQuality | None = None,
     robot: Robot | None = None,
+    gripper: GripperDescription | None = None,
 ) -> CheckReport:
     """Return everything that is wrong with a program, app by app; deterministic.
 
     cell: limits, what stands there and where the robot begins; quality: what is known of the demonstration;
-    robot: without one, reach is not checked, and a warning says so.
+    robot: without one, reach is not checked, and a warning says so; gripper: without one, the fingers' widths
+    are compared with the limits of the cell.
     """
     cell = cell or Cell()
     if not apps:
         return CheckReport((Finding("error", None, None, "has no apps, there is nothing to run"),))
     found = [
         *timing_findings(None if quality is None else quality.timing),
-        *value_findings(apps, cell.safety),
+        *value_findings(apps, within_gripper(cell.safety, gripper)),
+        *(() if gripper is None else gripper_findings(apps, cell.safety, gripper)),
     ]
     broken = any(one.severity == "error" for one in found)
     found += order_findings(apps)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from caesura_lab.execution.cell import Cell
-from caesura_lab.execution.findings import Finding
 from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
@@ -16,6 +15,7 @@ from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
+from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.robot import Robot

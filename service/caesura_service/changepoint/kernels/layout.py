@@ -110,7 +110,7 @@ SETTINGS = np.dtype(
         ("certain", "f8"),
         ("certain_after", "i8"),
         ("maximum", "i8"),  # over kinds; otherwise their mixture
-        ("power", "f8"),  # of the evidence in sums
+        ("power", "f8"),  # of the joint in sums
     ]
 )
 

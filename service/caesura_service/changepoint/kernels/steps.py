@@ -200,7 +200,7 @@ def over_groups(here, evidence, power, lanes):
     kinds, total, each = state.kinds, state.work[0], state.work[1]
     evidence[:, :lanes] = -math.inf
     for k in range(kinds.shape[0]):
-        temper(each, kinds[k], model.log_weight[k], power, lanes)
+        temper(each, kinds[k], power, lanes)
         most(evidence[model.groups[k]], each, lanes)
     if model.settings[0].maximum:
         return
@@ -208,7 +208,7 @@ def over_groups(here, evidence, power, lanes):
         total[:lanes] = 0.0
         for k in range(kinds.shape[0]):
             if model.groups[k] == group:
-                temper(each, kinds[k], model.log_weight[k], power, lanes)
+                temper(each, kinds[k], power, lanes)
                 beside(each, each, evidence[group], lanes)
                 exponentials(each, 0.0, lanes)
                 add(total, each, lanes)
@@ -217,13 +217,10 @@ def over_groups(here, evidence, power, lanes):
 
 
 @compiled
-def temper(each, values, log_weight, power, lanes):
+def temper(each, values, power, lanes):
     """`SegmentModelSet.temper` of one kind."""
-    if power == 1.0:
-        put(each, values, lanes)
-        return
     for i in range(lanes):
-        each[i] = log_weight + power * (values[i] - log_weight)
+        each[i] = power * values[i]
 
 
 @compiled
@@ -258,12 +255,12 @@ def beside(difference, values, largest, lanes):
 def prepare_next(here):
     """What ends now, by group, and the links of the next observation's start."""
     model, state = model_at(here), state_at(here)
-    me, terms = state.counters[0], state.terms
+    me, terms, power = state.counters[0], state.terms, model.settings[0].power
     for group in range(state.nodes.shape[0]):
         best, chosen = -math.inf, 0
         for place in range(me.living):
             mass = model.log_mass[me.count - state.starts[place]]
-            terms[place] = state.priors[0, group, place] + (mass + state.evidence[group, place])
+            terms[place] = state.priors[0, group, place] + (power * mass + state.evidence[group, place])
             score = state.priors[1, group, place] + (mass + state.plain[group, place])
             if score > best:
                 best, chosen = score, place
@@ -304,9 +301,9 @@ def take_likeliest(here):
 def join(here):
     """`RunLengthFilter.log_joint`."""
     model, state = model_at(here), state_at(here)
-    me, pairs = state.counters[0], state.pairs
+    me, pairs, power = state.counters[0], state.pairs, model.settings[0].power
     for place in range(me.living):
-        survived = model.log_survival[me.count - 1 - state.starts[place]]
+        survived = power * model.log_survival[me.count - 1 - state.starts[place]]
         for group in range(pairs.shape[0]):
             pairs[group, place] = state.priors[0, group, place] + survived + state.evidence[group, place]
         sum_pairs(here, place)

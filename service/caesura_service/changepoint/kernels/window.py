@@ -71,6 +71,7 @@ def link(here, start, free):
     """`window.link`, of what has ended before a start. It is that of the next one."""
     model, state = model_at(here), state_at(here)
     ended, following, before = state.ended, state.next, state.next_before
+    power = model.settings[0].power
     groups, row = ended.shape[1], start % state.window_evidence.shape[0]
     flow = state.window_flow[row]
     state.window_free[row] = free
@@ -83,7 +84,7 @@ def link(here, start, free):
         best, chosen, peak = -math.inf, 0, -math.inf
         for i in range(groups):
             weight = 0.0 if free else model.transition[i, j]
-            flow[i, j] = ended[0, i] + weight
+            flow[i, j] = ended[0, i] + power * weight
             peak = max(peak, flow[i, j])
             if ended[1, i] + weight > best:
                 best, chosen = ended[1, i] + weight, i
@@ -105,13 +106,14 @@ def smooth(here):
     size, groups = state.window_evidence.shape[0], begun.shape[0]
     now, span = me.count - 1, min(me.count, size)
     evidence, priors = state.window_evidence[now % size], state.window_priors[0]
+    power = model.settings[0].power
     for place in range(me.living):
         terms[place] = state.joint[place]
     total = log_sum_exp(terms, me.living)
     for group in range(groups):
         row = now % size
         for age in range(span):
-            begun[group, row] = priors[group, row] + model.log_survival[age] + evidence[group, row]
+            begun[group, row] = priors[group, row] + power * model.log_survival[age] + evidence[group, row]
             row = row - 1 if row else size - 1
         exponentials(begun[group], total, begun.shape[1])
     row = now % size
@@ -174,6 +176,7 @@ def begin_anew(here, start, before):
 def end_anew(here, start, end, group):
     """What ends before `end` with a segment of this group, all from `start` on."""
     model, state = model_at(here), state_at(here)
+    power = model.settings[0].power
     size, priors, terms, starts = (
         state.window_evidence.shape[0],
         state.window_priors,
@@ -189,7 +192,7 @@ def end_anew(here, start, end, group):
     )
     for s in range(start, end):
         mass = model.log_mass[end - s]
-        terms[s - start] = priors[0, group, s % size] + (mass + evidence[s % size])
+        terms[s - start] = priors[0, group, s % size] + (power * mass + evidence[s % size])
         score = priors[1, group, s % size] + (mass + plain[s % size])
         if score > best:
             best, chosen = score, s

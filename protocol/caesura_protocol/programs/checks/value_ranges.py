@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from caesura_lab.execution.findings import Finding
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import JOINTS_MOST, App
+from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 
 NUMBERS = (

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from caesura_lab.execution.findings import Finding
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
@@ -143,7 +143,8 @@ def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:
 
 
 def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
-    moving = [(index, app) for index, app in enumerate(apps) if APP_KINDS[app.kind].travels]
+    taught = [(index, app) for index, app in enumerate(apps) if app.added is None]
+    moving = [(index, app) for index, app in taught if APP_KINDS[app.kind].travels]
     without = [(index, app) for index, app in moving if app.path is None]
     reason = "the path that was taught is not known: straight to the target"
     if moving and len(without) == len(moving):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from caesura_lab.execution.findings import Finding
-from caesura_protocol.programs.timing import LEAST_SPEED, MOST_SPEED, ProgramTiming
+from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
+from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.timing import ProgramTiming
 
 
 def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from caesura_lab.execution.findings import Finding
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App
+from caesura_protocol.programs.checks.findings import Finding
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:

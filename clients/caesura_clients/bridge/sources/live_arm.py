@@ -1,0 +1,178 @@
+"""A live arm as a source: its states, read as they come and never commanded, and its gripper beside it.
+
+A vendor's module gives a function that waits for the next state (`ArmState`). What differs between vendors,
+such as signs, units and frames, ends there. A gripper is asked in a thread of its own: its answers come
+slower than the arm's, and may wait.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from caesura_clients.bridge.sources import Chunk
+from caesura_protocol.columns import columns_of
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.poses import Quaternion, Transform, nearest
+from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
+
+logger = logging.getLogger(__name__)
+
+SIGNALS = ("pos", "quat", "q")
+WRENCH = ("force", "torque")
+CHUNK_MS = 20  # of the robot's time
+GRIPPER_S = 0.02  # between two questions
+GRIPPER_TIMEOUT_S = 3.0
+MS = 1000
+NO_GRIPPER = " (without a gripper: --no-gripper)"
+
+
+class ArmState(NamedTuple):
+    """One state of an arm, in the wire's units and signs.
+
+    wrench: (6,) [N, Nm] of the environment on the robot, about the flange, empty where none is measured; tau:
+    (joints,) [Nm], likewise.
+    """
+
+    t: float  # [s] of the robot's clock
+    q: Sequence[float]  # [rad]
+    flange: Transform  # in the base frame
+    wrench: Sequence[float]
+    tau: Sequence[float] = ()
+
+
+class LiveArm:
+    """A live arm as a Source.
+
+    who: what errors call it; read: waits for the next state; joints: how many it has; torques: does a state
+    have `tau`? width: the gripper's opening [m], which may wait; None where there is no gripper; over: is
+    called at the end. Raises SourceError in `chunks` where the arm or the gripper is lost, with the reason.
+    """
+
+    length_unit: LengthUnit = "m"
+    can_wait = False
+
+    def __init__(
+        self,
+        who: str,
+        read: Callable[[], ArmState],
+        joints: int,
+        *,
+        wrench_source: WrenchSource,
+        hand_on_robot: HandOnRobot,
+        torques: bool = False,
+        force_frame: ForceFrame = "base",
+        width: Callable[[], float] | None = None,
+        over: Callable[[], None] | None = None,
+    ) -> None:
+        self.wrench_source: WrenchSource = wrench_source
+        self.hand_on_robot: HandOnRobot = hand_on_robot
+        self.force_frame: ForceFrame = force_frame
+        measured = WRENCH if wrench_source != "none" else ()
+        signals = (*SIGNALS, *measured, *(["tau"] if torques else []), *(["gripper"] if width else []))
+        self.columns = columns_of(signals, joints)
+        self._who = who
+        self._read = read
+        self._over = over
+        self._gripper: _Gripper | None = None
+        if width is not None:
+            self._gripper = connect_arm(f"{who}, its gripper", lambda: _Gripper(width), NO_GRIPPER)
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Yield about 20 ms of states at a time; a state that is read twice is yielded once."""
+        rows: list[list[float]] = []
+        first: float | None = None
+        last = 0.0
+        orientation = (0.0, 0.0, 0.0, 1.0)
+        try:
+            while True:
+                try:
+                    state = self._next(0.0 if first is None else last - first)
+                except SourceError:
+                    if rows:
+                        yield np.array(rows)
+                    raise
+                if first is not None and state.t == last:
+                    continue
+                first = state.t if first is None else first
+                last = state.t
+                row = self._row(state, first, orientation)
+                orientation = (row[4], row[5], row[6], row[7])
+                rows.append(row)
+                if round(MS * (row[0] - rows[0][0])) >= CHUNK_MS - 1:
+                    yield np.array(rows)
+                    rows = []
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Stop asking the gripper, then the arm: a vendor's thread at the end takes all with it."""
+        if self._gripper is not None:
+            self._gripper.close()
+        over, self._over = self._over, None
+        try:
+            if over is not None:
+                over()
+        except Exception as error:  # an arm that is lost takes no command, and why it was lost counts
+            logger.warning("%s: its end was not carried out: %s", self._who, _error_text(error))
+
+    def _next(self, after_s: float) -> ArmState:
+        if self._gripper is not None and self._gripper.failure is not None:
+            raise SourceError(
+                f"{self._who}: the gripper was lost after {after_s:.1f} s: {self._gripper.failure}"
+            )
+        try:
+            return self._read()
+        except Exception as error:  # whatever the vendor's package makes of it
+            raise SourceError(f"{self._who}: lost after {after_s:.1f} s: {_error_text(error)}") from error
+
+    def _row(self, state: ArmState, first: float, orientation: Quaternion) -> list[float]:
+        return [
+            round(state.t - first, 6),
+            *state.flange.position,
+            *nearest(state.flange.orientation, orientation),
+            *map(float, state.q),
+            *(state.wrench if self.wrench_source != "none" else ()),
+            *state.tau,
+            *(() if self._gripper is None else (self._gripper.width,)),
+        ]
+
+
+class _Gripper:
+    """The gripper's last width, asked for until it is over."""
+
+    def __init__(self, ask: Callable[[], float]) -> None:
+        self.width = ask()
+        self.failure: str | None = None
+        self._over = threading.Event()
+        self._ask = ask
+        self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Wait for the last answer, which the vendor's package itself gives up in time."""
+        self._over.set()
+        self._thread.join(GRIPPER_TIMEOUT_S)
+
+    def _run(self) -> None:
+        try:
+            while not self._over.wait(GRIPPER_S):
+                self.width = self._ask()
+        except Exception as error:
+            self.failure = _error_text(error)
+
+
+def connect_arm(name: str, connect: Callable[[], Any], hint: str = "") -> Any:
+    """What `connect` gives. Raises SourceError, with the reason, where it does not."""
+    try:
+        return connect()
+    except Exception as error:
+        raise SourceError(f"{name}: cannot connect: {_error_text(error)}{hint}") from error
+
+
+def _error_text(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,126 @@
+"""The source `ur`: an arm of Universal Robots by RTDE, through ur_rtde. Needs the extra `ur`.
+
+What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
+  getTimestamp [s] since the controller was started; getActualQ [rad]; getActualTCPPose, x y z [m] and
+  rotation vector [rad] in the controller's base frame; getActualTCPForce [N, Nm], what acts on the TCP in
+  that frame, less the payload's weight: its sign is the wire's (UR's forum, topic 4481: "forces acting on
+  the end point of the TCP"; not verified on an arm).
+Each value is asked for by itself: a state counts where the time before and after is the same.
+
+The flange is the TCP's pose without the TCP's offset, and the torque is moved to the flange. RTDE, as ur_rtde
+reads it, does not report the offset: it is stated (`--tcp-offset`), or asked of the controller in teach mode.
+In teach mode (`--teach-mode`) a script runs on the controller, which must be in remote control: freedrive is
+on from the beginning to the end, and a wrench whose zero is relative (robot.json) is zeroed before. Without
+it nothing is commanded: guide with the button of the pendant, and zero the sensor there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from caesura_clients.bridge.sources.live_arm import ArmState, LiveArm, connect_arm
+from caesura_protocol.distribution import import_extra
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, pose_of_rotation_vector
+from caesura_protocol.messages import HandOnRobot, WrenchSource
+from caesura_protocol.robots import RobotDescription
+
+SILENT_S = 1.0  # without a new state: the arm is lost
+VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_force", "safety_status_bits"]
+
+
+def open_ur(
+    host: str,
+    robot: RobotDescription,
+    *,
+    wrench_source: WrenchSource,
+    hand_on_robot: HandOnRobot,
+    tcp_offset: tuple[float, ...] | None = None,
+    teach_mode: bool = False,
+) -> LiveArm:
+    """Connect. tcp_offset: (6,) x y z [m], rotation vector [rad]; None: asked of the controller.
+
+    Raises SourceError where the extra is missing, the arm does not answer, or the TCP's offset is not known.
+    """
+    if tcp_offset is None and not teach_mode:
+        raise SourceError(
+            f"{robot.name} at {host}: where is its TCP? State --tcp-offset x,y,z,rx,ry,rz [m, rad] as on the "
+            "pendant (0,0,0,0,0,0 without a tool), or --teach-mode, which asks the controller"
+        )
+    with import_extra("ur", "the source ur"):
+        receiving, controlling = import_module("rtde_receive"), import_module("rtde_control")
+    who = f"{robot.name} at {host}"
+    receive = connect_arm(who, lambda: receiving.RTDEReceiveInterface(host, -1.0, VARIABLES))
+    over = receive.disconnect
+    if teach_mode:
+        control = connect_arm(f"{who}, teach mode", lambda: controlling.RTDEControlInterface(host))
+        tcp_offset = tcp_offset or connect_arm(who, control.getTCPOffset)
+        over = _end_of_teaching(control, receive)
+        if robot.wrench_is_relative:
+            _do(f"{who}, zeroing its sensor", control.zeroFtSensor)
+        _do(f"{who}, teach mode", control.teachMode)
+    return LiveArm(
+        who,
+        _reader(receive, pose_of_rotation_vector(tcp_offset or (0.0,) * 6)),
+        len(robot.joints),
+        wrench_source=wrench_source,
+        hand_on_robot=hand_on_robot,
+        over=over,
+    )
+
+
+def _do(what: str, command: Callable[[], bool]) -> None:
+    """Give a command. Raises SourceError where the controller does not carry it out."""
+    if not connect_arm(what, command):
+        raise SourceError(f"{what}: the controller did not carry it out; is it in remote control?")
+
+
+def _end_of_teaching(control: Any, receive: Any) -> Callable[[], None]:
+    def end() -> None:
+        control.endTeachMode()
+        control.stopScript()
+        control.disconnect()
+        receive.disconnect()
+
+    return end
+
+
+def _reader(receive: Any, tcp_on_flange: Transform) -> Callable[[], ArmState]:
+    """What waits for the next state of an arm. Raises RuntimeError where it is lost, with the reason."""
+    last = -1.0
+
+    def read() -> ArmState:
+        nonlocal last
+        waited_s = 0.0
+        while True:
+            period = receive.initPeriod()
+            t = receive.getTimestamp()
+            q, pose, wrench = receive.getActualQ(), receive.getActualTCPPose(), receive.getActualTCPForce()
+            if t != last and t == receive.getTimestamp():
+                last = t
+                break
+            if why := _lost(receive, waited_s):
+                raise RuntimeError(why)
+            receive.waitPeriod(period)
+            waited_s += PERIOD_S
+        effector = pose_of_rotation_vector(pose)
+        flange = flange_of(effector, tcp_on_flange)
+        return ArmState(t, q, flange, moved_wrench(wrench, effector.position, flange.position))
+
+    return read
+
+
+PERIOD_S = 0.002  # of ur_rtde's at 500 Hz; a CB3 controller has 0.008
+
+
+def _lost(receive: Any, waited_s: float) -> str | None:
+    """Why an arm reports nothing new, where it will not."""
+    if not receive.isConnected():
+        return "the controller has closed the connection"
+    if receive.isEmergencyStopped():
+        return "emergency stop"
+    if receive.isProtectiveStopped():
+        return "protective stop"
+    return f"no state for {SILENT_S:g} s" if waited_s >= SILENT_S else None

@@ -1,0 +1,177 @@
+"""`caesura edit-program`: edit the program of a session from the command line."""
+
+from __future__ import annotations
+
+import getpass
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from pydantic import TypeAdapter, ValidationError
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from caesura_clients.cli.options import Config, Connect, connected, named, reported
+from caesura_clients.cli.result_tables import PLAIN, program_view
+from caesura_clients.program_editing import edit_program as send_edit
+from caesura_clients.program_editing import in_words, reference
+from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
+from caesura_protocol.validation_words import first_finding
+
+MM = 0.001  # [m]
+
+
+class _Value(NamedTuple):
+    """A value as it is typed: the field of the message, and how its text is read."""
+
+    field: str
+    read: Callable[[str], Any]
+
+
+def _length(text: str) -> float:
+    return MM * float(text)
+
+
+def _vector(text: str, scale: float = 1.0) -> tuple[float, ...]:
+    return tuple(scale * float(part) for part in text.split(","))
+
+
+_TARGET = _Value("target", lambda text: _vector(text, MM))
+CHANGES: Mapping[str, _Value] = {
+    "name": _Value("name", str),
+    "note": _Value("note", str),
+    "target": _TARGET,
+    "speed": _Value("speed", float),
+    "force": _Value("force_n", float),
+    "tolerance": _Value("tolerance_m", _length),
+    "width": _Value("gripper_width", _length),
+    "as-taught": _Value("as_taught", lambda text: [CHANGES[name].field for name in text.split(",")]),
+}
+INSERTED: Mapping[str, _Value] = {
+    "name": CHANGES["name"],
+    "target": _TARGET,
+    "force": _Value("force", _vector),
+    "width": CHANGES["width"],
+    "seconds": _Value("seconds", float),
+}
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "change": ("app",),
+    "move": ("app", "after"),
+    "delete": ("app",),
+    "duplicate": ("app",),
+    "insert": ("after", "kind"),
+    "name": ("name",),
+    "undo": (),
+    "redo": (),
+}
+VALUES: Mapping[str, Mapping[str, _Value]] = {"change": CHANGES, "insert": INSERTED}
+USAGE = "; ".join(
+    " ".join([do, *(word.upper() for word in words), *(["VALUE=…"] if do in VALUES else [])])
+    for do, words in WORDS.items()
+)
+_ACTION: TypeAdapter[ProgramAction] = TypeAdapter(ProgramAction)
+
+
+def edit_program(
+    station: Annotated[str, typer.Argument(help="Teaching station.")],
+    session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
+    action: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help=f"{USAGE}. APP: its number in the table; AFTER: likewise, 0 for the beginning. "
+            f"Values of change: {', '.join(CHANGES)}; of insert: {', '.join(INSERTED)}. "
+            "Lengths \\[mm], force \\[N], speed as a factor. Without an action the edits are listed."
+        ),
+    ] = None,
+    author: Annotated[
+        str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose edit; by default the login's.")
+    ] = None,
+    revision: Annotated[
+        int | None, typer.Option(min=0, help="Edits that the program had when it was seen; default: now.")
+    ] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Edit the program of a session, open or closed; what was inferred stays beneath the edits."""
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            program = caesura.snapshot(station, session).program
+            if not action:
+                Console().print(program_view(program), edits_table(program))
+                return
+            wanted = parse(action, program)
+            seen = program.edit_revision if revision is None else revision
+            send_edit(
+                caesura.transport,
+                station,
+                session,
+                wanted,
+                author=author or getpass.getuser(),
+                revision=seen,
+            )
+            typer.echo(f"{station}/{session}: {_said(wanted, program)}")
+
+
+def _said(action: ProgramAction, program: Program) -> str:
+    """What was done, in words; of undo and redo what it took back."""
+    applied = [edit for edit in program.edits if edit.state != "undone"]
+    undone = [edit for edit in program.edits if edit.state == "undone"]
+    if isinstance(action, Undo) and applied:
+        return f"undone: {in_words(applied[-1].action)}"
+    if isinstance(action, Redo) and undone:
+        return f"done again: {in_words(undone[0].action)}"
+    return in_words(action)
+
+
+def edits_table(program: Program) -> Table:
+    """The edits of a program, one a line."""
+    table = Table("#", "edit", "by", "state", title="edits", **PLAIN)
+    for edit in program.edits:
+        state = edit.state.replace("_", " ") + (f": {edit.reason}" if edit.reason else "")
+        table.add_row(str(edit.number), *map(Text, (in_words(edit.action), edit.author, state)))
+    return table
+
+
+def parse(words: Sequence[str], program: Program) -> ProgramAction:
+    """An action as it is typed. Raises CaesuraError, which names what there is."""
+    do, *rest = words
+    names = WORDS.get(do)
+    if names is None or len(rest) < len(names) or (do not in VALUES and len(rest) > len(names)):
+        raise CaesuraError(f"{' '.join(words)!r} is no edit, expected one of: {USAGE}")
+    given: dict[str, Any] = dict(zip(names, rest, strict=False))
+    for name in ("app", "after"):
+        if name in given:
+            given[name] = _reference(program, given[name], first=name == "after")
+    if given.get("kind", "grasp") not in APP_KINDS:
+        raise CaesuraError(f"{given['kind']!r} is no kind of app, expected one of: {', '.join(APP_KINDS)}")
+    for text in rest[len(names) :]:
+        given |= _value(text, VALUES[do])
+    try:
+        return _ACTION.validate_python({"do": do, **given})
+    except ValidationError as error:
+        raise CaesuraError(first_finding(error, named=lambda place: str(place[-1]))) from error
+
+
+def _value(text: str, values: Mapping[str, _Value]) -> dict[str, Any]:
+    name, _, typed = text.partition("=")
+    try:
+        value = values[name]
+        return {value.field: value.read(typed)}
+    except (KeyError, ValueError) as error:
+        expected = ", ".join(f"{known}=…" for known in values)
+        raise CaesuraError(f"{text!r} is no value, expected one of: {expected}") from error
+
+
+def _reference(program: Program, number: str, *, first: bool) -> AppReference | None:
+    """The app of a number in the table; None for 0. Raises CaesuraError, which names the apps."""
+    index = int(number) - 1 if number.isdecimal() else -2
+    if first and index == -1:
+        return None
+    if not 0 <= index < len(program.apps):
+        there = ", ".join(app_name(i, app.kind) for i, app in enumerate(program.apps)) or "none"
+        raise CaesuraError(f"there is no app {number!r}; apps of the program: {there}")
+    return reference(program.apps[index])

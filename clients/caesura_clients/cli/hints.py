@@ -1,0 +1,109 @@
+"""`caesura hints`: each hint as it is raised and cleared, as a line or as a command that is run."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+from collections.abc import Iterable
+from contextlib import closing, suppress
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import Config, Connect, Station, connected, ended_by_sigterm, named, reported
+from caesura_clients.following import events
+from caesura_clients.hint_changes import HintChange, HintChanges
+
+PATIENCE_S = 5.0  # for a command
+
+
+def hints(
+    station: Station = None,
+    command: Annotated[
+        str | None,
+        typer.Option(
+            "--exec",
+            metavar="COMMAND",
+            help="Run it at each change, with CAESURA_HINT_EVENT (raised or cleared), _KIND, _TEXT, _ADVICE, "
+            "_STATION, _SESSION and _ACTIVE set. It gets 5 s.",
+        ),
+    ] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Show hints to the teacher as they are raised and cleared. All stations by default.
+
+    A command drives a light or a tone: CAESURA_HINT_ACTIVE is 0 once no hint of the station is active. At the
+    end every active hint counts as cleared.
+    """
+    with reported():
+        named(station)
+        words = _split(command)
+        with connected(endpoint, config) as caesura:
+            changes = HintChanges()
+            with (
+                ended_by_sigterm(),
+                suppress(KeyboardInterrupt),
+                closing(events(caesura.transport, station or "*")) as happened,
+            ):
+                for event in happened:
+                    _act(changes.receive(event), words)
+            _act(changes.clear(), words)
+
+
+def hint_line(change: HintChange) -> str:
+    """A change as a line: station/session, time, raised or cleared, kind, and what was found."""
+    hint = change.hint
+    t = hint.since if change.event == "raised" or hint.until is None else hint.until
+    said = f" {hint.text} {hint.advice}" if change.event == "raised" else ""
+    return f"{change.station}/{change.session} {t:.2f} {change.event} {hint.kind}{said}"
+
+
+def _split(command: str | None) -> list[str]:
+    """The words of a command. Raises BadParameter where there are none."""
+    if command is None:
+        return []
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise typer.BadParameter(f"{command!r}: {error}", param_hint="--exec") from error
+    if not words:
+        raise typer.BadParameter("is empty, expected a command", param_hint="--exec")
+    return words
+
+
+def _act(changes: Iterable[HintChange], words: list[str]) -> None:
+    """Write each change, and run the command for it. A command that fails is reported, and ends nothing."""
+    for change in changes:
+        typer.echo(hint_line(change))  # which flushes
+        if words and (why := _failure(change, words)):
+            typer.echo(f"--exec {words[0]}: {why}", err=True)
+
+
+def _failure(change: HintChange, words: list[str]) -> str:
+    """Run the command; why it failed, or nothing."""
+    hint = change.hint
+    stated = {
+        "EVENT": change.event,
+        "KIND": hint.kind,
+        "TEXT": hint.text,
+        "ADVICE": hint.advice,
+        "STATION": change.station,
+        "SESSION": change.session,
+        "ACTIVE": str(change.active),
+    }
+    environment = {f"CAESURA_HINT_{name}": value for name, value in stated.items()}
+    try:
+        done = subprocess.run(
+            words,
+            env={**os.environ, **environment},
+            stdin=subprocess.DEVNULL,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"ended after {PATIENCE_S:g} s, the limit"
+    except OSError as error:
+        return error.strerror or str(error)
+    return f"exit code {done.returncode}" if done.returncode else ""

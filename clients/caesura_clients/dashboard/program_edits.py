@@ -1,0 +1,176 @@
+"""Editing a program in the browser: what can be edited of each app, what was, and what a check finds.
+
+Nothing that a browser sends is trusted: it has to be an `EditProgram` as the wire has it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.editing import is_stale, send
+from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
+from caesura_protocol.app_kinds import APP_KINDS, app_title
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.messages import App, AppChange, EditProgram, Program
+from caesura_protocol.programs.app_times import may_retime
+from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.document import document
+from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.transport.network import Transport
+from caesura_protocol.validation_words import dotted, first_finding
+
+Request = Mapping[str, Any]
+CHECKED = 200  # apps that a program may have for its check at every change
+INSERTED = ("cartesian_motion", "move_to_contact", "grasp", "gripper_move", "transport")  # that need no force
+
+
+class ProgramDesk:
+    """Sends edits of programs to the service."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def carry_out(self, station: str, request: Request) -> str:
+        """Edit a program; what was done, in words. Raises EditRefused."""
+        command = parse(request)
+        try:
+            send(self._transport, station, command)
+        except ProtocolError as error:
+            raise EditRefused(_said(error)) from error
+        except CaesuraError as error:
+            raise EditRefused(f"Not done: {error}") from error
+        words = in_words(command.action)
+        return f"{words[0].upper()}{words[1:]}."
+
+
+def parse(request: Request) -> EditProgram:
+    """What a browser sent, checked. Raises EditRefused."""
+    try:
+        return EditProgram.model_validate(dict(request))
+    except ValidationError as error:
+        found = first_finding(error, named=lambda place: dotted(place[-1:]))
+        raise EditRefused(f"Not done: {found}") from error
+
+
+def _said(error: ProtocolError) -> str:
+    if is_stale(error):
+        return (
+            "Not done: another operator edited this program meanwhile. What is there now is shown: look, and "
+            "do it again."
+        )
+    return f"Not done: {error.message}."
+
+
+def editing_of(program: Program) -> dict[str, Any]:
+    """What the page shows of a program's edits, and whether one can be undone or made once more."""
+    states = [edit.state for edit in program.edits]
+    is_edit = program.revision == 0 or any(edit.at == program.edited for edit in program.edits)
+    return {
+        "session": program.session,
+        "name": program.name or "",
+        "changed": "edited" if is_edit else "corrected",
+        "editRevision": program.edit_revision,
+        "undoable": any(state != "undone" for state in states),
+        "redoable": "undone" in states,
+        "edits": [
+            [edit.number, in_words(edit.action), edit.author, edit.state.replace("_", " "), edit.reason or ""]
+            for edit in program.edits
+        ],
+        "kinds": [[kind, app_title(kind)] for kind in INSERTED],
+        "exports": [
+            [writer.title, f"/programs/{program.station}/{program.session}/{name}"]
+            for name, writer in WRITERS.items()
+        ],
+    }
+
+
+def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
+    """What can be edited of an app: its reference, its values in the units of the page, its places."""
+    app = apps[index]
+    return {
+        "reference": reference(app).model_dump(),
+        "target": app.target,
+        "name": app.name or "",
+        "note": app.note or "",
+        "values": {name: read(app) for name, has, read in _VALUES if has(app)},
+        "changes": [_change(mark) for mark in app.changes],
+        "set": [mark.field for mark in app.changes if mark.field not in {"place", "added"}],
+        "earlier": _behind(apps, index - 2) if index > 0 else None,
+        "later": _behind(apps, index + 1) if index + 1 < len(apps) else None,
+    }
+
+
+def _behind(apps: Sequence[App], index: int) -> dict[str, Any]:
+    """Where an app is moved to: behind another one, or first."""
+    return {"after": reference(apps[index]).model_dump() if index >= 0 else None}
+
+
+def _change(mark: AppChange) -> str:
+    words = f"{FIELD_WORDS[mark.field]} by {mark.author}"
+    scale, unit = _UNITS.get(mark.field, (0.0, ""))
+    if isinstance(mark.inferred, float | int) and unit:
+        return f"{words} (taught {scale * mark.inferred:.4g} {unit})"
+    if isinstance(mark.inferred, tuple) and unit:
+        taught = ", ".join(f"{scale * float(x or 0.0):.0f}" for x in mark.inferred)
+        return f"{words} (taught {taught} {unit})"
+    return words
+
+
+_UNITS: Mapping[str, tuple[float, str]] = {
+    "target": (1000.0, "mm"),
+    "force_n": (1.0, "N"),
+    "tolerance_m": (1000.0, "mm"),
+    "gripper_width": (1000.0, "mm"),
+}
+
+
+def _rounded(value: float, scale: float = 1.0, digits: int = 2) -> float:
+    return round(scale * value, digits)
+
+
+_VALUES: Sequence[tuple[str, Callable[[App], bool], Callable[[App], Any]]] = (
+    (
+        "target",
+        lambda app: "target" in APP_KINDS[app.kind].ports and app.target is not None,
+        lambda app: [_rounded(x, 1000.0, 1) for x in app.target or ()],
+    ),
+    ("speed", may_retime, lambda app: round(100 * (app.speed or 1.0))),
+    (
+        "force_n",
+        lambda app: APP_KINDS[app.kind].presses and app.force is not None,
+        lambda app: _rounded(math.hypot(*(app.force or ()))),
+    ),
+    (
+        "tolerance_m",
+        lambda app: app.path is not None,
+        lambda app: _rounded(app.path.tolerance_m if app.path else 0.0, 1000.0),
+    ),
+    (
+        "gripper_width",
+        lambda app: "width" in APP_KINDS[app.kind].ports,
+        lambda app: None if app.gripper_width is None else _rounded(app.gripper_width, 1000.0, 1),
+    ),
+)
+
+
+def findings(program: Program) -> tuple[list[list[str]], dict[int, list[list[str]]]]:
+    """What a check finds without a robot: of the whole program, and by app; each (severity, reason).
+
+    Nothing while a program without edits is being taught: what it lacks may still come.
+    """
+    if not program.apps or not (program.complete or program.edits):
+        return [], {}
+    if len(program.apps) > CHECKED:
+        reason = f"not checked here, because it has more than {CHECKED} apps: caesura check"
+        return [["warning", reason]], {}
+    of_program: list[list[str]] = []
+    of_apps: dict[int, list[list[str]]] = {}
+    for one in document_findings(document(program)):
+        into = of_program if one.index is None else of_apps.setdefault(one.index, [])
+        into.append([one.severity, one.reason])
+    return of_program, of_apps

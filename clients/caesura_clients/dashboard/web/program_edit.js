@@ -1,0 +1,93 @@
+// Editing an app at its card: its values, its place, a copy, another app behind it. One form, one edit, one undo.
+const MM = 1000;
+const FIELDS = {
+  speed: { label: "Speed [%]", scale: 100, step: 5, min: 10, max: 200 },
+  force_n: { label: "Force [N]", scale: 1, step: 0.5, min: 0 },
+  tolerance_m: { label: "Tolerance [mm]", scale: MM, step: 0.5, min: 0.1 },
+  gripper_width: { label: "Gripper width [mm]", scale: MM, step: 1, min: 0 },
+};
+
+export default {
+  props: { app: Object, kinds: Array, busy: Boolean },
+  emits: ["edit"],
+  data: () => ({ open: false, draft: null, kind: "" }),
+  template: `
+    <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
+      <summary :aria-label="'Edit app ' + app.number">Edit</summary>
+      <form v-if="open && draft" @submit.prevent="save">
+        <label>Name <input class="app-name" v-model="draft.name" maxlength="64" autocomplete="off"></label>
+        <label>Note <input class="app-note" v-model="draft.note" maxlength="1000" autocomplete="off"></label>
+        <fieldset v-if="draft.target"><legend>Target [mm]</legend>
+          <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'Target ' + axis + ' in mm'" type="number" step="0.1"
+            v-model.number="draft.target[i]" required></fieldset>
+        <label v-for="[name, field] in numbers" :key="name">{{ field.label }}
+          <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]"></label>
+        <div class="row"><button class="save" :disabled="busy || !changed">Save</button>
+          <button type="button" class="as-taught" :disabled="busy || !app.set.length" @click="asTaught">As taught</button></div>
+      </form>
+      <div v-if="open" class="row" role="group" :aria-label="'Place of app ' + app.number">
+        <button :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
+        <button :disabled="busy || !app.later" :aria-label="'Run app ' + app.number + ' later'" @click="move(app.later)">▶</button>
+        <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Copy</button>
+        <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
+      </div>
+      <div v-if="open" class="row"><label>New app behind it <select v-model="kind"><option value="">choose</option>
+        <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
+        <button class="insert-app" :disabled="busy || !kind" :aria-label="'Insert behind app ' + app.number" @click="insert">Add</button></div>
+    </details>`,
+  computed: {
+    numbers() {
+      return Object.entries(FIELDS).filter(([name]) => name in this.app.values);
+    },
+    changed() {
+      return Object.keys(this.changes()).length > 0;
+    },
+  },
+  methods: {
+    toggled(open) {
+      this.open = open;
+      if (open) this.draft = this.start(this.app);
+    },
+    start({ name, note, values }) {
+      return { name, note, ...values, target: values.target && [...values.target] };
+    },
+    changes() { // only what differs from what is shown, in the units of the wire
+      const { draft, app } = this, found = {}, cleared = [];
+      for (const name of ["name", "note"]) {
+        const text = draft[name].trim();
+        if (text && text !== app[name]) found[name] = text;
+        if (!text && app[name]) cleared.push(name);
+      }
+      const moved = (value, i) => value !== app.values.target[i];
+      if (draft.target && draft.target.some(moved)) found.target = draft.target.map((value, i) => moved(value, i) ? value / MM : app.target[i]);
+      for (const [name, { scale }] of this.numbers) {
+        if (draft[name] !== app.values[name] && draft[name] !== "" && draft[name] !== null) found[name] = draft[name] / scale;
+      }
+      return cleared.length ? { ...found, as_taught: cleared } : found;
+    },
+    save() {
+      this.say({ do: "change", app: this.app.reference, ...this.changes() });
+    },
+    asTaught() {
+      this.say({ do: "change", app: this.app.reference, as_taught: this.app.set });
+    },
+    move({ after }) {
+      this.say({ do: "move", app: this.app.reference, after });
+    },
+    insert() {
+      this.say({ do: "insert", after: this.app.reference, kind: this.kind });
+    },
+    say(action) {
+      this.$emit("edit", action);
+    },
+  },
+  watch: {
+    app(now, before) { // what arrives while the form is open replaces what was not typed into
+      if (!this.draft) return;
+      const was = this.start(before), is = this.start(now);
+      for (const name of Object.keys(is)) {
+        if (JSON.stringify(this.draft[name]) === JSON.stringify(was[name])) this.draft[name] = is[name];
+      }
+    },
+  },
+};

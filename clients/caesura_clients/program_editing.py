@@ -1,0 +1,106 @@
+"""Editing the program of a session: one edit, carried out once or refused with the reason.
+
+An edit names the `edit_revision` that its author has seen, so that no operator overwrites the edit of
+another. It names apps by their kind and time; `reference` makes such a name of an app.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from caesura_clients import query
+from caesura_clients.editing import send
+from caesura_protocol.app_kinds import app_title
+from caesura_protocol.messages import (
+    Ack,
+    App,
+    AppReference,
+    ChangeApp,
+    DeleteApp,
+    DuplicateApp,
+    EditProgram,
+    InsertApp,
+    MoveApp,
+    NameProgram,
+    ProgramAction,
+    Redo,
+    Undo,
+)
+from caesura_protocol.transport.network import Transport
+
+
+def reference(app: App) -> AppReference:
+    """The name of an app in an edit."""
+    return AppReference(kind=app.kind, t0=app.t0, tn=app.tn, added=app.added)
+
+
+def edit_program(
+    transport: Transport,
+    station: str,
+    session: str,
+    action: ProgramAction,
+    *,
+    author: str,
+    revision: int | None = None,
+) -> Ack:
+    """Edit the program of a session, open or closed.
+
+    revision: `edit_revision` of the program as the author has seen it; by default the current one, which is
+    asked first. Raises ProtocolError where the service refuses, NotFound or Unreachable.
+    """
+    if revision is None:
+        revision = query.snapshot(transport, station, session).program.edit_revision
+    made = EditProgram(session=session, revision=revision, author=author, action=action)
+    return send(transport, station, made)
+
+
+FIELD_WORDS: Mapping[str, str] = {
+    "name": "name",
+    "note": "note",
+    "target": "target",
+    "speed": "speed",
+    "force_n": "force",
+    "tolerance_m": "tolerance",
+    "gripper_width": "gripper width",
+    "place": "place in the program",
+    "added": "added",
+}
+
+
+def in_words(action: ProgramAction) -> str:
+    """An edit of a program as an operator reads it.
+
+    >>> in_words(DeleteApp(app=AppReference(kind="grasp", t0=1.8, tn=3.5)))
+    "'grasp' at 1.8 s deleted"
+    """
+    match action:
+        case ChangeApp(app=app):
+            words = f"{_at(app)}: {', '.join(_changes(action))}"
+        case MoveApp(app=app, after=after):
+            words = f"{_at(app)} moved {_behind(after)}"
+        case DeleteApp(app=app) | DuplicateApp(app=app):
+            words = f"{_at(app)} {action.do}d"
+        case InsertApp(after=after, kind=kind):
+            words = f"'{app_title(kind)}' inserted {_behind(after)}"
+        case NameProgram(name=name):
+            words = f"program named '{name}'"
+        case Undo() | Redo():
+            words = f"{action.do} done"
+    return words
+
+
+def _changes(action: ChangeApp) -> Iterator[str]:
+    for name, words in FIELD_WORDS.items():
+        if getattr(action, name, None) is not None:
+            yield f"{words} set"
+        elif name in action.as_taught:
+            yield f"{words} as taught"
+
+
+def _behind(after: AppReference | None) -> str:
+    return f"behind {_at(after)}" if after else "to the beginning"
+
+
+def _at(app: AppReference) -> str:
+    when = f"at {app.t0:.1f} s" if app.added is None else f"of edit {app.added}"
+    return f"'{app_title(app.kind)}' {when}"

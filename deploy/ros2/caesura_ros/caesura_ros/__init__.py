@@ -1,0 +1,1 @@
+"""Caesura for ROS 2."""

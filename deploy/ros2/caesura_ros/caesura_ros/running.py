@@ -1,0 +1,118 @@
+"""What the action `Run` does, without ROS 2: write a program as a script, check it, run it on its robot.
+
+A script in Python runs as a process here, and a cancellation ends it: the robot stops where the connection is
+lost. URScript runs on the controller, which is sent the text: its end is not reported, and it is stopped at
+the pendant.
+"""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.gripping import with_gripper
+
+UR_PORT = 30002  # the secondary interface, which takes a program
+CONNECT_S = 5.0
+LOOK_S = 0.1  # between two looks at a cancellation
+
+Report = Callable[[str], None]
+IsCancelled = Callable[[], bool]
+
+
+class Ran(NamedTuple):
+    """The result of a run."""
+
+    success: bool
+    message: str
+
+
+def run(
+    program: ProgramFile,
+    script: str,
+    host: str,
+    report: Report,
+    is_cancelled: IsCancelled,
+    *,
+    gripper: str = "",
+    unchecked: bool = False,
+    check: Sequence[str] = ("caesura", "check"),
+) -> Ran:
+    """Run a program as a script on the robot at `host`; `report` gets each line of it.
+
+    check: the command that is given the program's file first; a program that it refuses is not run.
+    """
+    if script not in RUNNERS:
+        return Ran(False, f"format is {script!r}, expected one of {', '.join(RUNNERS)}")
+    try:
+        program = with_gripper(program, gripper or None)
+        text = WRITERS[script].write(program)
+    except ValueError as error:
+        return Ran(False, str(error))
+    with tempfile.TemporaryDirectory(prefix="caesura-run-") as folder:
+        if refusal := _refusal(program, Path(folder), check, unchecked=unchecked):
+            return Ran(False, refusal)
+        try:
+            return RUNNERS[script](text, Path(folder), host, report, is_cancelled)
+        except OSError as error:
+            return Ran(False, f"{host}: {error}")
+
+
+def _refusal(program: ProgramFile, folder: Path, check: Sequence[str], *, unchecked: bool) -> str:
+    """Why the check refuses a program; empty where it does not, or where it is not asked for."""
+    if unchecked:
+        return ""
+    file = folder / "program.json"
+    file.write_text(program.as_json(), "utf-8")
+    try:
+        done = subprocess.run([*check, str(file)], capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return f"{check[0]} is not installed here: install Caesura's service, or state unchecked"
+    return "" if done.returncode == 0 else (done.stdout + done.stderr).strip()
+
+
+def _run_python(text: str, folder: Path, host: str, report: Report, is_cancelled: IsCancelled) -> Ran:
+    file = folder / "script.py"
+    file.write_text(text, "utf-8")
+    command = [sys.executable, "-u", str(file), "--robot", host]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
+        over, lines = threading.Event(), [""]
+        watching = threading.Thread(target=_end_if_cancelled, args=(child, is_cancelled, over))
+        watching.start()
+        try:
+            for line in child.stdout or ():
+                lines.append(line.rstrip())
+                report(lines[-1])
+            code = child.wait()
+        finally:
+            over.set()
+            child.kill()
+            watching.join()
+    if code < 0:
+        return Ran(False, "cancelled" if is_cancelled() else f"ended by signal {-code}")
+    return Ran(code == 0, "done" if code == 0 else lines[-1])
+
+
+def _end_if_cancelled(child: subprocess.Popen[str], is_cancelled: IsCancelled, over: threading.Event) -> None:
+    while not over.wait(LOOK_S):
+        if is_cancelled():
+            child.terminate()
+            return
+
+
+def _send_to_ur(text: str, folder: Path, host: str, report: Report, is_cancelled: IsCancelled) -> Ran:
+    with socket.create_connection((host, UR_PORT), timeout=CONNECT_S) as controller:
+        controller.sendall(text.encode())
+    return Ran(True, "sent to the controller, which does not report the end of a program")
+
+
+Runner = Callable[[str, Path, str, Report, IsCancelled], Ran]
+RUNNERS: Mapping[str, Runner] = {"franky": _run_python, "xarm": _run_python, "urscript": _send_to_ur}

@@ -1,0 +1,46 @@
+"""What the action `Teach` does, without ROS 2: start a demonstration, follow it, stop it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from caesura_clients import Caesura, CaesuraError, Update, describing
+from caesura_protocol.messages import Description, Program
+
+SILENCE_S = 1.0  # after which a silent session is looked at again, so that a cancellation is seen
+
+
+class Taught(NamedTuple):
+    """The result of a demonstration; program: None where none was started."""
+
+    success: bool
+    message: str
+    session: str
+    program: Program | None
+
+
+def teach(
+    caesura: Caesura,
+    station: str,
+    session: str,
+    description: Description,
+    report: Callable[[Update], None],
+    is_cancelled: Callable[[], bool],
+) -> Taught:
+    """Teach at a bridge in standby until it is stopped, here or elsewhere; `report` gets each change."""
+    try:
+        name = describing.start(caesura.transport, station, description, session=session or None).session
+        stopped = False
+        while True:
+            for update in caesura.results(station, name, silence_s=SILENCE_S):
+                report(update)
+                if update.closed:
+                    return Taught(True, "stopped" if stopped else "closed", name, update.program)
+                if is_cancelled():
+                    break
+            if is_cancelled() and not stopped:
+                describing.stop(caesura.transport, station, session=name)
+                stopped = True
+    except CaesuraError as error:
+        return Taught(False, str(error), session, None)

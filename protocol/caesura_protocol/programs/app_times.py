@@ -1,0 +1,116 @@
+"""The times of apps: shifted, scaled, and laid out anew where people changed order or speed.
+
+An app that begins earlier than taught keeps every duration to the last bit. Its times are shifted by a
+multiple of `SHIFT_S`, and a float that gets smaller by that is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
+
+from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit
+from caesura_protocol.paths import turn_of
+
+SHIFT_S = 2.0**-20
+TURNED_M = 0.1  # a turn by a radian counts as so many metres
+EVEN_S = 1e-6  # by which two times may differ and be the same
+
+A = TypeVar("A", bound=App)
+
+
+def may_retime(app: App) -> bool:
+    """Whether an app moves in free space or carries, along a path that is no turn in place."""
+    if not APP_KINDS[app.kind].travels or app.path is None or app.target is None or app.screw is not None:
+        return False
+    return app.path.length_m > TURNED_M * turn_of(app)
+
+
+def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) -> AppPath:
+    """The path at other times [s]; faster: factor of its velocities."""
+    start, *via = (
+        point.model_copy(
+            update={
+                "t": when(point.t),
+                "velocity": None if point.velocity is None else tuple(faster * v for v in point.velocity),
+            }
+        )
+        for point in (path.start, *path.via)
+    )
+    return path.model_copy(update={"start": start, "via": tuple(via), "tn": when(path.tn)})
+
+
+def earlier(app: A, shift_s: float) -> A:
+    """The app with all its times a while earlier; the same one for 0 s."""
+    if shift_s == 0.0:
+        return app
+    path = None if app.path is None else moved(app.path, lambda t: t - shift_s)
+    return app.model_copy(update={"t0": app.t0 - shift_s, "tn": app.tn - shift_s, "path": path})
+
+
+def scaled(app: A, factor: float) -> A:
+    """The app at a factor of its speed, from the same time on."""
+
+    def when(t: float) -> float:
+        return app.t0 + (t - app.t0) / factor
+
+    path = None if app.path is None else moved(app.path, when, factor)
+    return app.model_copy(update={"tn": when(app.tn), "path": path})
+
+
+class EditedTimes(NamedTuple):
+    """Apps and gaps at the times of the edited program. Gaps are those within an app."""
+
+    apps: tuple[App, ...]
+    gaps: tuple[Gap, ...]
+
+
+def edited_times(
+    apps: Sequence[App], gaps: Sequence[Gap], edits: Sequence[ProgramEdit]
+) -> EditedTimes | None:
+    """The apps one after the other at their own speeds; None where no edit changes order or speed.
+
+    A pause stays where its two apps followed each other when they were taught; elsewhere there is none.
+    """
+    deleted = [
+        edit.action.app.t0 for edit in edits if edit.state == "applied" and isinstance(edit.action, DeleteApp)
+    ]
+    if not deleted and not any(map(_is_elsewhere, apps)):
+        return None
+    taught = [*deleted, *(app.t0 for app in apps if app.added is None)]
+    made: list[App] = []
+    missing: list[Gap] = []
+    for index, app in enumerate(apps):
+        t0 = made[-1].tn + _pause_s(apps[index - 1], app, taught) if made else min(one.t0 for one in apps)
+        shifted = earlier(app, math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S)
+        made.append(shifted if app.speed is None else scaled(shifted, app.speed))
+        missing += _gaps_within(app, made[-1], gaps)
+    return EditedTimes(tuple(made), tuple(missing))
+
+
+def _is_elsewhere(app: App) -> bool:
+    """Whether an edit changed its place or its speed."""
+    return app.speed is not None or any(mark.field in {"place", "added"} for mark in app.changes)
+
+
+def _pause_s(before: App, app: App, taught: Sequence[float]) -> float:
+    """The pause [s] that was taught between two apps; 0 where another one began in between."""
+    if before.added is not None or app.added is not None or app.t0 < before.tn:
+        return 0.0
+    between = any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in taught if t != before.t0)
+    return 0.0 if between else app.t0 - before.tn
+
+
+def _gaps_within(app: App, made: App, gaps: Sequence[Gap]) -> list[Gap]:
+    """The gaps of an app at its new times."""
+    if app.tn <= app.t0:
+        return []
+    pace = (made.tn - made.t0) / (app.tn - app.t0)
+    inside = ((max(gap.t0, app.t0), min(gap.tn, app.tn), gap.reason) for gap in gaps)
+    return [
+        Gap(t0=made.t0 + pace * (t0 - app.t0), tn=made.t0 + pace * (tn - app.t0), reason=reason)
+        for t0, tn, reason in inside
+        if t0 < tn
+    ]

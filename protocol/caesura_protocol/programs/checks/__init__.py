@@ -1,0 +1,47 @@
+"""Checks of a program that need no robot: numbers, order of apps, timing, and what was taught and is lost.
+
+`caesura check` adds reach, in the lab, because that needs the kinematics of a robot.
+"""
+
+from __future__ import annotations
+
+from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
+from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.gripping import gripper_findings
+from caesura_protocol.programs.checks.preconditions import order_findings
+from caesura_protocol.programs.checks.timing import timing_findings
+from caesura_protocol.programs.checks.value_ranges import value_findings
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.gripping import gripper_of, within_gripper
+from caesura_protocol.robots import GripperError, RobotError
+
+__all__ = [
+    "DemonstrationQuality",
+    "document_findings",
+    "fidelity_findings",
+    "gripper_findings",
+    "order_findings",
+    "timing_findings",
+    "value_findings",
+]
+
+
+def document_findings(program: ProgramFile) -> list[Finding]:
+    """Find everything in a program that needs no robot, errors first."""
+    quality = DemonstrationQuality(program.gaps, program.wrench, program.timing)
+    found: list[Finding] = []
+    try:
+        held_by = gripper_of(program)
+    except (GripperError, RobotError) as error:
+        held_by = None
+        found.append(Finding("warning", None, None, f"the gripper was not checked: {error}"))
+    found += [
+        *timing_findings(program.timing),
+        *value_findings(program.apps, within_gripper(program.safety, held_by)),
+        *(() if held_by is None else gripper_findings(program.apps, program.safety, held_by)),
+    ]
+    broken = any(one.severity == "error" for one in found)
+    found += order_findings(program.apps)
+    if not broken:
+        found += fidelity_findings(program.apps, quality, program.safety)
+    return sorted(found, key=lambda one: one.severity)

@@ -1,0 +1,37 @@
+"""Whether the gripper can do what a program asks of it: forces, speeds, and widths that it does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from caesura_protocol.messages import App
+from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.safety import Safety
+from caesura_protocol.robots import GripperDescription
+
+
+def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> list[Finding]:
+    """Find what a gripper cannot do. Widths of fingers are a matter of `value_findings`."""
+    return [*_settings(safety, gripper), *_widths(apps, gripper)]
+
+
+def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
+    """A force above what it has is an error; one below, and any speed, it changes by itself."""
+    force, speed = gripper.clamped(safety.grasp_force_n, safety.gripper_m_per_s)
+    for name, asked, given, unit in (
+        ("force", safety.grasp_force_n, force, "N"),
+        ("speed", safety.gripper_m_per_s, speed, "m/s"),
+    ):
+        if asked != given:
+            limit = "at most" if asked > given else "at least"
+            reason = f"the fingers' {name} {asked:g} {unit}: a {gripper.title} has {limit} {given:g} {unit}"
+            severe = name == "force" and asked > given
+            yield Finding("error" if severe else "warning", None, None, reason, asked, given)
+
+
+def _widths(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
+    if gripper.kind == "suction":
+        for index, app in enumerate(apps):
+            if app.gripper_width:
+                reason = f"gripper width {1000 * app.gripper_width:g} mm: a {gripper.title} has no width"
+                yield Finding("warning", index, app.kind, reason, app.gripper_width, 0.0)

@@ -1,0 +1,47 @@
+"""The gripper of a program: the one it states, or its robot's; and what the program's limits are with it."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.safety import Safety
+from caesura_protocol.robots import GripperDescription, gripper, grippers, robot_description
+
+
+def gripper_of(program: ProgramFile) -> GripperDescription | None:
+    """Return the gripper that a program states, or that its robot has; None where neither is known.
+
+    Raises GripperError or RobotError for a name that is not known.
+    """
+    if program.gripper is not None:
+        return gripper(program.gripper)
+    return None if program.robot is None else robot_description(program.robot).gripper
+
+
+def with_gripper(program: ProgramFile, name: str | None) -> ProgramFile:
+    """The program with a gripper, by its name; None: as it states. Raises GripperError."""
+    if name is None:
+        return program
+    gripper(name)
+    return program.model_copy(update={"gripper": name})
+
+
+def within_gripper(safety: Safety, held_by: GripperDescription | None) -> Safety:
+    """The limits with a gripper: it opens as far as it can, and force and speed are such as it has."""
+    if held_by is None:
+        return safety
+    force, speed = held_by.clamped(safety.grasp_force_n, safety.gripper_m_per_s)
+    limits: dict[str, float] = {"grasp_force_n": force, "gripper_m_per_s": speed}
+    if held_by.opening_m is not None:
+        limits["gripper_width_m"] = held_by.opening_m
+    return safety.model_copy(update=limits)
+
+
+def not_driven(
+    where: str, script: str, held_by: GripperDescription | None, interfaces: Container[str | None]
+) -> str:
+    """Why a script cannot drive the gripper of a program, and those that it can, by their interfaces."""
+    title = "no gripper is stated" if held_by is None else f"{script} does not drive a {held_by.title}"
+    known = [name for name, one in grippers().items() if one.interface in interfaces]
+    return f"{where}: {title}, expected --gripper {', '.join(known)}"

@@ -1,0 +1,74 @@
+"""A program as what controllers of lines and blends do: first places, straight legs, contacts, pauses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.limits import press_direction
+from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
+
+STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
+GRIPS = ("grasp", "gripper_move")
+
+
+class PlannedApp(NamedTuple):
+    """An app with its movements.
+
+    place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
+    wherever it is; legs: then; contact: (3,) where a contact ends it, the direction in which it is looked
+    for; pause_s: after it.
+    """
+
+    place: int
+    app: App
+    start: tuple[Vector, Quaternion | None] | None
+    legs: list[Leg]
+    contact: Vector | None
+    pause_s: float
+
+    @property
+    def name(self) -> str:
+        """As people read it."""
+        return app_name(self.place, self.app.kind)
+
+
+def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:
+    """Plan one app after another; acceleration: [m/s²] of a leg that starts and stops.
+
+    Raises ValueError for an app without a target or a force that it needs.
+    """
+    place: Vector | None = None  # at the end of the last movement
+    for index, app in enumerate(program.apps):
+        for field in APP_KINDS[app.kind].needs:
+            if getattr(app, field) is None:
+                raise ValueError(f"{app_name(index, app.kind)} has no {field}")
+        following = program.apps[index + 1] if index + 1 < len(program.apps) else None
+        contact = None
+        if ends_in_contact(app.kind, None if following is None else following.kind):
+            contact = press_direction(app, following)
+        short = None if contact is None else _scaled(contact, STANDOFF_M)
+        legs = []
+        if app.kind not in GRIPS and (app.kind != "apply_force" or app.path is not None):
+            legs = straight_legs(app, place, program.safety, acceleration, stop_short=short)
+        start = None
+        if place is None and legs:
+            start, legs = _begun(app, legs)
+        pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
+        yield PlannedApp(index, app, start, legs, contact, min(pause, program.safety.pause_s))
+        place = app.target or place
+
+
+def _begun(app: App, legs: list[Leg]) -> tuple[tuple[Vector, Quaternion | None], list[Leg]]:
+    """The first place of a program, and the legs that remain then."""
+    if app.path is None:
+        return (legs[0].position, legs[0].orientation), []
+    return (app.path.start.position, app.path.start.orientation), legs
+
+
+def _scaled(vector: Vector, factor: float) -> Vector:
+    x, y, z = vector
+    return factor * x, factor * y, factor * z

@@ -1,0 +1,170 @@
+"""An app's path as straight legs, for controllers that know lines and blends but no curves.
+
+The reproduced path is a curve between via points (`caesura_protocol.paths`). It is cut so that every chord
+stays within 1 mm and 0.5° of it. A leg has the mean speed of its part of the curve, slowed where that exceeds
+a limit; at a corner the next leg is blended in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.paths import curve_of
+from caesura_protocol.programs.safety import Safety
+
+Array = NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
+
+CHORD_M = 0.001  # that a leg may be off the curve
+CHORD_RAD = math.radians(0.5)
+BLEND_M = 0.004  # at most: a right angle is cut by 1.7 mm
+BLEND_SHARE = 0.45  # of the shorter of two legs: blends must not overlap
+PARTS = 16  # of the curve between two via points
+SHORT_M = 0.0005  # a leg that is shorter only turns
+SLOWEST_M_PER_S = 0.005
+PEAK = 2.0  # speed of a turn that starts and stops, over its mean
+
+
+class Leg(NamedTuple):
+    """A straight movement to a pose of the flange.
+
+    speed_m_per_s: None where it only turns, by turn_rad in `seconds`; blend_m: 0 where it stops.
+    """
+
+    position: Vector
+    orientation: Quaternion | None
+    speed_m_per_s: float | None
+    seconds: float
+    blend_m: float
+    turn_rad: float
+
+
+def straight_legs(
+    app: App, before: Vector | None, safety: Safety, acceleration: float, *, stop_short: Vector | None = None
+) -> list[Leg]:
+    """The legs of an app to its target. Raises ValueError for an app without target.
+
+    before: where it begins, if it has no path. acceleration: [m/s²] with which a single leg starts and stops.
+    stop_short: (3,) [m]; what lies beyond the plane that ends so far before the target is left out.
+    """
+    t, poses = _points(app, before)
+    if stop_short is not None:
+        t, poses = _ended_before(t, poses, np.array(stop_short))
+    if len(poses) < 2:
+        place, turned = _pose(poses[-1])
+        return [Leg(place, turned, safety.contact_speed_m_per_s, 1.0, 0.0, 0.0)]
+    keep = _corners(poses)
+    t, poses = t[keep], poses[keep]
+    return _legs(t, poses, safety, acceleration)
+
+
+def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
+    """Times (k,) [s] and poses (k, 3 or 7), close together along the curve."""
+    if app.target is None:
+        raise ValueError(f"{app.kind} at {app.t0:.2f} s has no target")
+    if app.path is None:
+        turned = app.orientation or ()
+        ends = [(*place, *turned) for place in (before, app.target) if place is not None]
+        return np.array([0.0, max(app.tn - app.t0, 0.1)])[-len(ends) :], np.array(ends)
+    curve = curve_of(app)
+    shares = np.linspace(0.0, 1.0, PARTS, endpoint=False)
+    inner = (curve.t[:-1, None] + np.diff(curve.t)[:, None] * shares).ravel()
+    return np.append(inner, curve.t[-1]) - curve.t[0], curve.sampled(PARTS)
+
+
+def _ended_before(t: Array, poses: Array, short: Array) -> tuple[Array, Array]:
+    """The path up to the plane across `short` that lies by it before the target, and the point there."""
+    target = poses[-1].copy()
+    direction = short / np.linalg.norm(short)
+    left = (target[:3] - poses[:, :3]) @ direction
+    inside = left > np.linalg.norm(short)
+    stand = target.copy()
+    stand[:3] -= short
+    seconds = t[inside][-1] if inside.any() else 0.0
+    end = max(float(t[-1]), float(seconds) + 0.1)
+    return np.append(t[inside], end), np.vstack([poses[inside], stand])
+
+
+def _corners(poses: Array) -> list[int]:
+    """The rows between which straight legs stay close to all rows (Douglas and Peucker)."""
+    keep, open_ends = {0, len(poses) - 1}, [(0, len(poses) - 1)]
+    while open_ends:
+        first, last = open_ends.pop()
+        if last - first < 2:
+            continue
+        off = _off_chord(poses[first : last + 1])
+        worst = int(np.argmax(off))
+        if off[worst] > 1.0:
+            keep.add(first + worst)
+            open_ends += [(first, first + worst), (first + worst, last)]
+    return sorted(keep)
+
+
+def _off_chord(poses: Array) -> Array:
+    """How far rows (k,) are off the leg from the first to the last one, in shares of what is allowed."""
+    chord = poses[-1] - poses[0]
+    way, squared = poses[:, :3] - poses[0, :3], float(chord[:3] @ chord[:3])
+    share = np.clip(way @ chord[:3] / squared, 0.0, 1.0) if squared > SHORT_M**2 else None
+    off = np.linalg.norm(way - (0.0 if share is None else share[:, None] * chord[:3]), axis=1) / CHORD_M
+    if poses.shape[1] == 7:
+        along = _turned_share(poses[:, 3:]) if share is None else share
+        turned = poses[0, 3:] + along[:, None] * chord[3:]
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        cosine = np.minimum(np.abs(np.vecdot(turned, poses[:, 3:])), 1.0)
+        off = np.maximum(off, 2.0 * np.arccos(cosine) / CHORD_RAD)
+    return np.asarray(off)
+
+
+def _turned_share(quaternions: Array) -> Array:
+    """How much of the turn has been made at each row (k,)."""
+    cosines = np.minimum(np.abs(np.vecdot(quaternions[1:], quaternions[:-1])), 1.0)
+    sums = np.append(0.0, np.cumsum(np.arccos(cosines)))
+    return np.asarray(sums / max(sums[-1], 1e-12))
+
+
+def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[Leg]:
+    lengths = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).tolist()
+    legs = []
+    for index, (length, seconds) in enumerate(zip(lengths, np.diff(t).tolist(), strict=True)):
+        turn = _angle(poses[index], poses[index + 1])
+        slower = safety.slower(length / seconds, (1.0 if length >= SHORT_M else PEAK) * turn / seconds)
+        seconds *= slower
+        speed = None
+        if length >= SHORT_M:
+            speed = length / seconds
+            if len(lengths) == 1:
+                speed = _cruise(length, seconds, acceleration)
+            speed = max(min(speed, safety.speed_m_per_s), SLOWEST_M_PER_S)
+        blend = 0.0
+        if index + 1 < len(lengths):
+            blend = min(BLEND_M, BLEND_SHARE * min(length, lengths[index + 1]))
+        place, turned = _pose(poses[index + 1])
+        legs.append(Leg(place, turned, speed, seconds, blend, turn))
+    return legs
+
+
+def _cruise(length: float, seconds: float, acceleration: float) -> float:
+    """The speed [m/s] with which a leg from rest to rest takes so long."""
+    free = (acceleration * seconds) ** 2 - 4.0 * acceleration * length
+    return 0.5 * (acceleration * seconds - math.sqrt(max(free, 0.0)))
+
+
+def _angle(one: Array, other: Array) -> float:
+    if len(one) == 3:
+        return 0.0
+    return 2.0 * math.acos(min(abs(float(one[3:] @ other[3:])), 1.0))
+
+
+def _pose(row: Array) -> tuple[Vector, Quaternion | None]:
+    values: Sequence[float] = row.tolist()
+    x, y, z = values[:3]
+    if len(values) == 3:
+        return (x, y, z), None
+    a, b, c, d = values[3:]
+    return (x, y, z), (a, b, c, d)

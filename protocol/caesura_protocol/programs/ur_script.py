@@ -1,0 +1,256 @@
+"""A program as URScript, for an arm of Universal Robots.
+
+Every app is written out, in lines that stand alone; what they share is a template (`ur_template.script.txt`).
+Free ways are `movel` with blends, ways along a surface `movep` in force mode, and the first way is a `movej`.
+A movement that a contact or a torque ends runs in a thread, which is killed then. Functions of URScript are
+those of the script manual for PolyScope 5. Poses are the flange's, in the controller's base frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
+
+from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.gripping import gripper_of, not_driven
+from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits
+from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.straight_legs import Leg, Quaternion
+from caesura_protocol.robots import GripperDescription, robot_description
+from caesura_protocol.rotations import rotation_vector
+from caesura_protocol.screw_motion import stop_torque_nm
+
+DEPTH_M = 0.05
+ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
+WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
+LEAST_PAUSE_S = 0.05
+PERIOD_S = 0.02  # between two looks at the depth of a press
+SLIDE_M = 0.005  # a way that is longer, in contact, is one along a surface
+INDENT = "  "
+
+
+def ur_script(program: ProgramFile) -> str:
+    """The script's text.
+
+    Raises ValueError for a robot of another maker, a gripper that URScript cannot drive, an app beyond the
+    limits, or a number that is not finite.
+    """
+    title, acceleration = "an arm of Universal Robots", ACCELERATION_M_PER_S2
+    if program.robot is not None:
+        robot = robot_description(program.robot)
+        if robot.script != "urscript":
+            raise ValueError(f"URScript is for Universal Robots, and its robot is {program.robot}")
+        title, acceleration = robot.title, min(acceleration, 0.5 * robot.flange_acceleration_limit)
+    program.as_json()  # refuses what is not finite
+    refuse_beyond_limits(program)
+    template = files("caesura_protocol.programs").joinpath("ur_template.script.txt").read_text("utf-8")
+    writer = _Writer(program)
+    lines = [line for app in planned_apps(program, acceleration) for line in writer.lines(app)]
+    filled = {
+        "<NAME>": f"{program.station}/{program.session}, revision {program.revision}",
+        "<ROBOT>": title,
+        "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
+        "<STANDOFF>": f"{STANDOFF_M}",
+        "<DEPTH>": f"{DEPTH_M}",
+        "<ACCELERATION>": f"{acceleration:g}",
+        "<GRIPPER>": "\n".join(_gripper_functions(program)),
+        "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
+    }
+    for mark, text in filled.items():
+        template = template.replace(mark, text)
+    return template
+
+
+class _Writer:
+    """Writes planned apps."""
+
+    def __init__(self, program: ProgramFile) -> None:
+        self._gripper = gripper_of(program)
+
+    def lines(self, planned: PlannedApp) -> list[str]:
+        """The lines of an app, and the pause after it."""
+        app = planned.app
+        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught", f'textmsg("{planned.name}")']
+        if app.kind == "apply_force":
+            lines += self._force(planned)
+        elif app.kind in GRIPS:
+            lines += self._grip(planned)
+        else:
+            lines += self._way(planned)
+        return lines + ([f"sleep({planned.pause_s:.3f})"] if planned.pause_s >= LEAST_PAUSE_S else [])
+
+    def _way(self, planned: PlannedApp) -> list[str]:
+        app, lines = planned.app, []
+        if APP_KINDS[app.kind].carries:
+            lines.append(f"set_payload(tool_kg + {app.load_kg or 0.0:.3f}, tool_cog)")
+        if planned.start is not None:
+            near = "get_actual_joint_positions()" if app.joints is None else _list(app.joints)
+            pose = _pose(*planned.start)
+            lines.append(f"movej(get_inverse_kin({pose}, {near}), a=0.5, v=START_RAD_PER_S)")
+        moves = [_move(leg, "movel") for leg in planned.legs]
+        if planned.contact is None:
+            return lines + self._watched(planned.place, moves, self._tightness(app))
+        lines += ["zero_wrench()", *self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")]
+        return [*lines, f"search_contact({_list(planned.contact)})"]
+
+    def _tightness(self, app: App) -> str | None:
+        """The condition under which a turn goes on."""
+        most_nm = stop_torque_nm(app.screw)
+        if app.screw is None or most_nm is None:
+            return None
+        return f"torque_about({_list(app.screw.axis)}, {_list(app.screw.point)}) < {most_nm:.4f}"
+
+    def _watched(self, index: int, moves: Sequence[str], condition: str | None) -> list[str]:
+        """Movements that end where a condition no longer holds; without one, as they are."""
+        if condition is None or not moves:
+            return list(moves)
+        thread = f"way_{index + 1}"
+        return [
+            f"thread {thread}():",
+            *(f"{INDENT}{move}" for move in moves),
+            f"{INDENT}global arrived = True",
+            "end",
+            "global arrived = False",
+            f"moving = run {thread}()",
+            f"while not arrived and {condition}:",
+            f"{INDENT}sync()",
+            "end",
+            "kill moving",
+            "stopl(2.0)",
+        ]
+
+    def _force(self, planned: PlannedApp) -> list[str]:
+        app, number = planned.app, planned.place + 1
+        force = app.force or (0.0, 0.0, 0.0)
+        newtons = math.hypot(*force)
+        direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
+        frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
+        lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {newtons:.3f})"]
+        if app.path is None:
+            held, steps = f"held_{number}", max(round((app.tn - app.t0) / PERIOD_S), 1)
+            lines += [
+                f"{held} = 0",
+                f"while {held} < {steps}:",
+                f"{INDENT}check_depth({began}, {_list(direction)})",
+                f"{INDENT}{held} = {held} + 1",
+                f"{INDENT}sleep({PERIOD_S})",
+                "end",
+            ]
+        else:
+            kind = "movep" if app.path.length_m >= SLIDE_M else "movel"
+            moves = [_move(leg, kind) for leg in planned.legs]
+            lines += self._watched(planned.place, moves, self._tightness(app))
+        return [*lines, "end_force_mode()", "stopl(2.0)"]
+
+    def _grip(self, planned: PlannedApp) -> list[str]:
+        held_by, calls = self._gripper, None
+        if held_by is not None:
+            calls = GRIPPER_CALLS.get(held_by.interface or "")
+        if held_by is None or calls is None:
+            raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
+        lines = calls(held_by, planned.app)
+        return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
+
+
+def _move(leg: Leg, kind: str) -> str:
+    how = (
+        f"t={leg.seconds:.3f}" if leg.speed_m_per_s is None else f"a=ACCELERATION, v={leg.speed_m_per_s:.4f}"
+    )
+    kind = "movel" if leg.speed_m_per_s is None else kind  # movep takes no time
+    blend = f", r={leg.blend_m:.4f}" if leg.blend_m > 0.0 else ""
+    return f"{kind}({_pose(leg.position, leg.orientation)}, {how}{blend})"
+
+
+def _pose(place: Vector, orientation: Quaternion | None) -> str:
+    if orientation is None:
+        return f"here({_list(place)})"
+    return f"p{_list((*place, *rotation_vector(orientation)))}"
+
+
+def _list(values: Sequence[float]) -> str:
+    return f"[{', '.join(f'{value:.6f}' for value in values)}]"
+
+
+def _z_along(direction: Vector) -> Quaternion:
+    """A rotation that turns z into a direction of unit length."""
+    x, y, z = direction
+    if z < -1.0 + 1e-9:
+        return (1.0, 0.0, 0.0, 0.0)
+    length = math.sqrt(2.0 * (1.0 + z))
+    return (-y / length, x / length, 0.0, 0.5 * length)
+
+
+# --- Grippers ---------------------------------------------------------------------------------------------
+
+
+def _robotiq(held_by: GripperDescription, app: App) -> list[str]:
+    width = app.gripper_width
+    if app.kind == "grasp":
+        count = held_by.count(max((width or 0.0) - WIDTH_MARGIN_M, 0.0))
+        return [
+            f"if gripper_go({count}) != 2:",
+            f'{INDENT}stop_program("nothing between the fingers")',
+            "end",
+        ]
+    return [f"gripper_go({held_by.count(held_by.opening_m or 0.0 if width is None else width)})"]
+
+
+def _digital_output(held_by: GripperDescription, app: App) -> list[str]:
+    return [f"set_standard_digital_out({held_by.output}, {app.kind == 'grasp'})", "sleep(0.5)"]
+
+
+GRIPPER_CALLS: Mapping[str, Callable[[GripperDescription, App], list[str]]] = {
+    "robotiq": _robotiq,
+    "digital_output": _digital_output,
+}
+
+_ROBOTIQ_FUNCTIONS = """\
+  # The gripper, by the socket of Robotiq's URCap on the controller.
+  def gripper_set(name, value):
+    socket_set_var(name, value, "gripper")
+    sync()
+    socket_read_byte_list(3, "gripper")  # ack
+  end
+
+  def gripper_go(count):
+    # until it stops: 1 stopped while opening, 2 while closing, 3 at the count
+    gripper_set("POS", count)
+    gripper_set("GTO", 1)
+    sleep(0.1)
+    local waited = 0
+    local stopped = socket_get_var("OBJ", "gripper")
+    while stopped == 0:
+      if waited > 100:
+        stop_program("the gripper does not stop")
+      end
+      sleep(0.05)
+      waited = waited + 1
+      stopped = socket_get_var("OBJ", "gripper")
+    end
+    return stopped
+  end
+
+  if not socket_open("127.0.0.1", 63352, "gripper"):
+    stop_program("no gripper at the controller's socket")
+  end
+  if socket_get_var("STA", "gripper") != 3:
+    stop_program("the gripper is not activated")
+  end
+"""
+
+
+def _gripper_functions(program: ProgramFile) -> list[str]:
+    held_by = gripper_of(program)
+    if held_by is None or held_by.interface != "robotiq":
+        return []
+    if not any(app.kind in GRIPS for app in program.apps):
+        return []
+    counts = held_by.register_counts(program.safety.gripper_m_per_s, program.safety.grasp_force_n)
+    lines = [_ROBOTIQ_FUNCTIONS.rstrip()]
+    lines += [
+        f'{INDENT}gripper_set("{name}", {count})' for name, count in zip(("SPE", "FOR"), counts, strict=True)
+    ]
+    return [*lines, ""]

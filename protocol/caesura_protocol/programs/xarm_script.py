@@ -1,0 +1,148 @@
+"""A program as a script for xArm-Python-SDK 1.18 (https://github.com/xArm-Developer/xArm-Python-SDK).
+
+The script stands alone: limits as constants at its top, the apps as a table, and a runner. It is a template
+(`xarm_template.py.txt`) with these filled in. The force controller follows an axis of the base or of the
+tool: a force along none of them is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
+from pprint import pformat
+from typing import Any
+
+from caesura_protocol.app_kinds import APP_KINDS, app_title
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.gripping import gripper_of, not_driven
+from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits
+from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.straight_legs import Quaternion
+from caesura_protocol.robots import GripperDescription, robot_description
+from caesura_protocol.rotations import matrix_of, rotation_vector
+from caesura_protocol.screw_motion import stop_torque_nm
+
+ACCELERATION_M_PER_S2 = 1.0
+WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
+ALONG_AXIS = math.cos(math.radians(10.0))  # that a force may lean from an axis
+DIGITS = 6
+BASE, TOOL = 0, 1  # frames of the force controller
+
+
+def xarm_script(program: ProgramFile) -> str:
+    """The script's text.
+
+    Raises ValueError for a robot of another maker, a gripper that the SDK cannot drive, an app beyond the
+    limits, a force along no axis, or a number that is not finite.
+    """
+    title, acceleration = "an arm of UFACTORY", ACCELERATION_M_PER_S2
+    if program.robot is not None:
+        robot = robot_description(program.robot)
+        if robot.script != "xarm":
+            raise ValueError(f"an xArm script is for UFACTORY's arms, and its robot is {program.robot}")
+        title, acceleration = robot.title, min(acceleration, 0.5 * robot.flange_acceleration_limit)
+    program.as_json()  # refuses what is not finite
+    refuse_beyond_limits(program)
+    rows = [_row(planned, program) for planned in planned_apps(program, acceleration)]
+    template = files("caesura_protocol.programs").joinpath("xarm_template.py.txt").read_text("utf-8")
+    filled = {
+        "<NAME>": f"{program.station}/{program.session}, revision {program.revision}",
+        "<ROBOT>": title,
+        "<LIMITS>": "\n".join(acting_limits(program.safety)),
+        "<STANDOFF>": f"{STANDOFF_M}",
+        "<ACCELERATION>": f"{acceleration:g}",
+        "<APPS>": f"APPS = {pformat(rows, width=110, sort_dicts=False)}",
+    }
+    for mark, text in filled.items():
+        template = template.replace(mark, text)
+    return template
+
+
+def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
+    """What the script needs of an app."""
+    app = planned.app
+    row: dict[str, Any] = {"kind": app.kind, "title": app_title(app.kind), "pause": round(planned.pause_s, 3)}
+    row["legs"] = [
+        (
+            _pose(leg.position, leg.orientation),
+            _rounded(leg.speed_m_per_s),
+            _rounded(leg.turn_rad / leg.seconds),
+            _rounded(leg.blend_m),
+        )
+        for leg in planned.legs
+    ]
+    if planned.start is not None:
+        row["start"] = _pose(*planned.start)
+    if planned.contact is not None:
+        row["contact"] = tuple(map(_rounded, planned.contact))
+    if APP_KINDS[app.kind].carries:
+        row["load_kg"] = round(app.load_kg or 0.0, 3)
+    if app.kind == "apply_force" and app.force is not None:
+        row["force"] = _force(planned.name, app.force, app.orientation)
+        row["hold"] = 0.0 if planned.legs else round(app.tn - app.t0, 3)
+    if app.kind in GRIPS:
+        row["fingers"] = _fingers(planned, gripper_of(program), program.safety)
+    most_nm = stop_torque_nm(app.screw)
+    if app.screw is not None and most_nm is not None:
+        row["tight"] = tuple(app.screw.axis), tuple(app.screw.point), _rounded(most_nm)
+    return row
+
+
+def _force(name: str, force: Vector, orientation: Quaternion | None) -> tuple[int, int, float]:
+    """A frame, an axis of it, and the force [N] along it. Raises ValueError for a force along no axis."""
+    newtons = math.hypot(*force)
+    base = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    tool = () if orientation is None else matrix_of(orientation).T.tolist()
+    for frame, axes in ((BASE, base), (TOOL, tool)):
+        for number, axis in enumerate(axes):
+            along = sum(a * b for a, b in zip(axis, force, strict=True))
+            if abs(along) >= ALONG_AXIS * newtons:
+                return frame, number, round(math.copysign(newtons, along), 3)
+    stated = ", ".join(f"{value:.1f}" for value in force)
+    raise ValueError(f"{name}: force ({stated}) N, expected one along an axis of the base or the tool")
+
+
+def _pose(place: Vector, orientation: Quaternion | None) -> tuple[float, ...]:
+    turn: Sequence[float] = () if orientation is None else rotation_vector(orientation)
+    return tuple(round(value, DIGITS) for value in (*place, *turn))
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, DIGITS)
+
+
+# --- Grippers ---------------------------------------------------------------------------------------------
+
+
+def _count(held_by: GripperDescription, app: App) -> int:
+    width = app.gripper_width
+    if app.kind == "grasp":
+        return held_by.count(max((width or 0.0) - WIDTH_MARGIN_M, 0.0))
+    return held_by.count(held_by.opening_m or 0.0 if width is None else width)
+
+
+def _robotiq(held_by: GripperDescription, app: App, safety: Safety) -> tuple[Any, ...]:
+    speed, force = held_by.register_counts(safety.gripper_m_per_s, safety.grasp_force_n)
+    return "robotiq", _count(held_by, app), speed, force
+
+
+def _xarm(held_by: GripperDescription, app: App, safety: Safety) -> tuple[Any, ...]:
+    if held_by.kind == "suction":
+        return ("vacuum",)
+    return "xarm", _count(held_by, app), held_by.count(held_by.opening_m or 0.0)
+
+
+FINGERS: Mapping[str, Callable[[GripperDescription, App, Safety], tuple[Any, ...]]] = {
+    "robotiq": _robotiq,
+    "xarm": _xarm,
+}
+
+
+def _fingers(planned: PlannedApp, held_by: GripperDescription | None, safety: Safety) -> tuple[Any, ...]:
+    call = None if held_by is None else FINGERS.get(held_by.interface or "")
+    if held_by is None or call is None:
+        raise ValueError(not_driven(planned.name, "the SDK", held_by, FINGERS))
+    return call(held_by, planned.app, safety)

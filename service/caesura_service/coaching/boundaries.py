@@ -1,0 +1,105 @@
+"""Hints from the posterior: a boundary that is as probable as not.
+
+Three observations after a boundary the smoothed probability that one is near is mostly below 0.1 or above
+0.9. In between, the demonstration does not show whether a segment ends there. A boundary that stays so until
+it leaves the window of the posterior is in a part that is to be shown again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+from caesura_protocol.messages import Hint
+from caesura_service.coaching.coach import HintLog
+
+LAG = 3  # observations after a boundary at which it is judged
+REACH = 3  # observations to either side at which the same boundary may lie
+UNSURE, SURE = 0.4, 0.6  # odds of three to two, either way
+RESOLVED = 0.8  # probability for or against it, above which the hint is cleared
+WINDOW = 40  # observations, after which a boundary's probability does not change
+LEAST = 20  # observations for which a hint stays, so that it can be read
+REFRACTORY = 50  # observations without a new hint
+SHOWN = 100  # observations for which a part that is to be shown again is hinted at
+PAUSE = "Pause here for half a second."
+
+
+class Boundary(NamedTuple):
+    """A possible boundary under observation."""
+
+    start: int  # observation at which a segment would start
+    t: float  # [s]
+    after: float  # [s] the last sure boundary before it
+
+
+class SmoothedPosterior(Protocol):
+    """What is asked of the changepoint filter."""
+
+    @property
+    def count(self) -> int:
+        """Observations so far."""
+
+    def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
+        """Smoothed probability of a start at each observation from the first to the last."""
+
+
+class BoundaryCoach:
+    """Follows the posterior of one filter, observation by observation."""
+
+    def __init__(self) -> None:
+        self.log = HintLog()
+        self._watched: Boundary | None = None
+        self._sure: float | None = None  # [s] the newest sure boundary
+        self._silent_until = 0  # observation
+        self._again_until = 0  # observation; 0: nothing is to be shown again
+
+    def observe(self, posterior: SmoothedPosterior, t: float, places: Sequence[float]) -> None:
+        """Take the posterior after an observation at t [s]. places: where a segment would start [s]."""
+        newest = posterior.count - 1
+        if self._again_until and newest >= self._again_until:
+            self._again_until = 0
+            self.log.clear("show_again", t)
+        index = newest - LAG
+        if index < REACH:
+            return
+        near = posterior.changepoint_probabilities(index - REACH, index + REACH)
+        found = sum(near)
+        if near[REACH] == max(near) and found > UNSURE:
+            if found > SURE:
+                self._sure = places[index]
+            elif self._watched is None and newest >= self._silent_until:
+                self._watch(
+                    Boundary(index, places[index], places[0] if self._sure is None else self._sure), t, found
+                )
+        if self._watched is not None:
+            self._follow(posterior.changepoint_probabilities, self._watched, newest, t)
+
+    def _watch(self, boundary: Boundary, t: float, probability: float) -> None:
+        self._watched = boundary
+        text = (
+            f"It is not clear whether a segment ends at {boundary.t:.1f} s (probability {probability:.2f})."
+        )
+        self.log.raise_hint(
+            Hint(kind="uncertain_boundary", since=t, text=text, advice=PAUSE, t0=boundary.t, tn=boundary.t)
+        )
+
+    def _follow(
+        self, probabilities: Callable[[int, int], list[float]], watched: Boundary, newest: int, t: float
+    ) -> None:
+        """Clear the hint once the boundary is resolved, or leaves the window unresolved."""
+        found = sum(probabilities(watched.start - REACH, watched.start + REACH))
+        is_resolved = not 1.0 - RESOLVED < found < RESOLVED
+        age = newest - watched.start
+        if age < LAG + LEAST or (not is_resolved and age < WINDOW):
+            return
+        self._watched, self._silent_until = None, newest + REFRACTORY
+        self.log.clear("uncertain_boundary", t)
+        if not is_resolved:
+            self._again_until = newest + SHOWN
+            until = t if self._sure is None or self._sure <= watched.t else self._sure
+            text = f"The boundary at {watched.t:.1f} s stayed unclear."
+            advice = f"Show the part from {watched.after:.1f} to {until:.1f} s again."
+            self.log.clear("show_again", t)
+            self.log.raise_hint(
+                Hint(kind="show_again", since=t, text=text, advice=advice, t0=watched.after, tn=until)
+            )

@@ -1,0 +1,106 @@
+"""Raises and clears hints: each kind once, with hysteresis, and not again for a while.
+
+A rule has a level, of which 1 is its limit. A hint is raised when the level was at 1 or more for `confirm`
+observations, and cleared when it was below `clear_below` for `release` of them. For `refractory_s` after
+that no hint of its kind is raised.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from caesura_protocol.messages import MAX_HINTS, Hint, HintKind
+
+CLEARED_KEPT = 24  # cleared hints that are kept, the newest ones
+
+Words = tuple[str, str]  # what was found, and what to do
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """When a hint is raised and cleared: counts of observations, and a time [s]."""
+
+    kind: HintKind
+    confirm: int = 2
+    release: int = 5
+    clear_below: float = 0.8
+    refractory_s: float = 5.0
+
+
+class _Standing(NamedTuple):
+    """Of one kind of hint."""
+
+    hint: Hint | None = None  # the active one
+    streak: int = 0  # observations in a row that speak for a change
+    silent_until: float = -math.inf  # [s]
+
+
+class HintLog:
+    """The active hint of each kind, and the newest cleared ones."""
+
+    def __init__(self) -> None:
+        self._standing: dict[HintKind, _Standing] = {}
+        self._cleared: tuple[Hint, ...] = ()
+        self.stirred: set[HintKind] = set()  # kinds that are active, or about to be
+        self.hints: tuple[Hint, ...] = ()  # the same tuple as long as nothing changes
+
+    def is_active(self, kind: HintKind) -> bool:
+        """Whether a hint of this kind is active."""
+        return kind in self._standing and self._standing[kind].hint is not None
+
+    def step(self, trigger: Trigger, t: float, level: float, words: Callable[[], Words]) -> None:
+        """Take the level of a rule at a time [s]; nan is no reason for a hint. words: for a new hint."""
+        before = self._standing.get(trigger.kind, _Standing())
+        if before.hint is None:
+            streak = before.streak + 1 if level >= 1.0 and t >= before.silent_until else 0
+            if streak >= trigger.confirm:
+                text, advice = words()
+                self.raise_hint(Hint(kind=trigger.kind, since=t, text=text, advice=advice))
+                return
+        else:
+            streak = 0 if level >= trigger.clear_below else before.streak + 1
+            if streak >= trigger.release:
+                self.clear(trigger.kind, t, trigger.refractory_s)
+                return
+        if streak != before.streak:
+            self._standing[trigger.kind] = before._replace(streak=streak)
+            if streak:
+                self.stirred.add(trigger.kind)
+            elif before.hint is None:
+                self.stirred.discard(trigger.kind)
+
+    def raise_hint(self, hint: Hint) -> None:
+        """Make a hint the active one of its kind."""
+        self._standing[hint.kind] = _Standing(hint)
+        self.stirred.add(hint.kind)
+        self._publish()
+
+    def clear(self, kind: HintKind, t: float, refractory_s: float = 0.0) -> None:
+        """Clear the active hint of a kind, if there is one, at a time [s]."""
+        standing = self._standing.get(kind, _Standing())
+        if standing.hint is not None:
+            over = standing.hint.model_copy(update={"until": max(t, standing.hint.since)})
+            self._cleared = (*self._cleared, over)[-CLEARED_KEPT:]
+            self._standing[kind] = _Standing(silent_until=t + refractory_s)
+            self.stirred.discard(kind)
+            self._publish()
+
+    def clear_all(self, t: float) -> None:
+        """Clear every active hint: the demonstration is over."""
+        for kind in [*self._standing]:
+            self.clear(kind, t)
+
+    def _publish(self) -> None:
+        active = [one.hint for one in self._standing.values() if one.hint is not None]
+        self.hints = tuple(sorted([*self._cleared, *active], key=lambda hint: hint.since))
+
+
+def all_hints(*logs: HintLog) -> tuple[Hint, ...]:
+    """Return the hints of all logs by the time at which they were raised, at most MAX_HINTS."""
+    if sum(map(bool, (log.hints for log in logs))) == 1:
+        return next(log.hints for log in logs if log.hints)
+    merged = sorted((hint for log in logs for hint in log.hints), key=lambda hint: hint.since)
+    return tuple(merged)[-MAX_HINTS:]

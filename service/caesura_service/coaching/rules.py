@@ -1,0 +1,98 @@
+"""The rules on signals, as a table: what is measured, its limit, and what the teacher is advised.
+
+No limit is tuned. Each follows from what the system states elsewhere:
+
+- A force is beyond the bias where tared free space reads less with probability 0.99: 2.33 scales along a
+  direction, 3.37 scales in size (χ with three degrees of freedom).
+- A path is recorded to within the tolerance of the program's paths.
+- Below a singular value of 0.05 the estimate of the wrench is damped (`robot.kinematics`).
+- `caesura check` refuses postures nearer than 0.05 rad to a joint's end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from caesura_service.coaching.coach import Trigger, Words
+from caesura_service.coaching.measures import CoachingSetup, Measures
+
+ALONG_SCALES, SIZE_SCALES = 2.33, 3.37  # that 99 % stay below, of one component and of three
+SINGULAR_BELOW = 0.05
+JOINT_MARGIN_RAD = 0.05
+STRAY_CONFIRM = 3  # observations: an impact is shorter
+
+
+@dataclass(frozen=True)
+class SignalRule:
+    """level: of 1 where the limit is reached, nan where nothing is measured; words: for a new hint."""
+
+    trigger: Trigger
+    level: Callable[[Measures, CoachingSetup], float]
+    words: Callable[[Measures, CoachingSetup], Words]
+
+
+def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
+    """1 at the margin, 2 at the limit, 0 two margins away."""
+    return 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
+
+
+def _singular_level(m: Measures, _setup: CoachingSetup) -> float:
+    return math.inf if m.arm.singular_value == 0.0 else SINGULAR_BELOW / m.arm.singular_value
+
+
+RULES: tuple[SignalRule, ...] = (
+    SignalRule(
+        Trigger("hand_in_wrench"),
+        lambda m, setup: m.hand_n / (ALONG_SCALES * setup.bias_n),
+        lambda m, setup: (
+            f"A hand drives the sensor: {m.hand_n:.0f} N along the movement "
+            f"(limit {ALONG_SCALES * setup.bias_n:.1f} N).",
+            "Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
+        ),
+    ),
+    SignalRule(
+        Trigger("unexplained_force", confirm=STRAY_CONFIRM),
+        lambda m, setup: m.stray_n / (ALONG_SCALES * setup.bias_n),
+        lambda m, setup: (
+            f"{m.stray_n:.0f} N in free movement, and neither a contact nor a grasped load "
+            f"(limit {ALONG_SCALES * setup.bias_n:.1f} N).",
+            "Look for a cable that pulls, or something on the tool.",
+        ),
+    ),
+    SignalRule(
+        Trigger("too_fast", confirm=1),
+        lambda m, setup: m.path_error_m / setup.path_tolerance_m,
+        lambda m, setup: (
+            f"Too fast: up to {1000 * m.path_error_m:.0f} mm of the path are not recorded "
+            f"(limit {1000 * setup.path_tolerance_m:g} mm).",
+            "Move more slowly where the path turns.",
+        ),
+    ),
+    SignalRule(
+        Trigger("singularity", confirm=1),
+        _singular_level,
+        lambda m, _setup: (
+            f"The arm is near a singularity: {m.arm.singular_value:.3f} (limit {SINGULAR_BELOW}).",
+            "Bend the elbow or turn the wrist away.",
+        ),
+    ),
+    SignalRule(
+        Trigger("joint_limit", confirm=1),
+        _joint_level,
+        lambda m, _setup: (
+            f"Joint {m.arm.joint + 1} nears its limit: "
+            f"{max(math.degrees(m.arm.joint_left_rad), 0.0):.0f}° are left.",
+            f"Move joint {m.arm.joint + 1} back.",
+        ),
+    ),
+    SignalRule(
+        Trigger("bias_drift"),
+        lambda m, setup: m.bias_n / (SIZE_SCALES * setup.bias_n),
+        lambda m, setup: (
+            f"The force's zero has drifted by {m.bias_n:.0f} N (limit {SIZE_SCALES * setup.bias_n:.1f} N).",
+            "Stop, let go, and start again: the start tares the sensor.",
+        ),
+    ),
+)

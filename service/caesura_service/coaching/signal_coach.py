@@ -1,0 +1,47 @@
+"""Hints from the signals alone: no correction changes them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from caesura_protocol.messages import Hint
+from caesura_service.coaching.coach import HintLog
+from caesura_service.coaching.measures import CoachingSetup, Meter, MotionState, ObservedPose
+from caesura_service.coaching.rules import RULES
+
+SHOWN_S = 10.0  # so long a part that is to be shown again is hinted at
+
+
+class SignalCoach:
+    """Applies the table of rules to a session's observations, and reports gaps."""
+
+    def __init__(self, setup: CoachingSetup) -> None:
+        self.log = HintLog()
+        self._setup, self._meter = setup, Meter(setup)
+        self._motion = MotionState()
+        self._again_until = 0.0  # [s]
+
+    def observe(self, pose: ObservedPose) -> None:
+        """Take one observation."""
+        self._motion, measured = self._meter.advance(self._motion, pose)
+        for rule in RULES:
+            level = rule.level(measured, self._setup)
+            if level >= 1.0 or rule.trigger.kind in self.log.stirred:
+                self.log.step(rule.trigger, pose.t, level, partial(rule.words, measured, self._setup))
+        if pose.t >= self._again_until:
+            self.log.clear("show_again", pose.t)
+
+    def report_gap(self, t0: float, tn: float) -> None:
+        """Ask for the part in which samples are missing, from t0 to tn [s]."""
+        self.log.clear("show_again", tn)
+        self._again_until = tn + SHOWN_S
+        self.log.raise_hint(
+            Hint(
+                kind="show_again",
+                since=tn,
+                text=f"Nothing was recorded from {t0:.1f} to {tn:.1f} s.",
+                advice=f"Show the part from {t0:.1f} to {tn:.1f} s again.",
+                t0=t0,
+                tn=tn,
+            )
+        )

@@ -1,0 +1,384 @@
+"""Edits of a program, a layer on what was inferred: the same edits are applied to every new program.
+
+Rules
+- An edit names an app by its kind and the time at which it begins. After a correction it is the app of this
+  kind whose time is most nearly the same, if half of both times is common.
+- Edits are applied one after the other. One whose app is gone is listed as not applied, with the reason.
+- A field of an app has the value of its last edit. Apps that are taught later follow in their own order.
+- Undo takes the last edit back, redo makes it once more, and a new edit ends what could be made once more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple, get_args
+
+from caesura_protocol.app_kinds import APP_KINDS, app_title
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    MAX_PROGRAM_EDITS,
+    App,
+    AppChange,
+    AppField,
+    AppReference,
+    ChangeApp,
+    ChangedField,
+    DeleteApp,
+    DuplicateApp,
+    EditProgram,
+    InsertApp,
+    MoveApp,
+    NameProgram,
+    Program,
+    ProgramEdit,
+    Redo,
+    Undo,
+    Vector,
+)
+from caesura_protocol.programs.app_times import may_retime
+
+SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
+LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
+FIELDS: tuple[AppField, ...] = get_args(AppField)
+
+
+class EditLog(NamedTuple):
+    """The edits of a session's program."""
+
+    active: tuple[ProgramEdit, ...] = ()
+    undone: tuple[ProgramEdit, ...] = ()  # the last one is the first to be made once more
+    revision: int = 0  # edits so far; undo and redo count
+
+    @property
+    def listed(self) -> tuple[ProgramEdit, ...]:
+        """All that a program lists, oldest first."""
+        taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
+        return (*self.active, *taken_back)
+
+    def after(self, command: EditProgram, at: float) -> EditLog:
+        """With one edit more, whatever it applies to. at: time of day [s].
+
+        Raises ProtocolError where there is nothing to undo or redo, or no room.
+        """
+        active, undone, number = self.active, self.undone, self.revision + 1
+        action = command.action
+        if isinstance(action, Undo):
+            if not active:
+                raise ProtocolError("conflict", "the program has no edit to undo")
+            return EditLog(active[:-1], (*undone, active[-1]), number)
+        if isinstance(action, Redo):
+            if not undone:
+                raise ProtocolError("conflict", "the program has no edit to redo")
+            return EditLog((*active, undone[-1]), undone[:-1], number)
+        if len(active) >= MAX_PROGRAM_EDITS:
+            why = "the program has too many edits: undo some"
+            raise ProtocolError("conflict", why, value=len(active) + 1, limit=MAX_PROGRAM_EDITS)
+        made = ProgramEdit(number=number, author=command.author, at=at, action=action, state="applied")
+        return EditLog((*active, made), (), number)
+
+
+def log_of(program: Program) -> EditLog:
+    """The edits that a program lists."""
+    bare = {"state": "applied", "reason": None}
+    active = (edit.model_copy(update=bare) for edit in program.edits if edit.state != "undone")
+    undone = (edit.model_copy(update=bare) for edit in reversed(program.edits) if edit.state == "undone")
+    return EditLog(tuple(active), tuple(undone), program.edit_revision)
+
+
+def with_edits(program: Program, log: EditLog) -> Program:
+    """The inferred program with these edits; those that do not apply are in its notes too."""
+    if not log.revision:
+        return program
+    made = apply(program.apps, log.active, program.force_limit_n)
+    taken_back = log.listed[len(log.active) :]
+    changes = {
+        "apps": made.apps,
+        "name": made.name,
+        "edit_revision": log.revision,
+        "edits": (*made.edits, *taken_back),
+        "notes": (*program.notes, *map(_note, filter(_is_left_out, made.edits))),
+    }
+    return program.model_copy(update=changes)
+
+
+def check_applies(program: Program, log: EditLog) -> None:
+    """Check that the last edit of a log applies to the inferred program. Raises ProtocolError `conflict`."""
+    made = apply(program.apps, log.active, program.force_limit_n)
+    if made.edits and _is_left_out(made.edits[-1]):
+        raise ProtocolError("conflict", str(made.edits[-1].reason))
+
+
+def _is_left_out(edit: ProgramEdit) -> bool:
+    return edit.state == "not_applied"
+
+
+def _note(edit: ProgramEdit) -> str:
+    return f"Edit {edit.number} by {edit.author} ({edit.action.do}) is not applied: {edit.reason}."
+
+
+class EditedApps(NamedTuple):
+    """Apps after edits, and what became of each edit."""
+
+    apps: tuple[App, ...]
+    edits: tuple[ProgramEdit, ...]
+    name: str | None  # of the program
+
+
+def apply(
+    apps: Sequence[App], edits: Sequence[ProgramEdit], force_limit_n: float | None = None
+) -> EditedApps:
+    """Apply edits to inferred apps, oldest first. force_limit_n: of the cell [N]."""
+    draft = _Draft([_Item(app, _key(app)) for app in apps], force_limit_n)
+    known: list[ProgramEdit] = []
+    for edit in edits:
+        try:
+            draft.apply(edit)
+        except _NotApplicableError as error:
+            known.append(edit.model_copy(update={"state": "not_applied", "reason": str(error)}))
+        else:
+            known.append(edit.model_copy(update={"state": "applied", "reason": None}))
+    return EditedApps(tuple(item.app for item in draft.items), tuple(known), draft.name)
+
+
+class _NotApplicableError(Exception):
+    """An edit does not apply; says why."""
+
+
+class _Item(NamedTuple):
+    """An app as it was inferred or added, and what was set since: values by field, and marks."""
+
+    inferred: App
+    key: tuple[object, ...]
+    values: Mapping[AppField, Any] = MappingProxyType({})
+    marks: tuple[AppChange, ...] = ()
+
+    @property
+    def app(self) -> App:
+        """The app with its edits; the inferred one itself without any."""
+        if not self.marks:
+            return self.inferred
+        app = self.inferred
+        for name in FIELDS:
+            if name in self.values:
+                app = app.model_copy(update=_SETTERS[name](app, self.values[name]))
+        marks = {mark.field: mark for mark in (*app.changes, *self.marks)}
+        return app.model_copy(update={"changes": tuple(marks.values())})
+
+    def marked(self, edit: ProgramEdit, field: ChangedField, inferred: Any = None) -> _Item:
+        """With a mark of the last edit of a field."""
+        mark = AppChange(field=field, author=edit.author, edit=edit.number, inferred=inferred)
+        return self._replace(marks=(*(one for one in self.marks if one.field != field), mark))
+
+    def without(self, fields: Collection[str]) -> _Item:
+        """Without the edits of some fields."""
+        values = {name: value for name, value in self.values.items() if name not in fields}
+        marks = tuple(mark for mark in self.marks if mark.field not in fields)
+        return self._replace(values=values, marks=marks)
+
+
+class _Draft:
+    """The apps while edits are applied; an edit that does not apply changes nothing."""
+
+    def __init__(self, items: list[_Item], force_limit_n: float | None) -> None:
+        self.items = items
+        self.name: str | None = None
+        self._force_limit_n = force_limit_n
+        self._deleted: list[tuple[App, ProgramEdit]] = []
+
+    def apply(self, edit: ProgramEdit) -> None:
+        """Apply an edit. Raises _NotApplicableError."""
+        match edit.action:
+            case ChangeApp() as change:
+                index = self._place(change.app)
+                self.items[index] = self._changed(self.items[index], change, edit)
+            case MoveApp(app=app, after=after):
+                self._move(app, after, edit)
+            case DeleteApp(app=app):
+                self._deleted.append((self.items.pop(self._place(app)).inferred, edit))
+            case DuplicateApp(app=app):
+                index = self._place(app)
+                copy = self.items[index].app.model_copy(update={"added": edit.number})
+                self.items.insert(index + 1, _Item(copy, _key(copy)).marked(edit, "added"))
+            case InsertApp() as insert:
+                index = self._behind(insert.after)
+                made = self._new(insert, index, edit.number)
+                self.items.insert(index, _Item(made, _key(made)).marked(edit, "added"))
+            case NameProgram(name=name):
+                self.name = name
+
+    def _place(self, wanted: AppReference) -> int:
+        """The index of the app that is meant. Raises _NotApplicableError."""
+        key = _key(wanted)
+        same = [index for index, item in enumerate(self.items) if item.key == key]
+        likeness = [(_common(wanted, self.items[index].inferred), index) for index in same] or [
+            (_likeness(wanted, item.inferred), index) for index, item in enumerate(self.items)
+        ]
+        most, best = max(likeness, default=(0.0, 0))
+        if not same and most < LEAST_COMMON:
+            raise _NotApplicableError(self._missing(wanted))
+        return best
+
+    def _missing(self, wanted: AppReference) -> str:
+        what = f"the app '{app_title(wanted.kind)}'"
+        deleted = [(_likeness(wanted, app), edit.number) for app, edit in self._deleted]
+        likeness, number = max(deleted, default=(0.0, 0))
+        if likeness >= LEAST_COMMON:
+            return f"{what} was deleted by edit {number}"
+        if wanted.added is not None:
+            return f"{what} that edit {wanted.added} added is not in the program"
+        taught = [item.inferred for item in self.items if item.inferred.added is None]
+        near = [app for app in taught if app.t0 < wanted.tn and wanted.t0 < app.tn]
+        there = ", ".join(f"'{app_title(app.kind)}' at {app.t0:.2f} to {app.tn:.2f} s" for app in near)
+        now = f": now there is {there}" if there else ""
+        return f"{what} at {wanted.t0:.2f} to {wanted.tn:.2f} s is no longer in the program{now}"
+
+    def _behind(self, after: AppReference | None) -> int:
+        return 0 if after is None else self._place(after) + 1
+
+    def _move(self, app: AppReference, after: AppReference | None, edit: ProgramEdit) -> None:
+        index, place = self._place(app), self._behind(after)
+        if place == index + 1:
+            raise _NotApplicableError("an app cannot come after itself")
+        moved = self.items.pop(index).marked(edit, "place")
+        self.items.insert(place - (index < place), moved)
+
+    def _changed(self, item: _Item, change: ChangeApp, edit: ProgramEdit) -> _Item:
+        given = {name: getattr(change, name) for name in FIELDS if getattr(change, name) is not None}
+        if not given and not change.as_taught:
+            raise _NotApplicableError("it states no field")
+        item = item.without(change.as_taught)
+        for name, value in given.items():
+            self._check(name, value, item.inferred)
+            item = item.marked(edit, name, _value(item.inferred, name))
+        return item._replace(values={**item.values, **given})
+
+    def _check(self, name: str, value: Any, app: App) -> None:
+        """Check that an app has such a value. Raises _NotApplicableError."""
+        lacks = _LACKS[name](app) if name in _LACKS else ""
+        if lacks:
+            raise _NotApplicableError(f"'{app_title(app.kind)}' {lacks}")
+        if name == "force_n":
+            self._check_force(value)
+
+    def _check_force(self, newtons: float) -> None:
+        most = self._force_limit_n
+        if most is not None and newtons > most:
+            raise _NotApplicableError(f"{newtons:g} N is more than the cell's force limit, {most:g} N")
+
+    def _new(self, insert: InsertApp, index: int, number: int) -> App:
+        facts = APP_KINDS[insert.kind]
+        before = self.items[index - 1].app if index else None
+        following = self.items[index].app if index < len(self.items) else None
+        near = before or following
+        if insert.force is not None:
+            self._check_force(math.hypot(*insert.force))
+        t0 = before.tn if before else following.t0 if following else 0.0
+        app = App(
+            kind=insert.kind,
+            t0=t0,
+            tn=t0 + (insert.seconds if facts.needs else 0.0),
+            target=insert.target or (near.target if near else None),
+            orientation=near.orientation if near else None,
+            joints=near.joints if near and insert.target is None else None,
+            force=insert.force if facts.presses else None,
+            force_taught=insert.force if facts.presses else None,
+            load_kg=None,
+            load_sd_kg=None,
+            gripper_width=insert.gripper_width,
+            confidence=1.0,
+            segments=(),
+            name=insert.name,
+            added=number,
+        )
+        for name in facts.needs:
+            if getattr(app, name) is None:
+                raise _NotApplicableError(f"'{facts.title}' needs a {name}")
+        return app
+
+
+def _key(app: App | AppReference) -> tuple[object, ...]:
+    """The same for an app and a reference that surely means it."""
+    return (app.kind, app.t0) if app.added is None else (app.added,)
+
+
+def _likeness(wanted: AppReference, app: App) -> float:
+    """How nearly an app is the one that is meant, from 0 to 1."""
+    if _key(wanted) == _key(app):
+        return 1.0
+    if wanted.kind != app.kind or wanted.added is not None or app.added is not None:
+        return 0.0
+    return _common(wanted, app)
+
+
+def _common(wanted: AppReference, app: App) -> float:
+    """The share of the time of two apps together that is common to both."""
+    t0, tn = max(wanted.t0, app.t0), min(wanted.tn, app.tn)
+    first, last = min(wanted.t0, app.t0), max(wanted.tn, app.tn)
+    return max(0.0, tn - t0 + 2 * SLACK_S) / (last - first + 2 * SLACK_S)
+
+
+# --- fields: how each is read and set, and which apps have it ---------------------------------------------
+
+
+def _value(app: App, name: str) -> Any:
+    """The value of a field as an edit states it."""
+    match name:
+        case "force_n":
+            return None if app.force is None else math.hypot(*app.force)
+        case "tolerance_m":
+            return None if app.path is None else app.path.tolerance_m
+        case _:
+            return getattr(app, name)
+
+
+def _set_target(app: App, target: Vector) -> dict[str, Any]:
+    """Another target has no joints that were taught; its path ends there, as far off as the target is."""
+    path = app.path
+    if path is not None and app.target is not None:
+        off_m = path.deviation_m + math.dist(target, app.target)
+        path = path.model_copy(update={"deviation_m": off_m})
+    return {"target": target, "joints": app.joints if target == app.target else None, "path": path}
+
+
+def _set_force(app: App, newtons: float) -> dict[str, Any]:
+    direction = _direction(app)
+    x, y, z = (newtons / math.hypot(*direction) * component for component in direction)
+    return {"force": (x, y, z)}
+
+
+def _set_tolerance(app: App, tolerance_m: float) -> dict[str, Any]:
+    return {"path": app.path and app.path.model_copy(update={"tolerance_m": tolerance_m})}
+
+
+def _set(name: str) -> Callable[[App, Any], dict[str, Any]]:
+    return lambda _, value: {name: value}
+
+
+_SETTERS: Mapping[str, Callable[[App, Any], dict[str, Any]]] = {
+    **{name: _set(name) for name in ("name", "note", "speed", "gripper_width")},
+    "target": _set_target,
+    "force_n": _set_force,
+    "tolerance_m": _set_tolerance,
+}
+
+
+def _direction(app: App) -> Vector:
+    return app.force_taught or app.force or (0.0, 0.0, 0.0)
+
+
+def _lacks_force(app: App) -> str:
+    if not APP_KINDS[app.kind].presses or app.force is None:
+        return "exerts no force"
+    return "" if math.hypot(*_direction(app)) > 0.0 else "has no direction of force that was taught"
+
+
+#: Why an app cannot have a field, empty where it can; fields that are not here every app has.
+_LACKS: Mapping[str, Callable[[App], str]] = {
+    "target": lambda app: "" if "target" in APP_KINDS[app.kind].ports else "has no target",
+    "speed": lambda app: "" if may_retime(app) else "is no movement in free space: its speed stays as taught",
+    "force_n": _lacks_force,
+    "tolerance_m": lambda app: "has no path" if app.path is None else "",
+    "gripper_width": lambda app: "" if "width" in APP_KINDS[app.kind].ports else "moves no fingers",
+}

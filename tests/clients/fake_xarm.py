@@ -1,0 +1,79 @@
+"""xarm-python-sdk without a robot: the calls that source and script make, with their parameters.
+
+Parameters are those of xArm-Python-SDK 1.18.4; `test_xarm.py` compares them with the package.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+PARAMETERS = {
+    "register_report_callback": ["callback"],
+    "set_ft_sensor_enable": ["on_off"],
+    "set_ft_sensor_zero": [],
+    "motion_enable": ["enable"],
+    "set_mode": ["mode"],
+    "set_state": ["state"],
+    "disconnect": [],
+}
+
+
+@dataclass
+class Script:
+    """What the arm reports, then silence for a reason."""
+
+    reports: list[dict[str, Any]]
+    force: list[float] = field(default_factory=lambda: [0.0] * 6)
+    connected: bool = True  # after the last report
+    refused: str | None = None
+    codes: dict[str, int] = field(default_factory=dict)
+    calls: list[tuple[Any, ...]] = field(default_factory=list)
+
+
+def report(**fields: Any) -> dict[str, Any]:
+    return {"cartesian": [400.0, 0.0, 200.0, 0.0, 0.0, 0.0], "joints": [0.0] * 7, "error_code": 0} | fields
+
+
+def fake_xarm(script: Script) -> dict[str, ModuleType]:
+    wrapper: Any = ModuleType("xarm.wrapper")
+    wrapper.XArmAPI = partial(XArmAPI, script)
+    package: Any = ModuleType("xarm")
+    package.wrapper = wrapper
+    return {"xarm": package, "xarm.wrapper": wrapper}
+
+
+class XArmAPI:
+    def __init__(self, script: Script, port: str, is_radian: bool, report_type: str) -> None:
+        script.calls.append(("XArmAPI", port, is_radian, report_type))
+        if script.refused is not None:
+            raise RuntimeError(script.refused)
+        self._script = script
+
+    @property
+    def ft_ext_force(self) -> list[float]:
+        return self._script.force
+
+    @property
+    def connected(self) -> bool:
+        return self._script.connected
+
+    def register_report_callback(self, callback: Any) -> bool:
+        thread = threading.Thread(target=lambda: [callback(one) for one in self._script.reports])
+        thread.start()
+        thread.join()
+        return True
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in PARAMETERS:
+            raise AttributeError(name)
+
+        def call(*values: Any) -> int:
+            assert len(values) <= len(PARAMETERS[name])
+            self._script.calls.append((name, *values))
+            return self._script.codes.get(name, 0)
+
+        return call

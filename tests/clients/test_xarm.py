@@ -1,0 +1,131 @@
+"""Arms of UFACTORY without hardware: what the SDK's reports become, and what is said when an arm is lost."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from caesura_clients.bridge.sources import xarm_arm
+from caesura_clients.bridge.sources.live_arm import LiveArm
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.poses import pose_of_roll_pitch_yaw
+from clients.fake_xarm import PARAMETERS, Script, fake_xarm, report
+
+STATED = SourceOptions(
+    host="10.0.0.3", robot="xarm7", tcp_offset="0,0,0.1,0,0,0", wrench_source="flange_sensor_with_hand"
+)
+
+
+@pytest.fixture
+def play(monkeypatch):
+    """An arm that plays a script, under the name of the SDK."""
+    monkeypatch.setattr(xarm_arm, "SILENT_S", 0.01)
+
+    def begin(script: Script, options: SourceOptions = STATED) -> LiveArm:
+        for name, module in fake_xarm(script).items():
+            monkeypatch.setitem(sys.modules, name, module)
+        return open_source("xarm", options)
+
+    return begin
+
+
+def moving(count: int) -> list:
+    """Along x, the tool down."""
+    return [
+        report(cartesian=[400.0 + 0.1 * i, 100.0, 200.0, np.pi, 0.0, 0.0], joints=[0.1 * j for j in range(7)])
+        for i in range(count)
+    ]
+
+
+def rows_of(source: LiveArm) -> tuple[np.ndarray, str]:
+    chunks, reported = [], source.chunks()
+    try:
+        for chunk in reported:
+            chunks.append(chunk)
+    except SourceError as lost:
+        return np.concatenate(chunks), str(lost)
+    pytest.fail("the arm was not lost")
+
+
+def test_a_report_becomes_a_sample_of_the_flange(play):
+    script = Script(moving(20), force=[0.0, 0.0, -10.0, 0.1, 0.2, 0.3], connected=False)
+    source = play(script)
+    rows, said = rows_of(source)
+    column = dict(zip(source.columns, rows.T, strict=True))
+    np.testing.assert_allclose(column["px"], 0.4 + 1e-4 * np.arange(20))
+    np.testing.assert_allclose(column["pz"], 0.3)  # the tool points down: the flange is above the TCP
+    np.testing.assert_allclose([column[f"q{j}"][0] for j in range(1, 8)], 0.1 * np.arange(7))
+    np.testing.assert_allclose([column[name][3] for name in ("fz", "mx", "my", "mz")], [-10.0, 0.1, 0.2, 0.3])
+    assert (np.diff(column["t"]) > 0).all()
+    assert (source.force_frame, source.wrench_source) == ("flange", "flange_sensor_with_hand")
+    assert said.startswith("xarm7 at 10.0.0.3: lost after 0.0 s: the connection was closed")
+    assert [call[0] for call in script.calls] == ["XArmAPI", "set_ft_sensor_enable", "disconnect"]
+    assert script.calls[0][1:] == ("10.0.0.3", True, "real")
+
+
+def test_without_a_sensor_there_is_no_wrench(play):
+    source = play(Script(moving(3)), replace(STATED, wrench_source="none"))
+    assert not {"fx", "mx"} & set(source.columns)
+    rows, said = rows_of(source)
+    assert rows.shape == (3, len(source.columns))
+    assert "no report for" in said
+
+
+def test_teach_mode_zeroes_the_sensor_lets_go_and_holds_again(play):
+    script = Script(moving(3))
+    source = play(script, replace(STATED, teach_mode=True))
+    source.close()
+    source.close()
+    assert script.calls[1:] == [
+        ("set_ft_sensor_enable", 1),
+        ("set_ft_sensor_zero",),
+        ("motion_enable",),
+        ("set_mode", 2),
+        ("set_state", 0),
+        ("set_mode", 0),
+        ("set_state", 0),
+        ("disconnect",),
+    ]
+
+
+def test_an_error_of_the_controller_ends_the_source(play):
+    _, said = rows_of(play(Script([*moving(2), report(error_code=31)])))
+    assert said.endswith("the controller's error is 31")
+
+
+@pytest.mark.parametrize(
+    ("changed", "script", "said"),
+    [
+        ({"robot": None}, Script([]), "the source xarm needs --robot, such as xarm7"),
+        ({"tcp_offset": None}, Script([]), "xarm7 at 10.0.0.3: where is its TCP"),
+        ({"wrench_source": None}, Script([]), "wrench_source is None, expected flange_sensor or"),
+        ({"wrench_source": "joint_torque_estimate"}, Script([]), "or none without it"),
+        ({}, Script([], refused="connect failed"), "xarm7 at 10.0.0.3: cannot connect: connect failed"),
+        ({}, Script([], codes={"set_ft_sensor_enable": 9}), "its sensor: the SDK's code is 9, expected 0"),
+    ],
+)
+def test_what_is_missing_is_named(play, changed, script, said):
+    with pytest.raises(SourceError, match=said):
+        play(script, replace(STATED, **changed))
+
+
+def test_roll_pitch_and_yaw_are_those_of_scipy():
+    for turn in np.random.default_rng(2).uniform(-3.0, 3.0, (50, 3)):
+        found = pose_of_roll_pitch_yaw((0.0, 0.0, 0.0), turn.tolist()).orientation
+        expected = Rotation.from_euler("xyz", turn)  # about fixed axes
+        assert (Rotation.from_quat(found).inv() * expected).magnitude() < 1e-9
+
+
+def test_the_sdk_is_as_the_fake_has_it():
+    real = pytest.importorskip("xarm.wrapper", reason="xarm-python-sdk is not installed").XArmAPI
+    for name, parameters in PARAMETERS.items():
+        assert list(inspect.signature(getattr(real, name)).parameters)[1 : len(parameters) + 1] == parameters
+    assert isinstance(real.ft_ext_force, property)
+    assert isinstance(real.connected, property)
+    assert list(inspect.signature(real.__init__).parameters)[1:3] == ["port", "is_radian"]

@@ -1,0 +1,85 @@
+"""The banner of hints on the page of a station: raised, readable from two metres, and cleared."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import expect
+
+from caesura_clients.dashboard.hints import banner_of
+from caesura_protocol.messages import Hint, HintKind, Hints, Result
+from clients.answering import Answering
+from clients.conftest import RouterNetwork
+from clients.examples import example, snapshot
+from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.stage import Dashboard
+from harness.processes import running
+
+expect.set_options(timeout=PATIENCE_MS)
+TWO_METRES_PX = 44  # capitals of 31 px, 8 mm at 96 dpi: 1/250 of the distance
+SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+HAND = "A hand drives the sensor: 8 N along the movement (limit 5.4 N)."
+
+
+def hint(kind: HintKind, since: float, text: str, advice: str, until: float | None = None) -> Hint:
+    return Hint(kind=kind, since=since, until=until, text=text, advice=advice)
+
+
+def message(seq: int, *hints: Hint) -> Result:
+    changes = {"station": "cell-1", "session": "s1", "seq": seq, "hints": hints}
+    return example(Hints).model_copy(update=changes)
+
+
+def test_the_newest_active_hint_comes_first_and_none_of_a_session_that_is_over(update):
+    old = hint("joint_limit", 1.0, "Joint 4 is 2° from its limit.", "Move joint 4 back.")
+    new = hint("too_fast", 2.0, "Too fast.", "Move more slowly where the path turns.")
+    over = hint("singularity", 1.5, "Near a singularity.", "Bend the elbow.", until=1.8)
+    active = update("motion")
+    shown = banner_of(replace(active, hints=(old, over, new)))
+    assert [one["kind"] for one in shown["hints"]] == ["too_fast", "joint_limit"]
+    closed = update("motion", state="closed")
+    assert banner_of(replace(closed, hints=(old,))) == banner_of(None) == {"hints": []}
+
+
+@pytest.mark.skipif(
+    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
+)
+def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared():
+    hand = hint("hand_in_wrench", 3.0, HAND, "Hold the robot behind the sensor.")
+    limit = hint("joint_limit", 2.0, "Joint 4 is 2° from its limit.", "Move joint 4 back.")
+    with RouterNetwork() as router, Answering(router.transport()) as service, ExitStack() as stack:
+        service.snapshots = [snapshot(0, "motion", station="cell-1", session="s1")]
+        dashboard = stack.enter_context(running(Dashboard(router.endpoint)))
+        visitor = Visitor(stack.enter_context(chromium()))
+        page, banner = visitor.page, visitor.page.locator(".hint")
+        page.set_viewport_size(SIZES["desktop"])
+        page.goto(f"{dashboard.url}/station/cell-1")
+        expect(page.locator(".state-line")).to_contain_text("s1")
+        expect(banner).to_have_count(0)
+        service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(1, hand, limit)})]
+        service.put(message(1, hand, limit), "hints")
+        expect(banner).to_have_count(2)
+        expect(banner.first).to_contain_text("Hold the robot behind the sensor.")
+        expect(banner.first).to_contain_text(HAND)
+        large = banner.first.locator(".hint-advice").evaluate(
+            "(one) => parseFloat(getComputedStyle(one).fontSize)"
+        )
+        assert large >= TWO_METRES_PX
+        for theme in ("light", "dark"):
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            for name, size in SIZES.items():
+                page.set_viewport_size(size)
+                visitor.picture(f"hints-{name}")
+                assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+            assert visitor.barriers() == []
+        over = hand.model_copy(update={"until": 4.0})
+        service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(2, over)})]
+        service.put(message(2, over), "hints")
+        expect(banner).to_have_count(0)

@@ -1,0 +1,67 @@
+"""The part of program editing that needs no browser: what is offered, what a check finds, what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from caesura_clients.dashboard.apps import timeline
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.program_edits import ProgramDesk, parse
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import App, AppChange, Program
+from harness.programs import pick_and_place, press
+
+
+def program(*apps: App, **changes: Any) -> Program:
+    fields = {"station": "cell-1", "session": "s1", "instance": "test-1", "epoch": 1, "version": 4, "t": 12.0}
+    return Program(**({"complete": True} | fields | changes), apps=apps)
+
+
+def test_an_app_offers_the_fields_that_it_has_and_the_places_it_can_go_to():
+    cards = timeline(program(*press()))["apps"]
+    assert [sorted(card["values"]) for card in cards] == [["target"], ["force_n", "target"], ["target"]]
+    assert cards[1]["values"]["force_n"] == 10.0
+    assert [card["earlier"] is None for card in cards] == [True, False, False]
+    assert cards[1]["earlier"] == {"after": None}
+    assert cards[1]["later"]["after"] == cards[2]["reference"]
+    assert cards[2]["later"] is None
+
+
+def test_marks_name_the_author_and_the_taught_value():
+    marks = (
+        AppChange(field="force_n", author="Ann", edit=1, inferred=10.0),
+        AppChange(field="target", author="Bo", edit=2, inferred=(0.1, 0.2, 0.3)),
+        AppChange(field="place", author="Bo", edit=3),
+    )
+    card = timeline(program(press()[1].model_copy(update={"changes": marks})))["apps"][0]
+    assert card["changes"] == [
+        "force by Ann (taught 10 N)",
+        "target by Bo (taught 100, 200, 300 mm)",
+        "place in the program by Bo",
+    ]
+
+
+def test_findings_stand_at_their_app_once_the_program_is_complete():
+    without_grasp = [one for one in pick_and_place() if one.kind != "grasp"]
+    shown = timeline(program(*without_grasp))
+    reasons = [[reason for _, reason in card["findings"]] for card in shown["apps"]]
+    assert "carries, but nothing was grasped: an app 'grasp' must come before it" in reasons[1]
+    taught = timeline(program(*without_grasp, complete=False))
+    assert not any(card["findings"] for card in taught["apps"])
+
+
+def test_what_a_browser_sends_is_checked():
+    with pytest.raises(EditRefused, match="Not done: action"):
+        parse({"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "explode"}})
+
+
+def test_a_refusal_of_the_service_is_said_in_words(monkeypatch):
+    def refuses(*_: object) -> None:
+        raise ProtocolError("conflict", "another operator has edited the program meanwhile", value=0, limit=1)
+
+    monkeypatch.setattr("caesura_clients.dashboard.program_edits.send", refuses)
+    undo = {"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "undo"}}
+    with pytest.raises(EditRefused, match="another operator edited this program meanwhile"):
+        ProgramDesk(None).carry_out("cell-1", undo)  # type: ignore[arg-type]

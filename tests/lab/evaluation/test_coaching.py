@@ -1,0 +1,110 @@
+"""The suite of hints: what it injects, when that can be seen, and how it counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from caesura_lab.evaluation import coaching
+from caesura_lab.evaluation.coaching import (
+    FAULTS,
+    INJECT,
+    KIND_OF,
+    WANTED,
+    CleanResult,
+    CoachingResult,
+    FaultResult,
+    Taught,
+    as_markdown,
+    first_unrecorded,
+    summarise,
+    title,
+)
+from caesura_protocol.recording import Recording
+from caesura_service.robot import load_panda
+
+T = np.arange(0.0, 8.0, 0.001)
+
+
+@pytest.fixture(scope="module")
+def taught() -> Taught:
+    """Two seconds of rest, then 0.6 m in free space within three, then rest."""
+    s = np.clip((T - 2.0) / 3.0, 0.0, 1.0)
+    x = 0.6 * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    signals = {
+        "pos": np.column_stack([x, 0.0 * T, 0.0 * T + 0.3]),
+        "force": np.zeros((T.size, 3)),
+        "q": np.tile([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], (T.size, 1)),
+        "gripper": np.full((T.size, 1), 0.08),
+    }
+    recording = Recording(T, signals, wrench_source="flange_sensor")
+    segments = [{"cls": "steady", "t0": 0.0, "t1": 2.0}, {"cls": "motion", "t0": 2.0, "t1": 5.0}]
+
+    def with_hand() -> Recording:
+        push = 12.0 * np.clip(T - 2.5, 0.0, 1.0)
+        force = np.column_stack([push, 0.0 * T, 0.0 * T])
+        return Recording(T, {**signals, "force": force}, wrench_source="flange_sensor_with_hand")
+
+    return Taught(recording, {"segments": segments, "changepoints": []}, with_hand, load_panda())
+
+
+def test_every_fault_has_a_hint_and_there_are_fifty():
+    assert INJECT.keys() == WANTED.keys() == KIND_OF.keys()
+    assert sum(WANTED.values()) == FAULTS
+
+
+@pytest.mark.parametrize("name", ["cable", "weight"])
+def test_a_force_begins_at_its_cause_and_not_before(taught: Taught, name: str):
+    fault = INJECT[name](taught, np.random.default_rng(1))
+    force = fault.recording.signals["force"]
+    assert fault.kind == KIND_OF[name]
+    assert not force[fault.cause > T].any()
+    assert np.linalg.norm(force[np.searchsorted(T, fault.cause + 0.2)]) > 5.0
+
+
+def test_joints_are_led_to_a_limit_and_the_flange_goes_with_them(taught: Taught):
+    fault = INJECT["joint limit"](taught, np.random.default_rng(1))
+    led = fault.recording.signals["q"]
+    left = np.minimum(led - taught.robot.lower_limits, taught.robot.upper_limits - led).min(axis=1)
+    at = int(np.searchsorted(T, fault.cause))
+    assert left[at] < 0.05 <= left[at - 2]
+    assert np.allclose(fault.recording.signals["pos"][at], taught.robot.flange_pose(led[at]).position_base)
+
+
+def test_lost_samples_are_noticed_with_the_next_one(taught: Taught):
+    fault = INJECT["lost samples"](taught, np.random.default_rng(1))
+    at = int(np.searchsorted(fault.recording.t, fault.cause))
+    assert fault.recording.t[at] - fault.recording.t[at - 1] > 0.3
+
+
+def test_a_hand_counts_from_when_it_drives_more_than_a_bias_does(taught: Taught):
+    fault = INJECT["hand"](taught, np.random.default_rng(1))
+    reached = 2.5 + 2.33 * 2.3 / 12.0
+    assert fault.cause == pytest.approx(reached, abs=0.05)
+
+
+def test_a_fault_without_a_place_is_not_injected(taught: Taught):
+    still = Taught(taught.recording, {"segments": [], "changepoints": []}, taught.with_hand, taught.robot)
+    with pytest.raises(coaching.NotInjectableError):
+        INJECT["cable"](still, np.random.default_rng(1))
+
+
+def test_a_path_is_unrecorded_where_it_turns_within_a_step_of_the_grid():
+    smooth = np.column_stack([0.1 * np.sin(T), 0.0 * T, 0.0 * T])
+    assert first_unrecorded(T, smooth) is None
+    reversed_at_4 = np.column_stack([0.4 * np.abs(T - 4.0), 0.0 * T, 0.0 * T])
+    assert first_unrecorded(T, reversed_at_4) == pytest.approx(4.0, abs=0.1)
+
+
+def test_results_are_counted_by_fault_and_by_set():
+    def result(name: str, latency: float | None) -> CoachingResult:
+        clean = CleanResult("simulated", name, 30.0, ("too_fast",), ())
+        return CoachingResult(clean, (FaultResult("hand", "curves", 1, 2.0, latency),))
+
+    some = [result("a-1", 0.3), None, result("b-1", 0.7), result("c-1", None)]
+    summary = summarise(some)
+    assert [one.found for one in summary.faults["hand"]] == [True, False, False]
+    page = as_markdown(summary, title(range(1, 3)))
+    assert "| hand | hand_in_wrench | 1 of 3 | 0.33 | 0.30 | 0.30 |" in page
+    assert "2.00" in page  # false hints a minute
+    assert "0.70 s late" in page

@@ -1,0 +1,188 @@
+"""URScript without a controller: a script becomes Python, and runs against functions of the script manual.
+
+URScript's blocks end with `end`; apart from that, and from poses (`p[...]`), threads and scopes, the
+statements that a script here has are Python's. A thread that moves runs at once and whole; one that watches
+does not run. A table lies at a height: below it 8 N are felt.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import textwrap
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+BLOCK = re.compile(r"^(def|thread|if|elif|else|while)\b.*:$")
+
+
+class Halted(Exception):  # noqa: N818 - URScript's word
+    """The script has stopped itself."""
+
+
+def as_python(script: str) -> str:
+    """The statements of the one program of a script."""
+    lines, depth = [], 0
+    for text in script.splitlines():
+        line = text.partition("#")[0].strip()
+        if not line:
+            continue
+        if line == "end" or line.startswith(("elif", "else")):
+            depth -= 1
+            if line == "end":
+                continue
+        opens = BLOCK.match(line) is not None
+        lines.append("    " * depth + _statement(line))
+        depth += opens
+    if depth:
+        raise SyntaxError(f"{depth} blocks have no end")
+    return "\n".join(lines)
+
+
+def _statement(line: str) -> str:
+    line = re.sub(r"\bp\[", "P[", line)
+    line = re.sub(r"^thread\b", "def", line)
+    line = re.sub(r"\brun (\w+)\(\)", r"run(\1)", line)
+    line = re.sub(r"^kill (\w+)$", r"kill(\1)", line)
+    line = re.sub(r"^local ", "", line)
+    line = re.sub(r"^global (\w+) =", r"globals()['\1'] =", line)
+    return "halt()" if line == "halt" else line
+
+
+class _Pose:
+    def __getitem__(self, values: tuple[float, ...]) -> list[float]:
+        assert len(values) == 6
+        return [float(value) for value in values]
+
+
+class Controller:
+    """The functions that a script may call, with the manual's parameters; keeps what was called."""
+
+    def __init__(self, table_m: float = -9.0, grasped: int = 2) -> None:
+        self.calls: list[tuple[str, dict[str, Any]]] = []
+        self.pose = [0.3, -0.3, 0.4, 0.0, 3.14, 0.0]
+        self.table_m = table_m
+        self.grasped = grasped
+        self.pressed_n = 0.0
+        self.variables: dict[str, int] = {"OBJ": 3, "STA": 3}
+
+    def play(self, script: str) -> list[tuple[str, dict[str, Any]]]:
+        """Run the one program of a script; what it defines are globals here, so that all of it sees it."""
+        names = {
+            name: self._noted(name, function)
+            for name, function in inspect.getmembers(self, inspect.ismethod)
+            if name not in {"play", "named"} and not name.startswith("_")
+        }
+        program: dict[str, Any] = {**names, "P": _Pose(), "halt": self._halt, "run": self._start}
+        first, _, body = as_python(script).partition("\n")
+        assert first == "def caesura_program():"
+        exec(compile(textwrap.dedent(body), "script", "exec"), program)
+        return self.calls
+
+    def named(self, *names: str) -> list[dict[str, Any]]:
+        return [arguments for name, arguments in self.calls if name in names]
+
+    def _noted(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        signature = inspect.signature(function)
+
+        def call(*values: Any, **stated: Any) -> Any:
+            bound = signature.bind(*values, **stated)
+            bound.apply_defaults()
+            self.calls.append((name, dict(bound.arguments)))
+            return function(*values, **stated)
+
+        return call
+
+    def _halt(self) -> None:
+        raise Halted
+
+    def _start(self, thread: Callable[[], None]) -> None:
+        if thread.__name__ != "watch_force":
+            thread()
+
+    # --- Motion
+
+    def movej(self, q: list[float], a: float = 1.4, v: float = 1.05, t: float = 0, r: float = 0) -> None:
+        self.pose = list(q)
+
+    def movel(self, pose: list[float], a: float = 1.2, v: float = 0.25, t: float = 0, r: float = 0) -> None:
+        self.pose = list(pose)
+
+    def movep(self, pose: list[float], a: float = 1.2, v: float = 0.25, r: float = 0) -> None:
+        self.pose = list(pose)
+
+    def speedl(self, xd: list[float], a: float, t: float) -> None:
+        self.pose = [p + t * v for p, v in zip(self.pose, xd, strict=True)]
+
+    def stopl(self, a: float) -> None: ...
+
+    def force_mode(
+        self, frame: list[float], selection: list[int], wrench: list[float], kind: int, limits: list[float]
+    ) -> None:
+        assert len(frame) == len(selection) == len(wrench) == len(limits) == 6
+        self.pressed_n = wrench[2]
+
+    def end_force_mode(self) -> None: ...
+
+    def get_inverse_kin(self, pose: list[float], near: list[float]) -> list[float]:
+        return pose
+
+    def get_actual_joint_positions(self) -> list[float]:
+        return [0.0] * 6
+
+    def get_actual_tcp_pose(self) -> list[float]:
+        return list(self.pose)
+
+    def get_tcp_force(self) -> list[float]:
+        return [0.0, 0.0, 8.0 if self.pose[2] < self.table_m else 0.0, 0.0, 0.0, 0.0]
+
+    def zero_ftsensor(self) -> None: ...
+
+    # --- The rest
+
+    def set_tcp(self, pose: list[float]) -> None: ...
+
+    def set_payload(self, m: float, cog: list[float]) -> None: ...
+
+    def get_target_payload(self) -> float:
+        return 0.9
+
+    def get_target_payload_cog(self) -> list[float]:
+        return [0.0, 0.0, 0.05]
+
+    def norm(self, values: list[float]) -> float:
+        return math.hypot(*values)
+
+    def point_dist(self, one: list[float], other: list[float]) -> float:
+        return float(np.linalg.norm(np.array(one[:3]) - other[:3]))
+
+    def sleep(self, t: float) -> None: ...
+
+    def sync(self) -> None: ...
+
+    def textmsg(self, s1: str, s2: object = "") -> None: ...
+
+    def popup(
+        self, s: str, title: str = "", warning: bool = False, error: bool = False, blocking: bool = False
+    ) -> None: ...
+
+    def set_standard_digital_out(self, n: int, b: bool) -> None: ...
+
+    def socket_open(self, address: str, port: int, socket_name: str = "socket_0") -> bool:
+        return True
+
+    def socket_set_var(self, name: str, value: int, socket_name: str = "socket_0") -> None:
+        self.variables[name] = value
+        if name == "POS":
+            self.variables["OBJ"] = self.grasped if value > 50 else 3
+
+    def socket_get_var(self, name: str, socket_name: str = "socket_0") -> int:
+        return self.variables[name]
+
+    def socket_read_byte_list(self, count: int, socket_name: str = "socket_0") -> list[int]:
+        return [3, 97, 99, 107]
+
+    def kill(self, thread: object) -> None: ...

@@ -1,0 +1,93 @@
+"""Grippers as data: those that ship, what a robot or a program states, and what the check says of them."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.checks import check
+from caesura_protocol.programs.document import read_document
+from caesura_protocol.programs.gripping import gripper_of, with_gripper, within_gripper
+from caesura_protocol.programs.safety import Safety
+from caesura_protocol.robots import GripperDescription, GripperError, gripper, grippers, robot_description
+from harness.programs import as_file, pick_and_place
+
+NO_ROBOT = "reach was not checked"
+
+
+def found(name: str, safety: Safety | None = None) -> list[str]:
+    report = check(pick_and_place(), Cell(safety or Safety()), gripper=gripper(name))
+    return [str(one) for one in report.findings if NO_ROBOT not in str(one)]
+
+
+def test_every_gripper_states_where_its_figures_come_from():
+    for name, one in grippers().items():
+        stated = {"opening_m", "force_n", "speed_m_per_s", "counts", "output"} & one.model_fields_set
+        assert stated <= set(one.sources), name
+
+
+def test_a_robot_names_its_gripper_and_a_program_may_name_another():
+    panda = as_file(pick_and_place()).model_copy(update={"robot": "panda"})
+    assert gripper_of(panda) is robot_description("panda").gripper
+    assert gripper_of(with_gripper(panda, "robotiq_2f_140")) == gripper("robotiq_2f_140")
+    assert with_gripper(panda, None) is panda
+    assert gripper_of(as_file(pick_and_place())) is None
+    with pytest.raises(GripperError, match="'claw' is not known, expected one of franka_hand, robotiq_2f_85"):
+        with_gripper(panda, "claw")
+
+
+def test_a_program_keeps_its_gripper_in_its_file(tmp_path):
+    file = tmp_path / "p.json"
+    file.write_text(with_gripper(as_file(pick_and_place()), "suction").as_json())
+    assert read_document(file).gripper == "suction"
+
+
+def test_counts_lie_on_the_line_between_open_and_shut():
+    robotiq = gripper("robotiq_2f_85")
+    assert [robotiq.count(width) for width in (0.085, 0.0425, 0.0, 0.2, -1.0)] == [3, 116, 230, 3, 230]
+    with pytest.raises(GripperError, match="has no counts"):
+        gripper("franka_hand").count(0.04)
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "given"),
+    [("robotiq_hand_e", (20.0, 0.05), (60.0, 0.05)), ("franka_hand", (90.0, 1.0), (70.0, 0.1))],
+)
+def test_limits_are_those_that_the_gripper_has(name, asked, given):
+    safety = within_gripper(Safety(grasp_force_n=asked[0], gripper_m_per_s=asked[1]), gripper(name))
+    assert (safety.grasp_force_n, safety.gripper_m_per_s) == given
+    assert safety.gripper_width_m == gripper(name).opening_m
+
+
+def test_the_check_compares_widths_with_the_gripper():
+    assert found("franka_hand") == []
+    assert found("robotiq_2f_140") == []
+    (tight,) = found("robotiq_hand_e", Safety(grasp_force_n=80.0))
+    assert "app 5 (move gripper): gripper width 80 mm, expected 0 to 5" in tight
+
+
+def test_the_check_names_a_force_that_the_gripper_does_not_have():
+    (strong,) = found("franka_hand", Safety(grasp_force_n=90.0))
+    assert strong.startswith("error: program: the fingers' force 90 N: a Franka Hand has at most 70 N")
+    weak = found("robotiq_hand_e")[0]
+    assert weak.startswith("warning: program: the fingers' force 20 N: a Robotiq Hand-E has at least 60 N")
+
+
+def test_a_suction_cup_has_no_width():
+    assert [one.partition(":")[0] for one in found("suction")] == ["warning", "warning"]
+    assert "has no width" in found("suction")[0]
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"kind": "fingers", "interface": "franka"}, "fingers by franka need opening_m, force_n"),
+        ({"kind": "suction", "interface": "digital_output"}, "need output"),
+        ({"opening_m": 0.1, "force_n": 1.0, "least_force_n": 2.0}, "force_n is 1.0, expected at least"),
+        ({"opening_m": -0.1, "force_n": 1.0}, "greater than 0"),
+    ],
+)
+def test_a_gripper_that_cannot_be_is_refused(fields, said):
+    with pytest.raises(ValidationError, match=said):
+        GripperDescription.model_validate({"title": "G"} | fields)

@@ -1,0 +1,220 @@
+"""URScript: it runs against functions of the script manual, and has the poses and numbers of the program."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from caesura_protocol.messages import App, AppPath, ScrewMotion, Vector, ViaPoint
+from caesura_protocol.paths import curve_of
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.straight_legs import CHORD_M
+from caesura_protocol.programs.ur_script import ur_script
+from harness.programs import DOWN, app, as_file, pick_and_place, press
+
+from .fake_ur_controller import Controller, Halted, as_python
+
+MOVES = ("movej", "movel", "movep")
+
+
+def on_ur(apps: tuple[App, ...], **changed: Any) -> ProgramFile:
+    return as_file(apps).model_copy(update={"robot": "ur5e", "gripper": "robotiq_2f_85"} | changed)
+
+
+def played(program: ProgramFile, **world: Any) -> Controller:
+    controller = Controller(**world)
+    controller.play(ur_script(program))
+    return controller
+
+
+def places(controller: Controller) -> list[list[float]]:
+    return [move.get("pose") or move["q"] for move in controller.named(*MOVES)]
+
+
+def circle(seconds: float = 4.0, radius: float = 0.05, **fields: Any) -> App:
+    """A way around a circle in a plane, turning by 90°."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 9)
+    speed = 2.0 * np.pi * radius / seconds
+    turned = (Rotation.from_rotvec([0, 0, a / 4]) * Rotation.from_quat(DOWN) for a in angles)
+    points = [
+        ViaPoint(
+            t=1.0 + seconds * a / (2 * np.pi),
+            position=(0.4 + radius * np.cos(a), radius * np.sin(a), 0.3),
+            orientation=tuple(turn.as_quat().tolist()),
+            velocity=(-speed * np.sin(a), speed * np.cos(a), 0.0),
+        )
+        for a, turn in zip(angles, turned, strict=True)
+    ]
+    path = AppPath(
+        start=points[0].model_copy(update={"velocity": None}), via=tuple(points[1:-1]), tn=1.0 + seconds,
+        length_m=2 * np.pi * radius, deviation_m=0.001, deviation_rad=0.0,
+        tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    made = app("cartesian_motion", 1.0, 1.0 + seconds, points[-1].position, path=path, **fields)
+    return made.model_copy(update={"orientation": points[-1].orientation})
+
+
+def test_a_press_has_the_poses_and_the_force_of_the_program():
+    controller = played(on_ur(press()), table_m=0.185)
+    assert controller.named("set_tcp") == [{"pose": [0.0] * 6}]
+    touch, pressed, away = press()
+    begun, left = places(controller)
+    np.testing.assert_allclose(begun[:3], np.add(touch.target, (0.0, 0.0, 0.02)), atol=1e-6)  # the stand-off
+    np.testing.assert_allclose(left[:3], away.target, atol=1e-6)
+    for pose in (begun, left):
+        turned = Rotation.from_rotvec(pose[3:]) * Rotation.from_quat(DOWN).inv()
+        assert turned.magnitude() < 1e-5
+    (mode,) = controller.named("force_mode")
+    pushes = Rotation.from_rotvec(mode["frame"][3:]).apply([0.0, 0.0, mode["wrench"][2]])
+    np.testing.assert_allclose(pushes, pressed.force, atol=1e-3)
+    assert (mode["selection"], mode["kind"]) == ([0, 0, 1, 0, 0, 0], 2)
+    held_s = sum(one["t"] for one in controller.named("sleep") if one["t"] == 0.02)
+    assert held_s == pytest.approx(pressed.tn - pressed.t0, abs=0.02)
+    searched = controller.named("speedl")
+    assert all(one["xd"] == [0, 0, -0.03, 0, 0, 0] for one in searched)
+    names = [name for name, _ in controller.calls]
+    assert names.index("zero_ftsensor") < names.index("speedl") < names.index("force_mode")
+    assert names.index("force_mode") < names.index("end_force_mode")
+
+
+def test_a_contact_that_is_not_there_stops_the_program():
+    controller = Controller()
+    with pytest.raises(Halted):
+        controller.play(ur_script(on_ur(press())))
+    (said,) = controller.named("popup")
+    assert said["s"] == "no contact"
+    way = np.subtract(places(controller)[0][:3], controller.pose[:3])
+    assert 0.06 < np.linalg.norm(way) < 0.062  # the stand-off, and 40 mm past the target
+
+
+def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
+    controller = played(on_ur(pick_and_place()), table_m=0.11)
+    counts = [one["value"] for one in controller.named("socket_set_var") if one["name"] == "POS"]
+    assert counts == [123, 16]  # 40 mm, 10 mm less than what is grasped, and 80 mm of 85
+    settings = {one["name"]: one["value"] for one in controller.named("socket_set_var")}
+    assert settings["FOR"] == 0  # 20 N is the least that it has
+    assert settings["SPE"] == round(255 * (0.05 - 0.02) / 0.13)
+    assert [one["m"] for one in controller.named("set_payload")] == pytest.approx([1.15, 1.15, 0.9])
+    assert all(one["cog"] == [0.0, 0.0, 0.05] for one in controller.named("set_payload"))  # the tool's
+
+
+def test_what_is_not_grasped_stops_the_program():
+    controller = Controller(table_m=0.11, grasped=3)
+    with pytest.raises(Halted):
+        controller.play(ur_script(on_ur(pick_and_place())))
+    assert controller.named("popup")[0]["s"] == "nothing between the fingers"
+
+
+def test_suction_switches_its_output():
+    controller = played(on_ur(pick_and_place(), gripper="suction"), table_m=0.11)
+    assert [tuple(one.values()) for one in controller.named("set_standard_digital_out")] == [
+        (0, True),
+        (0, False),
+    ]
+
+
+def test_a_path_is_followed_closely_by_legs_whose_blends_do_not_overlap():
+    way = circle()
+    controller = played(on_ur((way,)))
+    moves = controller.named("movel")
+    poses = np.array(places(controller))  # from the start on
+    curve = curve_of(way).sampled(64)
+    legs = np.diff(poses[:, :3], axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    for row in curve:
+        way_to = row[:3] - poses[:-1, :3]
+        share = np.clip(np.vecdot(way_to, legs) / lengths**2, 0.0, 1.0)
+        off = np.linalg.norm(way_to - share[:, None] * legs, axis=1)
+        assert off.min() < CHORD_M + 1e-5
+    blends = np.array([move["r"] for move in moves])
+    assert blends[-1] == 0.0
+    assert (blends[:-1] > 0.0).all()
+    assert (blends[:-1] + np.append(0.0, blends[:-2]) < lengths[:-1]).all()
+    seconds = lengths / [move["v"] for move in moves]
+    assert seconds.sum() == pytest.approx(4.0, rel=0.1)  # as taught
+    turned = Rotation.from_rotvec(poses[-1, 3:]) * Rotation.from_rotvec(poses[0, 3:]).inv()
+    assert turned.magnitude() == pytest.approx(math.pi / 2, abs=1e-4)
+
+
+def test_no_leg_is_faster_than_the_limit():
+    slow = Safety(speed_m_per_s=0.1, turn_rad_per_s=0.2)
+    controller = played(on_ur((circle(seconds=1.0),), safety=slow))
+    lengths = np.linalg.norm(np.diff(np.array(places(controller))[:, :3], axis=0), axis=1)
+    speeds = np.array([move["v"] for move in controller.named("movel")])
+    assert speeds.max() <= 0.1
+    assert (lengths / speeds).sum() > math.pi / 2 / 0.2  # the turn is slower yet
+    assert "MAX_SPEED_M_PER_S = 0.1" in ur_script(on_ur((circle(),), safety=slow))
+
+
+def test_a_turn_in_place_takes_its_time():
+    touched = press()[2]
+    turned = app(
+        "cartesian_motion", touched.tn, touched.tn + 2.0, touched.target, orientation=(0.0, 1.0, 0.0, 0.0)
+    )
+    path = AppPath(
+        start=ViaPoint(t=touched.tn, position=touched.target, orientation=DOWN), via=(), tn=turned.tn,
+        length_m=0.0, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    controller = played(on_ur((touched, turned.model_copy(update={"path": path}))))
+    moves = controller.named("movel")
+    assert {move["t"] > 0 for move in moves} == {True}
+    assert sum(move["t"] for move in moves) == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_slide_follows_its_path_in_force_mode():
+    slide = circle(force=(0.0, 0.0, -8.0)).model_copy(update={"kind": "apply_force"})
+    touch = app("move_to_contact", 0.0, 1.0, slide.path.start.position)
+    controller = played(on_ur((touch, slide)), table_m=0.295)
+    names = [name for name, _ in controller.calls]
+    assert names.index("force_mode") < names.index("movep") < names.index("end_force_mode")
+    np.testing.assert_allclose(places(controller)[-1][:3], slide.target, atol=1e-6)
+
+
+def test_a_screw_ends_where_it_is_tight():
+    screw = ScrewMotion(
+        axis=(0, 0, 1), point=(0.4, 0, 0.3), angle=1.6, pitch_m=0.001, pitch_sd_m=0.0, torque=(0.0, 0.0, 1.0)
+    )
+    text = ur_script(on_ur((circle(screw=screw),)))
+    assert "not arrived and torque_about([0.000000, 0.000000, 1.000000], [0.400000" in text
+    assert ") < 1.5" in text
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        (on_ur(press(), robot="panda"), "URScript is for Universal Robots, and its robot is panda"),
+        (
+            on_ur(pick_and_place(), gripper="franka_hand"),
+            "app 2 .grasp.: URScript does not drive a Franka Hand",
+        ),
+        (on_ur(pick_and_place(), gripper=None), "app 2 .grasp.: .*--gripper robotiq_2f_85, robotiq_2f_140"),
+        (on_ur(press(), safety=Safety(felt_force_n=5.0)), "app 2 .apply force.: force 10.0 N, at most 4.8 N"),
+        (
+            on_ur(press(), safety=Safety(workspace_low=(0.0, -1.0, 0.0))),
+            "target at -0.02 m, the workspace is 0.0",
+        ),
+        (on_ur((circle().model_copy(update={"load_kg": 9.0}),)), "load 9.0 kg, at most 3.0 kg"),
+        (on_ur((app("cartesian_motion", 0.0, 1.0, (math.nan, 0.0, 0.3)),)), "Out of range float"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_by_name(program, said):
+    with pytest.raises(ValueError, match=said):
+        ur_script(program)
+
+
+def test_a_program_without_orientation_keeps_that_of_the_flange():
+    place: Vector = (0.3, 0.1, 0.4)
+    free = app("cartesian_motion", 0.0, 1.0, place).model_copy(update={"orientation": None})
+    controller = played(on_ur((free,), robot=None))
+    assert places(controller) == [[*place, 0.0, 3.14, 0.0]]
+
+
+def test_every_block_of_a_script_ends():
+    as_python(ur_script(on_ur(pick_and_place())))
+    with pytest.raises(SyntaxError, match="1 blocks have no end"):
+        as_python("def caesura_program():\nif True:\nend\n")

@@ -1,0 +1,46 @@
+"""Hints from the posterior, on a posterior that a test sets."""
+
+from __future__ import annotations
+
+from caesura_protocol.messages import Hint
+from caesura_service.coaching import BoundaryCoach
+from caesura_service.coaching.boundaries import LAG, LEAST, WINDOW
+
+
+class FakePosterior:
+    """Probabilities of a start, by observation."""
+
+    def __init__(self) -> None:
+        self.probabilities: dict[int, float] = {}
+        self.count = 0
+
+    def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
+        return [self.probabilities.get(s, 0.0) for s in range(first, last + 1)]
+
+
+def followed(changes: dict[int, dict[int, float]], count: int = 120) -> tuple[Hint, ...]:
+    """changes: after an observation, the probability of others; one observation each 0.1 s."""
+    posterior, coach, places = FakePosterior(), BoundaryCoach(), []
+    for k in range(count):
+        places.append(0.1 * k)
+        posterior.count = k + 1
+        posterior.probabilities |= changes.get(k, {})
+        coach.observe(posterior, 0.1 * k, places)
+    return coach.log.hints
+
+
+def test_a_boundary_that_is_sure_or_that_is_none_gives_no_hint():
+    assert followed({20: {20: 0.9}, 50: {50: 0.1}}) == ()
+
+
+def test_an_even_boundary_is_hinted_at_and_cleared_when_it_is_resolved():
+    (hint,) = followed({20: {19: 0.2, 20: 0.3}, 30: {19: 0.1, 20: 0.85}})
+    assert (hint.kind, hint.t0) == ("uncertain_boundary", 2.0)
+    assert hint.since == 0.1 * (20 + LAG)
+    assert hint.until == 0.1 * (20 + LAG + LEAST)  # resolved before, and shown so long that it can be read
+
+
+def test_a_boundary_that_stays_unclear_asks_for_its_part_from_the_last_sure_one():
+    pause, again = followed({20: {20: 0.95}, 50: {50: 0.5}})
+    assert pause.until == again.since == 0.1 * (50 + WINDOW)
+    assert (again.kind, again.t0, again.tn) == ("show_again", 2.0, again.since)

@@ -1,0 +1,167 @@
+"""Each rule on signals: what raises its hint, what does not, and that it is raised once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pytest
+
+from caesura_protocol.messages import Hint
+from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
+from caesura_service.coaching.bias import DriftState, DriftTracker
+from caesura_service.robot import load_panda
+from caesura_service.signals.tare import TARED_BIAS_N
+
+STEP_S = 0.1
+AT_REST = (0.4, 0.0, 0.3)
+Vector = tuple[float, float, float]
+
+
+def coached(
+    positions: Sequence[Vector],
+    forces: Iterable[Vector] = (),
+    *,
+    holding: float = 0.0,
+    joints: Iterable[np.ndarray] = (),
+    clean: bool = True,
+    arm: ArmLimits | None = None,
+) -> tuple[Hint, ...]:
+    """Every hint of a demonstration; a force or joints that are not given are zero or absent."""
+    coach = SignalCoach(CoachingSetup(clean, TARED_BIAS_N, 0.002, arm))
+    forces, joints = [*forces], [*joints]
+    for k, position in enumerate(positions):
+        force = forces[k] if k < len(forces) else (0.0, 0.0, 0.0)
+        coach.observe(ObservedPose(STEP_S * k, position, force, holding, joints[k] if joints else None))
+    return coach.log.hints
+
+
+def kinds(hints: Iterable[Hint]) -> list[str]:
+    return [hint.kind for hint in hints]
+
+
+def along_x(count: int, speed: float = 0.2) -> list[Vector]:
+    return [(0.4 + STEP_S * speed * k, 0.0, 0.3) for k in range(count)]
+
+
+def after(count: int, force: Vector, total: int = 30) -> list[Vector]:
+    return [(0.0, 0.0, 0.0)] * count + [force] * (total - count)
+
+
+def test_free_movement_raises_no_hint():
+    assert coached(along_x(30)) == ()
+
+
+def test_a_force_that_drives_the_movement_is_a_hand_within_half_a_second():
+    (hint,) = coached(along_x(30), after(10, (12.0, 0.0, 0.0)))
+    assert hint.kind == "hand_in_wrench"
+    assert hint.since - 1.0 <= 0.4
+    assert "12 N" in hint.text
+    assert "5.4 N" in hint.text
+
+
+def test_where_the_hand_is_declared_to_be_in_the_wrench_no_force_gives_a_hint():
+    assert coached(along_x(30), after(10, (12.0, 0.0, 0.0)), clean=False) == ()
+
+
+def test_a_load_that_sinks_in_closed_fingers_is_no_hand():
+    sinking = [(0.4, 0.0, 0.9 - 0.02 * k) for k in range(30)]
+    assert coached(sinking, after(5, (0.0, 0.0, -9.8)), holding=1.0) == ()
+    assert "hand_in_wrench" in kinds(coached(sinking, after(5, (0.0, 0.0, -9.8)), holding=0.0))
+
+
+def test_a_surface_along_which_the_tool_slides_gives_no_hint():
+    assert coached(along_x(30), after(5, (-6.0, 0.0, 20.0))) == ()
+
+
+@pytest.mark.parametrize(
+    ("force", "holding", "expected"),
+    [
+        ((-12.0, 0.0, 0.0), 0.0, ["unexplained_force"]),  # a cable
+        ((0.0, 0.0, -12.0), 0.0, ["unexplained_force"]),  # a weight on open fingers
+        ((0.0, 0.0, -12.0), 1.0, []),  # a weight in closed ones
+        ((0.0, 0.0, -12.0), math.nan, []),  # or where that is not reported
+    ],
+)
+def test_what_pulls_in_free_movement(force: Vector, holding: float, expected: list[str]):
+    assert kinds(coached(along_x(30), after(10, force), holding=holding)) == expected
+
+
+def test_an_impact_is_too_short_for_a_hint():
+    forces = [*after(10, (-30.0, 0.0, 0.0), total=12), *[(0.0, 0.0, 0.0)] * 20]
+    assert coached(along_x(30), forces) == ()
+
+
+def test_a_zero_that_drifts_is_found_and_a_contact_is_not():
+    drift = [(0.0, min(0.1 * k, 11.0), 0.0) for k in range(140)]
+    (hint,) = coached(along_x(140, speed=0.12), drift)
+    assert hint.kind == "bias_drift"
+    true_at = 3.37 * TARED_BIAS_N / 1.0
+    assert true_at - 0.2 <= hint.since <= true_at + 0.5
+    assert coached(along_x(60), after(20, (-6.0, 0.0, 20.0), total=60)) == ()
+
+
+def test_a_contact_leaves_the_tracked_bias_as_it_is():
+    tracker, state = DriftTracker(0.5), DriftState()
+    for _ in range(20):
+        state = tracker.advance(state, (0.0, 0.5, 0.0), 0.1)
+    assert state.mean[1] == pytest.approx(0.5, abs=0.05)
+    for _ in range(20):
+        state = tracker.advance(state, (0.0, 0.5, 15.0), 0.1)
+    assert state.mean[2] == pytest.approx(0.0, abs=0.5)
+
+
+def test_quick_reversals_are_too_fast_and_a_slow_one_is_not():
+    def back_and_forth(step: float) -> list[Vector]:
+        return [(0.4 + step * (k % 2), 0.0, 0.3) for k in range(20)]
+
+    assert kinds(coached(back_and_forth(0.03))) == ["too_fast"]
+    assert coached(back_and_forth(0.001)) == ()
+
+
+@pytest.fixture(scope="module")
+def panda() -> ArmLimits:
+    robot = load_panda()
+    return ArmLimits(robot.lower_limits, robot.upper_limits, robot.flange_jacobian)
+
+
+def led(joint: int, to: float, count: int = 40) -> list[np.ndarray]:
+    home = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    rows = np.repeat(home[None], count, axis=0)
+    rows[:, joint] = np.linspace(home[joint], to, count)
+    return [*rows]
+
+
+def test_a_joint_is_hinted_at_before_it_reaches_its_limit(panda: ArmLimits):
+    joints = led(6, float(panda.upper[6]))
+    (hint,) = coached([AT_REST] * 40, joints=joints, arm=panda)
+    reached = next(k for k, row in enumerate(joints) if panda.upper[6] - row[6] < 0.05)
+    assert hint.kind == "joint_limit"
+    assert "Joint 7" in hint.text
+    assert STEP_S * reached - 1.0 <= hint.since <= STEP_S * reached
+
+
+def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
+    hints = coached([AT_REST] * 40, joints=led(3, -0.1), arm=panda)
+    assert "singularity" in kinds(hints)
+    assert coached([AT_REST] * 40, joints=led(3, -2.0), arm=panda) == ()
+
+
+def test_a_hint_is_raised_once_cleared_when_over_and_not_again_for_a_while():
+    shaken = [(0.4 + 0.03 * (k % 2), 0.0, 0.3) for k in range(20)]
+    calm = [AT_REST] * 20
+    (hint,) = coached([*shaken, *calm, *shaken])
+    assert hint.until is not None
+    assert hint.since < hint.until <= 3.0
+    again = coached([*shaken, *[AT_REST] * 80, *shaken])
+    assert kinds(again) == ["too_fast", "too_fast"]
+
+
+def test_a_gap_asks_for_its_part_until_some_time_has_passed():
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    coach.report_gap(2.0, 2.5)
+    (hint,) = coach.log.hints
+    assert (hint.kind, hint.since, hint.t0, hint.tn, hint.until) == ("show_again", 2.5, 2.0, 2.5, None)
+    coach.observe(ObservedPose(20.0, AT_REST, (0.0, 0.0, 0.0), math.nan, after_gap=True))
+    assert coach.log.hints[0].until == 20.0

@@ -1,0 +1,94 @@
+"""Hints of a whole session: a function of its samples, and without effect on its results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from caesura_protocol.messages import Hints, Insert
+from caesura_protocol.recording import Recording
+from caesura_service.offline_segmentation import batches, opening_of, segment_recording
+from caesura_service.publishing import messages
+from caesura_service.publishing.events import Owner
+from caesura_service.publishing.session_state import SessionCounters, snapshot_of
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.segmentation.view import PipelineView
+from caesura_service.sessions.closed_pipeline import view_from_snapshot
+from harness.demonstrations import guided
+
+FAULT_S = 3.6  # [s] when the last reach of the demonstration begins
+
+
+@pytest.fixture(scope="module")
+def held() -> Recording:
+    """A demonstration of which the hand has hold of the tool from FAULT_S on."""
+    clean = guided()
+    velocity = np.gradient(clean.signals["pos"], clean.t, axis=0)
+    speed = np.linalg.norm(velocity, axis=1)[:, None]
+    push = 14.0 * velocity / np.maximum(speed, 0.05) * (clean.t > FAULT_S)[:, None]
+    return replace(clean, signals={**clean.signals, "force": clean.signals["force"] + push})
+
+
+def steps(recording: Recording) -> list[PipelineView]:
+    pipeline = make_pipeline(opening_of(recording), "default")
+    found = []
+    for samples in batches(recording):
+        pipeline.push(samples)
+        found.append(pipeline.view)
+    pipeline.finish()
+    return [*found, pipeline.view]
+
+
+def test_a_hand_is_hinted_at_while_it_holds_and_no_hint_is_active_at_the_end(held: Recording):
+    found = steps(held)
+    raised = next(view for view in found if any(one.kind == "hand_in_wrench" for one in view.hints))
+    assert held.t[raised.samples - 1] - FAULT_S <= 0.5
+    assert [one.until for one in raised.hints] == [None]
+    assert all(one.until is not None for one in found[-1].hints)
+
+
+def test_samples_cut_otherwise_give_the_same_hints(held: Recording):
+    pipeline = make_pipeline(opening_of(held), "default")
+    pipeline.push(np.concatenate([*batches(held)]))
+    pipeline.finish()
+    assert pipeline.view.hints == steps(held)[-1].hints != ()
+
+
+def test_a_correction_in_the_end_gives_the_hints_of_one_from_the_start(held: Recording):
+    late = make_pipeline(opening_of(held), "default")
+    for samples in batches(held):
+        late.push(samples)
+    edits = [late.resolve(Insert(t=1.0))]
+    early = make_pipeline(opening_of(held), "default").corrected(edits)
+    for samples in batches(held):
+        early.push(samples)
+    corrected = late.corrected(edits)
+    for one in (early, corrected):
+        one.finish()
+    assert corrected.view.hints == early.view.hints
+
+
+def test_lost_samples_are_asked_for():
+    whole = guided()
+    kept = (whole.t < 2.0) | (whole.t > 2.6)
+    signals = {name: values[kept] for name, values in whole.signals.items()}
+    found = segment_recording(replace(whole, t=whole.t[kept], signals=signals))
+    assert [(one.kind, round(one.since, 1)) for one in found.hints] == [("show_again", 2.6)]
+
+
+def test_a_late_subscriber_has_the_active_hints_from_the_snapshot(held: Recording):
+    view = next(view for view in steps(held) if view.hints)
+    opening = opening_of(held)
+    empty = make_pipeline(opening, "default").view
+    state = messages.initial_state("cell-1", "s1", Owner("one", 1), "default", empty)
+    state, _ = messages.initial_messages(state)
+    assert snapshot_of(state).hints is None
+    state, published = messages.apply_view(state, view, SessionCounters())
+    (sent,) = [one.message for one in published if isinstance(one.message, Hints)]
+    assert sent == snapshot_of(state).hints
+    assert (sent.seq, sent.hints) == (0, view.hints)
+    state, published = messages.apply_view(state, view._replace(hints=tuple(view.hints)), SessionCounters())
+    assert published == []
+    assert view_from_snapshot(snapshot_of(state)).hints == view.hints

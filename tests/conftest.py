@@ -1,7 +1,8 @@
-"""Random examples: thirty a property, so that all of the tests are quick, unless a property says otherwise.
+"""Random examples: thirty a property, and the same in every run, unless a property says otherwise.
 
-`make test ARGS=--hypothesis-profile=default` has a hundred. Ctrl-C ends the processes that tests start, also
-where the shell that starts the tests ignores it, as it does for a job in the background.
+`make test ARGS=--hypothesis-profile=default` has a hundred, and others in every run. Ctrl-C ends the
+processes that tests start, also where the shell that starts the tests ignores it, as it does for a job in the
+background.
 
 Linear algebra has one thread a process, as there are as many processes as processors. With more, threads that
 have nothing to do spin, and a test of small matrices takes four times the CPU.
@@ -28,7 +29,7 @@ from harness.once import RUN
 
 # Before numpy is imported, and for processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-settings.register_profile("quick", max_examples=30, deadline=None)
+settings.register_profile("quick", max_examples=30, deadline=None, derandomize=True)
 settings.register_profile(  # for `make mutations`: whether it fails, not how little it takes
     "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)
 )

@@ -196,19 +196,24 @@ def peak_of(act: Callable[[], object]) -> int:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("filling", FILLINGS.values(), ids=FILLINGS)
-def test_refusing_a_long_result_takes_less_than_reading_a_sound_one_of_that_length(filling):
+@pytest.fixture(scope="module")
+def sound() -> tuple[int, int]:
+    """The length of a sound result, and what it takes to read it [bytes]."""
     one = Changepoint(t=1.5, probability=0.5, certainty="final", t_low=1.0, t_high=2.0)
-    sound = Changepoints(**HEADER, first=0, changepoints=(one,) * 8000)
-    payload, encoding = encode(sound)
+    payload, encoding = encode(Changepoints(**HEADER, first=0, changepoints=(one,) * 8000))
+    return len(payload), peak_of(lambda: decode(payload, encoding, Changepoints))
+
+
+@pytest.mark.parametrize("filling", FILLINGS.values(), ids=FILLINGS)
+def test_refusing_a_long_result_takes_less_than_reading_a_sound_one_of_that_length(filling, sound):
+    length, reading = sound
     hostile = (
         b"\x88"
         + b"".join(map(msgpack.packb, (part for field in {**HEADER, "first": 0}.items() for part in field)))
         + msgpack.packb("changepoints")
-        + array_of(filling, len(payload) - 100)
+        + array_of(filling, length - 100)
     )
     assert read(hostile, Changepoints)
-    reading = peak_of(lambda: decode(payload, encoding, Changepoints))
     assert peak_of(lambda: read(hostile, Changepoints)) < 2 * reading
 
 

@@ -6,9 +6,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from caesura_clients import connect
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import SETTINGS, Station, reached
-from harness.processes import serving
+from harness.processes import DEADLINE_S, eventually, reaches, serving
 
 SMALL = replace(SETTINGS, ring_span_s=2.0, window_batches=8)
 AWAY_S = 4.0
@@ -19,6 +20,10 @@ def ring_too_small(directory: Path, scale: Scale = FULL, away_s: float = AWAY_S)
 
     def disturb(stations: list[Station], disturbance: Disturbance) -> None:
         reached(stations, 0.2)
+        with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
+            for station in stations:  # what the journal never had has no beginning
+                reaches(caesura, station.name, 1)
+            eventually(lambda: all(one.journal and not one.journal.waiting for one in caesura.services()))
         service.kill()
         time.sleep(away_s)
         disturbance.is_over()

@@ -13,12 +13,14 @@ from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import (
     INFERRED_PROGRAM,
     SampleRange,
+    StoredPage,
     parse_service_key,
     parse_station_key,
     samples_parameters,
     service_key,
     session_key,
     station_key,
+    stored_parameters,
 )
 from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
@@ -72,6 +74,19 @@ def snapshots(
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
     return [newest[key] for key in sorted(newest)]
+
+
+def stored_snapshots(
+    transport: Transport, station: str = "*", session: str = "*", *, skip: int = 0
+) -> list[Snapshot]:
+    """A page of the closed sessions that the service no longer holds and the journal has, the newest first.
+
+    skip: how many came before. At most MAX_STORED; none after the last page.
+    """
+    page = stored_parameters(StoredPage(skip=skip))
+    key = session_key(station, session, "snapshot")
+    found = _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+    return sorted(found, key=lambda one: one.status.opened or 0.0, reverse=True)
 
 
 def snapshot(

@@ -19,6 +19,7 @@ from caesura_protocol.errors import ProtocolError
 
 ROOT = "caesura/v1"
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+MAX_STORED = 16  # sessions of an answer
 T = TypeVar("T", bound=str)
 _NAME = re.compile(NAME_PATTERN)
 _COUNT = re.compile(r"[0-9]{1,15}")
@@ -174,6 +175,39 @@ def parse_samples_parameters(parameters: str) -> SampleRange:
         if not _COLUMN.fullmatch(column):
             raise ProtocolError("malformed", "samples: not a column", value=column, expected=_COLUMN.pattern)
     return SampleRange(t0, tn, bins, columns)
+
+
+class StoredPage(NamedTuple):
+    """Which sessions of the journal a `snapshot` query asks for: the newest `limit` after `skip` others."""
+
+    limit: int = MAX_STORED
+    skip: int = 0
+
+
+def stored_parameters(wanted: StoredPage) -> str:
+    """Parameters of a `snapshot` query for stored sessions, after its `?`.
+
+    >>> stored_parameters(StoredPage(16, skip=32))
+    'stored=16;skip=32'
+    """
+    return f"stored={wanted.limit};skip={wanted.skip}"
+
+
+def parse_stored_parameters(parameters: str) -> StoredPage | None:
+    """The stored sessions that `snapshot` parameters ask for; None where they ask for those that are held.
+
+    Raises ProtocolError `malformed`.
+
+    >>> parse_stored_parameters("stored=4;skip=0"), parse_stored_parameters("")
+    (StoredPage(limit=4, skip=0), None)
+    """
+    fields = _fields(parameters, "snapshot")
+    if "stored" not in fields:
+        return None
+    limit = _count(fields["stored"], "stored", "snapshot")
+    if not 1 <= limit <= MAX_STORED:
+        raise ProtocolError("malformed", "snapshot: number of stored sessions", value=limit, limit=MAX_STORED)
+    return StoredPage(limit, _count(fields.get("skip", "0"), "skip", "snapshot"))
 
 
 def _fields(parameters: str, query: str) -> dict[str, str]:

@@ -54,6 +54,14 @@ class RecordingError(CaesuraError, ValueError):
     """The file is not a recording; the message names the file, the value and what was expected."""
 
 
+class UnknownColumnsError(RecordingError):
+    """The columns are those of other software; `example` is a mapping file that names them."""
+
+    def __init__(self, message: str, example: str) -> None:
+        super().__init__(message)
+        self.example = example
+
+
 @dataclass(frozen=True)
 class Recording:
     """One demonstration.

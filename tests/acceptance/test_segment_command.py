@@ -71,9 +71,7 @@ def test_a_threshold_divides_as_in_the_thesis(tmp_path: Path):
 def test_a_threshold_that_is_no_probability_is_one_clear_line():
     done = caesura("segment", DATA / "button.npz", "--threshold", 2)
     assert done.exit_code == 1
-    assert (
-        done.output.strip() == "error: button.npz: threshold is 2.0, expected a probability between 0 and 1"
-    )
+    assert done.output.strip() == "error: --threshold is 2.0, expected a probability between 0 and 1"
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from caesura_protocol.messages import Close, Control, Open
 from clients.examples import LiveSource, recording, samples
 from clients.fake_service import FakeService, eventually
 
-QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=5.0, tick_s=0.005)
+QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=30.0, tick_s=0.005)
 SAMPLES_KEY = station_key("cell-1", "samples")
 REPLAY_KEY = station_key("cell-1", "replay")
 

@@ -139,7 +139,7 @@ def publisher(network):
 
 
 def following(network, *arguments, **options):
-    return follow(network.transport(), *arguments, **{"refresh_s": 0.1, "silence_s": 5.0, **options})
+    return follow(network.transport(), *arguments, **{"refresh_s": 0.1, "silence_s": 30.0, **options})
 
 
 def test_a_late_reader_begins_with_what_is_known(network, publisher):
@@ -229,7 +229,7 @@ def test_a_service_that_takes_over_is_believed(network, publisher):
 
 
 def reported(network, **options):
-    return events(network.transport(), **{"refresh_s": 0.05, "silence_s": 5.0, **options})
+    return events(network.transport(), **{"refresh_s": 0.05, "silence_s": 30.0, **options})
 
 
 def test_a_service_that_goes_and_comes_back_is_reported(network):
@@ -283,7 +283,7 @@ def test_a_service_too_busy_to_answer_ends_no_reader(memory):
     # A question that ran into its timeout once ended the watching.
     with Answering(memory.transport()) as publishing:
         publishing.snapshots = [snapshot(4, "motion")]
-        updates = follow(memory.transport(), "cell-1", refresh_s=0.02, silence_s=5.0)
+        updates = follow(memory.transport(), "cell-1", refresh_s=0.02, silence_s=30.0)
         next(updates)
         publishing.snapshots = []
         key = session_key("cell-1", "s1", "snapshot")
@@ -333,6 +333,6 @@ def test_another_thread_ends_the_iteration(memory):
     following = threading.Thread(target=lambda: list(reported), daemon=True)
     following.start()
     over.set()
-    following.join(8.0)
+    following.join(30.0)
     assert not following.is_alive()
     assert memory.subscribers == []

@@ -80,7 +80,7 @@ def test_a_reader_that_follows_ends_up_with_what_a_late_one_is_sent(endpoint):
 
     def follow() -> None:
         with connect(endpoint) as watching:
-            last.append(until_complete(watching.results("cell-2", silence_s=5.0)))
+            last.append(until_complete(watching.results("cell-2", silence_s=30.0)))
 
     reader = threading.Thread(target=follow, daemon=True)
     reader.start()

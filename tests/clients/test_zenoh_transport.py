@@ -2,7 +2,6 @@
 
 import doctest
 import threading
-import time
 
 import pytest
 
@@ -16,7 +15,7 @@ from caesura_protocol.transport.memory import intersect
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
 from clients.conftest import RouterNetwork, free_port
-from clients.fake_service import eventually
+from clients.fake_service import DEADLINE_S, eventually
 
 TEXT = Encoded(b"\x00hello\xff", "application/msgpack;caesura.Ack.v1")
 OTHER = Encoded(b"again", "application/msgpack;caesura.Close.v1")
@@ -57,7 +56,7 @@ def answering(network, *, refuse=None):
     inbox = Inbox()
 
     def answer():
-        question = inbox.get(5.0)
+        question = inbox.get(DEADLINE_S)
         with question:
             seen.append((question.key, question.parameters, question.content))
             if refuse:
@@ -98,9 +97,8 @@ def test_a_refusal_arrives_as_the_error_that_it_was(network):
 
 
 def test_a_question_without_an_answer_comes_back_empty_at_once(network):
-    started = time.monotonic()
-    assert network.transport().query(KEY) == ((), ())
-    assert time.monotonic() - started < 0.5
+    # Waiting would take longer than a test may.
+    assert network.transport().query(KEY, timeout_s=1000.0) == ((), ())
 
 
 def test_a_query_that_is_received_and_not_answered_in_time_is_refused_as_overloaded(network):
@@ -120,11 +118,11 @@ def test_tokens_are_seen_by_who_came_before_and_by_who_comes_after(network):
     key, pattern = "caesura/v1/station/cell-1/alive", "caesura/v1/station/*/alive"
     with there.watch_liveliness(pattern, before):
         with here.declare_token(key):
-            assert before.get(5.0) == TokenChange(key, alive=True)
+            assert before.get(DEADLINE_S) == TokenChange(key, alive=True)
             with there.watch_liveliness(pattern, after):
-                assert after.get(5.0) == TokenChange(key, alive=True)
+                assert after.get(DEADLINE_S) == TokenChange(key, alive=True)
             assert there.list_tokens(pattern) == (key,)
-        seen = iter(lambda: before.get(5.0), None)
+        seen = iter(lambda: before.get(DEADLINE_S), None)
         assert TokenChange(key, alive=False) in seen  # it may have been reported as there once more
         eventually(lambda: there.list_tokens(pattern) == ())
 
@@ -217,7 +215,7 @@ def test_an_endpoint_that_makes_no_sense_is_named(endpoint):
 def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
     file = tmp_path / "client.json5"
     file.write_text('{metadata: {name: "cell-1"}, scouting: {multicast: {enabled: true}}}')
-    with ZenohTransport(router.endpoint, config_file=file, timeout_s=5.0) as transport:
+    with ZenohTransport(router.endpoint, config_file=file, timeout_s=DEADLINE_S) as transport:
         assert transport.list_tokens("a/*") == ()
 
 
@@ -225,7 +223,7 @@ def test_a_config_file_is_read_and_the_settings_still_hold(router, tmp_path):
 def test_a_config_file_names_the_router_unless_the_command_line_does(router, tmp_path, named):
     file = tmp_path / "client.json5"
     file.write_text(f'{{"connect": {{"endpoints": {named.format(router.endpoint)}}}}}')
-    with ZenohTransport(config_file=file, timeout_s=5.0) as transport:
+    with ZenohTransport(config_file=file, timeout_s=DEADLINE_S) as transport:
         assert transport.endpoint == router.endpoint
         assert transport.list_tokens("caesura/v1/service/*/alive") == ()
     with pytest.raises(Unreachable, match="tcp/127"):

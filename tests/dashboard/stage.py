@@ -14,6 +14,7 @@ from caesura_clients import Caesura
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
+from dashboard.browser import PAGES_OF_CAESURA
 from harness.demonstrations import RATE_HZ, guided
 from harness.forked import Forked
 from harness.processes import CAESURA, DEADLINE_S, Process, Service, running, start
@@ -41,10 +42,13 @@ def patient(seed: int = 0) -> Recording:
 class Dashboard(Process):
     """`caesura dashboard` on a free port."""
 
+    imports = ("nicegui",)
+
     def __init__(self, endpoint: str, *options: str) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        super().__init__([*CAESURA, "dashboard", "--connect", endpoint, "--port", str(port), *options])
+        command = [*PAGES_OF_CAESURA, "dashboard", "--connect", endpoint, "--port", str(port)]
+        super().__init__([*command, *options])
 
 
 class Bridges:

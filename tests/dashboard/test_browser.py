@@ -13,7 +13,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
-from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -48,8 +48,8 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def visitor(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Visitor]:
-    visitor = Visitor(browser, getattr(request, "param", "light"))
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser)
     yield visitor
     visitor.close()
 
@@ -59,14 +59,15 @@ def goto(stage: Stage, visitor: Visitor, path: str) -> Page:
     return visitor.page
 
 
-@pytest.mark.parametrize("visitor", ["light", "dark"], indirect=True)
 @pytest.mark.parametrize("name", PAGES)
 def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visitor, name: str):
     path, words = PAGES[name]
     page = goto(stage, visitor, path)
     expect(page.get_by_text(words).first).to_be_visible()
-    visitor.picture(name)
-    assert visitor.barriers() == []
+    for visitor.theme, rules in THEMES.items():
+        page.emulate_media(color_scheme=visitor.theme)
+        visitor.picture(name)
+        assert visitor.barriers(*rules) == []
     assert visitor.hosts == {"127.0.0.1"}, "something is fetched from outside"
     assert visitor.errors == []
 
@@ -79,17 +80,15 @@ def test_stations_are_reported_at_a_glance(stage: Stage, visitor: Visitor):
     expect(over.locator(".badge")).to_have_text("demonstration over")
 
 
-def test_segments_appear_while_they_are_taught(stage: Stage, visitor: Visitor):
+def test_segments_appear_while_they_are_taught_and_run_lengths_when_they_are_asked_for(
+    stage: Stage, visitor: Visitor
+):
     page = goto(stage, visitor, "/station/cell-1")
     page.get_by_text("Segments as a table").click()
     rows = page.locator("details.table tbody tr")
     for kind in KINDS:
         expect(rows.filter(has_text=re.compile(rf"{kind}.*final")).first).to_be_visible()
     expect(page.locator(".app").first).to_contain_text("move to contact")
-
-
-def test_run_lengths_are_shown_when_they_are_asked_for(stage: Stage, visitor: Visitor):
-    page = goto(stage, visitor, "/station/cell-1")
     button = page.get_by_role("button", name="run lengths")
     button.click()
     expect(button).to_have_attribute("aria-pressed", "true")
@@ -198,6 +197,8 @@ def test_with_a_password_nothing_is_shown_before_it(stage: Stage, visitor: Visit
         page.get_by_role("link", name="cell-2").click()
         expect(page.locator(".app").first).to_be_visible()
         expect(page.get_by_text("Corrections are off")).to_be_visible()
+        answer = page.request.put(f"{locked.url}/uploads/u-1/a.csv", data="t,px,py,pz")
+        assert (answer.status, "only reads" in answer.text()) == (403, True), "nor does it take recordings"
         page.close()
         assert locked.end() == 0
 
@@ -210,4 +211,3 @@ def test_a_tablet_held_upright_has_everything(stage: Stage, visitor: Visitor):
     wide = page.evaluate("() => document.documentElement.scrollWidth - document.documentElement.clientWidth")
     visitor.picture("upright")
     assert wide == 0, "the page scrolls sideways"
-    assert visitor.barriers() == []

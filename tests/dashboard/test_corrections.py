@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Locator, Page, expect
 
+from caesura_clients import Caesura
+from caesura_protocol.errors import ProtocolError
 from dashboard.browser import CHROMIUM, PATIENCE_MS, SlowSocket, Visitor, chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
@@ -64,12 +67,13 @@ class Operator:
     def look_at_the_beginning(self) -> None:
         """What is shown stands still: 0 to 7.5 s, found up to SHOWN_S."""
         self.page.get_by_label("Your name").fill("Ann")
+        self.press("Live")
         slider = self.page.get_by_role("slider", name="Show until")
         eventually(lambda: float(slider.get_attribute("max") or 0.0) >= SHOWN_S)
         for _ in range(2):
             self.page.get_by_role("button", name="Zoom in").click()
         slider.fill(str(SHOWN_S))
-        eventually(lambda: float(self.plot.get_attribute("data-to") or 0.0) == 7.5)
+        eventually(lambda: float(self.plot.get_attribute("data-to") or 0.0) == pytest.approx(7.5))
 
     @property
     def plot(self) -> Locator:
@@ -103,21 +107,36 @@ class Operator:
     def version(self) -> int:
         return int(self.page.locator(".version").inner_text())
 
+    def undo_everything(self, caesura: Caesura) -> None:
+        """Until the page has nothing to undo either."""
+        self.page.get_by_label("Your name").fill("Ann")
+        with suppress(ProtocolError):  # the last one is refused
+            while True:
+                caesura.undo(self.wire.now.station, self.wire.now.session, author="Ann")
+        expect(self.page.get_by_role("button", name="Undo", exact=True)).to_be_disabled()
+
+
+@pytest.fixture(scope="module")
+def taught(stage: Stage, browser: Browser) -> Iterator[tuple[Operator, Caesura]]:
+    """A station that is taught while the tests of this module last."""
+    stage.teach("cell-1", patient())
+    visitor = Visitor(browser)
+    with stage.reader() as caesura, Subscriber(caesura, "cell-1").listening() as wire:
+        operator = Operator(stage, visitor, wire, "cell-1")
+        operator.wait_for_three_segments()
+        yield operator, caesura
+    visitor.close()
+    stage.kill("cell-1")
+
 
 @pytest.fixture
-def operator(stage: Stage, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Operator]:
-    """A station of its own for each test."""
-    station = request.node.name.replace("_", "-")[:40].rstrip("-")
-    stage.teach(station, patient(), pace="2.5")
-    visitor = Visitor(browser)
-    with stage.reader() as caesura, Subscriber(caesura, station).listening() as wire:
-        operator = Operator(stage, visitor, wire, station)
-        operator.wait_for_three_segments()
-        operator.look_at_the_beginning()
-        yield operator
-    assert visitor.errors == []
-    visitor.close()
-    stage.kill(station)
+def operator(taught: tuple[Operator, Caesura]) -> Iterator[Operator]:
+    """The operator of that station, where nothing is corrected."""
+    operator, caesura = taught
+    operator.look_at_the_beginning()
+    yield operator
+    operator.undo_everything(caesura)
+    assert operator.visitor.errors == []
 
 
 def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator):
@@ -135,7 +154,6 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     assert operator.wire.now.program.author == "Ann"
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Ann")
     operator.visitor.picture("inserted")
-    assert operator.visitor.barriers() == []
 
     operator.press("Undo")
     operator.is_shown("Undone")
@@ -221,15 +239,17 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
     operator.page.reload()
     operator.wait_for_three_segments()
     operator.look_at_the_beginning()
+    revision = operator.wire.now.status.revision
     operator.click(T)
     slow.hold()
     with stage.reader() as other:
         other.insert(operator.wire.now.station, operator.wire.now.session, 1.2, author="Bob")
     eventually(lambda: operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)])
     operator.press("Insert")
-    eventually(lambda: slow.has_received("revision 1"))
+    eventually(lambda: slow.has_received(f"revision {revision + 1}"))
     slow.release()
-    operator.is_shown("another operator corrected this session meanwhile (it is at revision 1, you saw 0)")
+    seen = f"(it is at revision {revision + 1}, you saw {revision})"
+    operator.is_shown(f"another operator corrected this session meanwhile {seen}")
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Bob")
     assert operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)]
 

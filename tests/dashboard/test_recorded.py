@@ -11,13 +11,14 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
+import httpx
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.messages import Changepoint
-from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
 from dashboard.stage import Stage, staged
 from harness.journals import COLUMNS, ended, taught, written
-from harness.processes import eventually
+from harness.processes import DEADLINE_S, eventually
 
 pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
@@ -71,17 +72,25 @@ def browser() -> Iterator[Browser]:
         yield browser
 
 
-@pytest.fixture
-def visitor(stage: Stage, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Visitor]:
-    """A page with the whole hour in sight."""
-    visitor = Visitor(browser, getattr(request, "param", "light"))
+@pytest.fixture(scope="module")
+def opened(stage: Stage, browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser)
     visitor.page.set_viewport_size(DESKTOP)
     visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-1/s1")
-    settled(visitor.page)
     yield visitor
-    assert visitor.hosts == {"127.0.0.1"}, "something is fetched from outside"
-    assert visitor.errors == []
     visitor.close()
+
+
+@pytest.fixture
+def visitor(opened: Visitor) -> Iterator[Visitor]:
+    """The page, with the whole hour in sight."""
+    settled(opened.page)
+    opened.page.locator(".plots").press("0")
+    opened.page.evaluate("scrollTo(0, 0)")
+    settled(opened.page)
+    yield opened
+    assert opened.hosts == {"127.0.0.1"}, "something is fetched from outside"
+    assert opened.errors == []
 
 
 def view(page: Page) -> tuple[float, float]:
@@ -119,7 +128,9 @@ def test_every_point_that_is_drawn_is_a_sample_of_the_journal(stage: Stage, visi
     tare, origin = np.array([0.5, -1.25, 2.0]), np.array([0.5, -0.25, 0.125])  # of the outcome
     check(page, hour, "force", COLUMNS.index("fx"), tare)
     check(page, hour, "position", COLUMNS.index("px"), origin)
-    visitor.picture("hour")
+    for visitor.theme in THEMES:
+        page.emulate_media(color_scheme=visitor.theme)
+        visitor.picture("recorded")
     for _ in range(6):
         page.get_by_role("button", name="Zoom in").click()
     settled(page)
@@ -213,18 +224,18 @@ def test_signals_are_switched_and_values_read(visitor: Visitor, hour):
         ("cell-1/../s1?from=0&to=1&bins=5", 404, ""),
     ],
 )
-def test_what_cannot_be_shown_is_refused_by_name(visitor: Visitor, stage: Stage, asked, status, named):
-    answer = visitor.page.request.get(f"{stage.dashboard.url}/samples/{asked}")
-    assert (answer.status, named in answer.text()) == (status, True)
+def test_what_cannot_be_shown_is_refused_by_name(stage: Stage, asked, status, named):
+    answer = httpx.get(f"{stage.dashboard.url}/samples/{asked}", timeout=DEADLINE_S)
+    assert (answer.status_code, named in answer.text) == (status, True)
 
 
-@pytest.mark.parametrize("visitor", ["light", "dark"], indirect=True)
 def test_a_phone_shows_it_without_scrolling_sideways(visitor: Visitor):
     page = visitor.page
-    visitor.picture("recorded")
     page.set_viewport_size(PHONE)
     page.wait_for_function("() => document.querySelector('.panel .uplot').clientWidth < 390")
     settled(page)
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
-    visitor.picture("recorded-phone")
-    assert visitor.barriers() == []
+    for visitor.theme, rules in THEMES.items():
+        page.emulate_media(color_scheme=visitor.theme)
+        visitor.picture("recorded-phone")
+        assert visitor.barriers(*rules) == []

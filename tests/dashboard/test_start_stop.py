@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
@@ -14,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description
-from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
 from dashboard.stage import Stage, patient, staged
 from harness.demonstrations import guided
 from harness.forked import Forked
@@ -25,8 +28,6 @@ pytestmark = pytest.mark.skipif(
 )
 expect.set_options(timeout=PATIENCE_MS)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-AXE_HAS_LOADED = """() => [...document.querySelectorAll(".q-loading-bar")]
-  .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
 
 
 class StandbyBridge:
@@ -82,18 +83,17 @@ def visitor(browser: Browser) -> Iterator[Visitor]:
 
 
 def pictured(visitor: Visitor, name: str) -> None:
-    """Pictures of the page in every size and theme; nothing keeps a person out, or is wider than the page."""
+    """Pictures in both sizes and themes; nothing keeps a person out, or is wider than the page."""
     page = visitor.page
-    for theme in ("light", "dark"):
+    sizes = {"desktop": DESKTOP, "phone": PHONE}
+    for (theme, rules), (size, view) in zip(THEMES.items(), sizes.items(), strict=True):
         page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
         visitor.theme = theme
-        for size, view in (("desktop", DESKTOP), ("phone", PHONE)):
-            page.set_viewport_size(view)
-            visitor.picture(f"{name}-{size}")
-            wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
-            assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
-        page.wait_for_function(AXE_HAS_LOADED)  # Quasar draws a bar while axe fetches the style sheets
-        assert visitor.barriers() == []
+        page.set_viewport_size(view)
+        visitor.picture(f"{name}-{size}")
+        wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
+        assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
+        assert visitor.barriers(*rules) == []
     page.set_viewport_size(DESKTOP)
 
 
@@ -237,3 +237,80 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(
         expect(form.locator(".saved")).to_contain_text("Restored.")
         assert caesura.snapshot("cell-3", "list-b").status.description.deleted is False
         assert visitor.errors == []
+
+
+def odd_csv(path: Path) -> Path:
+    """A demonstration as other software writes it: ms, mm, and names of its own."""
+    rows = guided().matrix() * np.array([1e3, 1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
+    lines = (";".join(f"{value:.6f}" for value in row) for row in rows)
+    path.write_text("\n".join(["Zeit [ms];X;Y;Z;K1;K2;K3", *lines]).replace(".", ","), encoding="utf-8")
+    return path
+
+
+DROP = """async (zone, content) => {
+  const file = new File([content], "odd.csv"), held = new DataTransfer();
+  held.items.add(file);
+  zone.dispatchEvent(new DragEvent("drop", { dataTransfer: held, bubbles: true, cancelable: true }));
+}"""
+
+
+def test_a_recording_is_dropped_and_played_as_a_session(
+    stage: Stage, bridge: StandbyBridge, visitor: Visitor, tmp_path: Path
+):
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/recordings")
+    page.locator(".drop").evaluate(DROP, odd_csv(tmp_path / "odd.csv").read_text(encoding="utf-8"))
+    form = page.locator(".questions")
+    expect(form.locator(".column-px")).to_have_value("X")
+    expect(form.locator(".unit-pos")).to_have_value("mm")
+    for column, name in (("fx", "K1"), ("fy", "K2"), ("fz", "K3")):
+        form.locator(f".column-{column}").select_option(name)
+    form.locator(".wrench-source").select_option("flange_sensor")
+    form.locator(".station").fill("cell-1")
+    form.locator(".session").fill("from-a-file")
+    form.locator(".task").fill("press")
+    pictured(visitor, "recording-questions")
+    form.locator(".play-recording").click()
+    expect(page.locator(".drop-state")).to_contain_text("The robot of station cell-1 is connected")
+    form.locator(".station").fill("cell-7")
+    form.locator(".play-recording").click()
+    expect(page.locator(".play-state").first).to_have_text("done")
+    with stage.reader() as caesura:
+        played = caesura.snapshot("cell-7", "from-a-file")
+        assert (played.status.state, played.status.samples) == ("closed", len(guided().t))
+        assert (played.status.description.task, played.status.wrench.source) == ("press", "flange_sensor")
+        assert len(played.segments.segments) > 2
+    assert visitor.errors == []
+
+
+def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, visitor: Visitor):
+    page, taught = visitor.page, guided()
+    slower = replace(taught, t=1.5 * taught.t)
+    for station, recording in (("cell-8", taught), ("cell-9", slower)):
+        stage.teach(station, recording, session="one", pace="fast")
+    for station in ("cell-8", "cell-9"):
+        stage.wait(station)
+    page.goto(f"{stage.dashboard.url}/sessions")
+    for station in ("cell-8", "cell-9"):
+        page.locator("tr", has_text=station).locator(".choose").check()
+    page.get_by_role("link", name="Compare these two").click()
+    plots = page.locator(".plots")
+    expect(plots).to_have_count(2)
+    expect(page.get_by_role("heading", name="Programs")).to_contain_text("apps differ")
+    expect(page.get_by_text("takes")).not_to_have_count(0)
+    page.wait_for_function(BOTH_LOADED)
+    assert page.evaluate(RANGES) == [[0, pytest.approx(float(slower.t[-1]), abs=0.3)]] * 2, "one axis of time"
+    pictured(visitor, "compared")
+    page.get_by_role("button", name="Zoom in").first.click()
+    page.wait_for_function(BOTH_LOADED)
+    first, second = page.evaluate(RANGES)
+    assert first == second
+    assert first[1] - first[0] < 6.0
+    assert visitor.errors == []
+
+
+BOTH_LOADED = """() => [...document.querySelectorAll(".plots")].every((one) => {
+  const state = one.plots && one.plots.state;
+  return state && state.data && !state.lacksData() && !state.loading && state.partnerLength > 0;
+})"""
+RANGES = """() => [...document.querySelectorAll(".plots")].map((one) => one.plots.state.view())"""

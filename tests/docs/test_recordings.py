@@ -29,12 +29,10 @@ def mapped(request, tmp_path) -> ColumnMapping:
 
 
 def test_the_mappings_are_read(mapped):
-    force_frame = "base" if mapped.section("columns") else "flange"
-    assert mapped.options == {
-        "wrench_source": "flange_sensor",
-        "hand_on_robot": "yes",
-        "force_frame": force_frame,
-    }
+    options = {"wrench_source": "flange_sensor", "hand_on_robot": "yes", "force_frame": "flange"}
+    if mapped.section("columns"):
+        options |= {"force_frame": "base", "robot": "panda"}
+    assert mapped.options == options
     if mapped.section("columns"):
         assert {rule.column: rule.factor for rule in rules_of(mapped)} == pytest.approx(
             {"t": 1e-3, "px": 1e-3, "py": 1e-3, "pz": 1e-3, "fx": 1.0, "fy": 1.0, "fz": -1.0}

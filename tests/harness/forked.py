@@ -22,6 +22,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -41,7 +42,9 @@ class Forked:
         stderr: int | IO[str] | None = None,
         env: Mapping[str, str] | None = None,
         text: bool = True,
+        imports: Sequence[str] = (),
     ) -> None:
+        """imports: modules that more processes like this one need."""
         assert command[0] == sys.executable, f"{command}: expected {sys.executable} first"
         assert command[1] in {"-m", "-c"}, f"{command}: expected -m or -c"
         assert text
@@ -50,6 +53,7 @@ class Forked:
         self.stderr, error = _end(stderr, 2)
         self._status, status = os.pipe()
         order = {"argv": self.args[1:], "env": dict(env or os.environ), "cwd": os.getcwd(), "path": sys.path}
+        order["imports"] = list(imports)
         try:
             self.pid = _parent().fork(order, (out, error, status))
         finally:
@@ -108,8 +112,9 @@ class Forked:
 
     def send_signal(self, number: int) -> None:
         """To a process that has ended: nothing."""
-        if self.poll() is None:
-            os.kill(self.pid, number)
+        with suppress(ProcessLookupError):  # it may end, and be waited for, between the two
+            if self.poll() is None:
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
@@ -137,12 +142,19 @@ class _Parent:
         with there:
             self._process = subprocess.Popen(command, pass_fds=[there.fileno()])
         self._lock = threading.Lock()
+        self._orders = 0
         atexit.register(self.close)
 
     def fork(self, order: Mapping[str, Any], ends: Sequence[int]) -> int:
         with self._lock:
-            socket.send_fds(self._link, [json.dumps(order).encode()], list(ends))
-            return int(self._link.recv(16))
+            self._orders += 1
+            socket.send_fds(self._link, [json.dumps({**order, "number": self._orders}).encode()], list(ends))
+            while True:
+                number, pid = map(int, self._link.recv(32).split())
+                if number == self._orders:
+                    return pid
+                with suppress(ProcessLookupError):  # of a test whose time was over before the answer came
+                    os.kill(pid, signal.SIGKILL)
 
     def close(self) -> None:
         self._link.close()
@@ -176,14 +188,17 @@ def serve(link: socket.socket) -> list[str]:
                     os.kill(pid, signal.SIGKILL)
                     os.waitpid(pid, 0)
                 os._exit(0)
+            order = json.loads(said)
+            for module in order["imports"]:
+                import_module(module)
             if (pid := os.fork()) == 0:
                 for end in (link.detach(), ends[2], *living, *(status for _, status in living.values())):
                     os.close(end)
-                return become(json.loads(said), ends[0], ends[1])
+                return become(order, ends[0], ends[1])
             living[os.pidfd_open(pid)] = pid, ends[2]
             os.close(ends[0])
             os.close(ends[1])
-            link.send(str(pid).encode())
+            link.send(f"{order['number']} {pid}".encode())
 
 
 def become(order: Mapping[str, Any], out: int, error: int) -> list[str]:

@@ -191,7 +191,7 @@ class Peer(Client):
 
     def __init__(self, endpoint: str) -> None:
         config = zenoh.Config()
-        where = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": 5000}
+        where = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": 30_000}
         for key, value in {**SETTINGS, **where}.items():
             config.insert_json5(key, json.dumps(value))
         self.network = zenoh.open(config)

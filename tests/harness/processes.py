@@ -48,10 +48,13 @@ with zenoh.open(config):
 """
 
 
-def start(command: Sequence[str], **options: Any) -> subprocess.Popen[str] | Forked:
+def start(
+    command: Sequence[str], *, imports: Sequence[str] = (), **options: Any
+) -> subprocess.Popen[str] | Forked:
     """A process; of a test a forked one, else, for what is measured, one as a user has it."""
-    forked = PYTEST in os.environ and CAN_FORK
-    return (Forked if forked else subprocess.Popen)(command, text=True, **options)
+    if PYTEST in os.environ and CAN_FORK:
+        return Forked(command, imports=imports, **options)
+    return subprocess.Popen(command, text=True, **options)
 
 
 @contextmanager
@@ -72,6 +75,8 @@ def environment() -> dict[str, str]:
 class Process:
     """A process that prints a line once it is ready, and can be killed, frozen and started again."""
 
+    imports: tuple[str, ...] = ()  # what others of its class need too
+
     def __init__(self, command: Sequence[str]) -> None:
         self.command = list(command)
         self._process: subprocess.Popen[str] | Forked | None = None
@@ -88,7 +93,7 @@ class Process:
 
     def begin(self) -> None:
         """Do not wait until it is ready."""
-        self._process = start(self.command, stdout=subprocess.PIPE, env=environment())
+        self._process = start(self.command, imports=self.imports, stdout=subprocess.PIPE, env=environment())
 
     def ready(self) -> None:
         assert self._process is not None

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from harness.forked import CAN_FORK, PIPE, Forked
+from harness.forked import CAN_FORK, PIPE, Forked, _parent
 from harness.processes import started
 
 pytestmark = pytest.mark.skipif(not CAN_FORK, reason="no pidfd_open on this system")
@@ -55,6 +55,24 @@ def test_a_signal_ends_it_as_any_other_process(number):
         process.send_signal(number)
         assert process.wait(DEADLINE_S) == -number
         process.kill()  # one that has ended is no error
+
+
+def test_an_answer_that_a_test_did_not_wait_for_is_not_that_of_the_next_order(monkeypatch):
+    """A test whose time was over left its answer, and every later process had the id of another one."""
+    link = _parent()._link
+
+    class Interrupted:
+        sendmsg = link.sendmsg
+
+        def recv(self, size: int) -> bytes:
+            raise TimeoutError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_parent(), "_link", Interrupted())
+        with pytest.raises(TimeoutError):
+            python(WAITS, stdout=subprocess.DEVNULL)
+    with python("import os; print(os.getpid())", stdout=PIPE) as process:
+        assert process.communicate(timeout=DEADLINE_S)[0] == f"{process.pid}\n"
 
 
 def test_a_process_of_a_test_that_fails_is_killed():

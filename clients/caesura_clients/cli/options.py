@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
+from textwrap import indent
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
@@ -20,6 +21,7 @@ from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
+from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description
 from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
@@ -86,6 +88,10 @@ AngleUnit = Annotated[str | None, typer.Option(help=f"Of joints in the file: {',
 ForceUnit = Annotated[str | None, typer.Option(help=f"Of forces in the file: {', '.join(UNITS['force'])}.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
+MAPPING_HINT = (
+    "`caesura segment FILE --ask` asks which column is what and writes a mapping. This one may be a "
+    "beginning, with … for names that are missing:"
+)
 
 
 class Reading(NamedTuple):
@@ -196,6 +202,8 @@ def reported() -> Iterator[None]:
     except (CaesuraError, ProtocolError) as error:
         # `malformed` is a code of the wire: it says nothing about a command line.
         typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
+        if isinstance(error, UnknownColumnsError):
+            typer.echo(f"{MAPPING_HINT}\n\n{indent(error.example, '    ')}", err=True)
         raise typer.Exit(1) from error
 
 

@@ -164,7 +164,7 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
         if output_format is ProgramFormat.TABLE:
             _write_table(program, out)
             return
-        text = WRITERS[output_format.value](program)
+        text = WRITERS[output_format.value].write(program)
         if out is None:
             typer.echo(text, nl=False)
         else:

@@ -37,6 +37,14 @@ def dashboard(
         bool, typer.Option("--insecure", help="Admit every browser that reaches --host, without a password.")
     ] = False,
     read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, correct nothing.")] = False,
+    bridge_config: Annotated[
+        Path | None,
+        typer.Option(
+            help="zenoh json5 with a bridge's credentials, to play recordings; else --zenoh-config.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
@@ -45,6 +53,7 @@ def dashboard(
     from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
+    from caesura_clients.dashboard.recordings import RecordingDesk  # noqa: PLC0415
     from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
 
     with reported():
@@ -58,12 +67,15 @@ def dashboard(
         with (
             connected(endpoint, config, patient=True) as caesura,
             NetworkFollower(caesura.transport) as gateway,
+            RecordingDesk(endpoint, bridge_config or config) as recordings,
         ):
             signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
             with suppress(KeyboardInterrupt):
                 transport = caesura.transport
                 site = (
-                    Site(gateway, None) if read_only else Site(gateway, corrector(transport), Desk(transport))
+                    Site(gateway, None)
+                    if read_only
+                    else Site(gateway, corrector(transport), Desk(transport), recordings)
                 )
                 serve(site, address)
 

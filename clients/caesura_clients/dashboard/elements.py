@@ -112,8 +112,35 @@ class DescriptionForm(LiveElement, component="web/description.js"):
         self.run_method("answered", message, failed)
 
 
+class RecordingDrop(LiveElement, component="web/recordings.js"):
+    """Recordings that are dropped and played: {plays}. on_ask: what an operator asks for."""
+
+    def __init__(
+        self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any], **known: Any
+    ) -> None:
+        super().__init__(initial)
+        self._props |= known
+        self.on("ask", on_ask)
+
+    def looked(self, found: dict[str, Any]) -> None:
+        """Show what a recording leaves open."""
+        self.run_method("looked", found)
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Show what became of a recording."""
+        self.run_method("answered", message, failed)
+
+
 class SessionList(LiveElement, component="web/session_list.js"):
-    """Sessions with search, filters and order: {warning, sessions}."""
+    """Sessions with search, filters and order: {warning, sessions}. on_older: asks for older ones."""
+
+    def __init__(self, initial: dict[str, Any], on_older: Callable[[GenericEventArguments], Any]) -> None:
+        super().__init__(initial)
+        self.on("older", on_older)
+
+    def answered(self, message: str, *, failed: bool) -> None:
+        """Show what became of the question."""
+        self.run_method("answered", message, failed)
 
 
 class ProgramTimeline(LiveElement, component="web/program.js"):
@@ -133,10 +160,17 @@ class SessionView(LiveElement, component="web/session_view.js"):
     """Signals, segments and tools. on_edit: what an operator asks for, as the browser says it."""
 
     def __init__(
-        self, station: str, *, editable: bool, replay: bool, on_edit: Callable[[GenericEventArguments], Any]
+        self,
+        station: str,
+        *,
+        editable: bool,
+        replay: bool,
+        on_edit: Callable[[GenericEventArguments], Any],
+        linked: bool = False,
     ) -> None:
+        """linked: it moves together with the other one of the page."""
         super().__init__()
-        self._props |= {"station": station, "editable": editable, "replay": replay}
+        self._props |= {"station": station, "editable": editable, "replay": replay, "linked": linked}
         self._known = SentState()
         self._stands: dict[str, Any] = {}
         self.shows_run_lengths = False

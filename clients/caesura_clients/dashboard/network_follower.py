@@ -22,9 +22,9 @@ from caesura_clients.dashboard.signals import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
 from caesura_clients.following import Event, SessionRemoved, events
-from caesura_clients.query import current_sessions, samples, service_status
+from caesura_clients.query import current_sessions, samples, service_status, stored_snapshots
 from caesura_clients.repeating_threads import RepeatingThreads
-from caesura_clients.results import Update
+from caesura_clients.results import SessionReader, Update
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import SampleRange, parse_service_key, parse_station_key, service_key, station_key
@@ -36,6 +36,7 @@ POLL_S = 1.0
 TICK_S = 0.2  # how soon a thread sees that it is over
 REFRESH_S = 2.0  # of silence, then what is known is asked for again
 POSTERIORS = 600  # a station: one minute of run lengths
+STORED = 512  # sessions that were read from the journal and are kept
 STATIONS = 256  # that signals are kept of; as many as a service takes
 
 
@@ -61,6 +62,7 @@ class NetworkFollower(RepeatingThreads):
         self.received: dict[str, NewestSamples] = {}
         self._rings: dict[str, SignalRing] = {}
         self._posteriors: dict[str, deque[Posterior]] = {}
+        self._pages: dict[str, int] = {}  # stored sessions that were read, by what was asked for
         self._changing = threading.Lock()
         works = {
             "results": self._follow_results,
@@ -81,6 +83,24 @@ class NetworkFollower(RepeatingThreads):
             if found is not None and found.session == session:
                 return found
         return samples(self.transport, station, session, wanted)
+
+    def read_stored(self, station: str = "*", session: str = "*") -> int:
+        """Read the next page of stored sessions, or one; return how many were found.
+
+        Raises CaesuraError or ProtocolError.
+        """
+        skip = 0 if session != "*" else self._pages.get(station, 0)
+        found = stored_snapshots(self.transport, station, session, skip=skip)
+        stored = dict(self.world.stored)
+        for one in found:
+            reader = SessionReader()
+            reader.restart(one)
+            if reader.update is not None:
+                stored[one.status.station, one.status.session] = reader.update
+        if session == "*":
+            self._pages[station] = skip + len(found)
+        self._change(stored=dict(list(stored.items())[-STORED:]))
+        return len(found)
 
     def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
         """The newest posteriors of a session, in order."""

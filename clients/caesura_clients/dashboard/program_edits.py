@@ -21,7 +21,7 @@ from caesura_protocol.messages import App, AppChange, EditProgram, Program
 from caesura_protocol.programs.app_times import may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.formats import FORMATS, formats_of
+from caesura_protocol.programs.formats import WRITERS, formats_of
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
@@ -84,7 +84,7 @@ def editing_of(program: Program) -> dict[str, Any]:
         ],
         "kinds": [[kind, app_title(kind)] for kind in INSERTED],
         "exports": [
-            [FORMATS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
+            [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
             for name in _formats_of(program.robot)
         ],
     }

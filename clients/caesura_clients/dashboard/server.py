@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -14,14 +15,15 @@ from nicegui import app, background_tasks, ui
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.elements import WEB
-from caesura_clients.dashboard.pages import lists, overview
+from caesura_clients.dashboard.pages import lists, overview, recordings
+from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.signals import as_bytes
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.formats import FORMATS, WRITERS
+from caesura_protocol.programs.formats import WRITERS
 
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
@@ -113,6 +115,7 @@ async def _announce(address: Address) -> None:
 def declare(site: Site) -> None:
     """Every page, by its path."""
     app.add_static_files(ASSETS, WEB)
+    declare_files(site)
 
     @ui.page("/")
     def _overview() -> None:
@@ -127,8 +130,27 @@ def declare(site: Site) -> None:
         lists.build_sessions(site)
 
     @ui.page("/sessions/{station}/{session}")
-    def _session(station: str, session: str) -> None:
-        SessionPage(site, _checked(station), _checked(session))
+    async def _session(station: str, session: str) -> None:
+        await _read(site, (_checked(station), _checked(session)))
+        SessionPage(site, station, session)
+
+    @ui.page("/compare")
+    async def _compare(first: str, second: str) -> None:
+        named = _named(first), _named(second)
+        await _read(site, *named)
+        ComparePage(site, *named)
+
+    @ui.page("/recordings")
+    def _recordings() -> None:
+        recordings.build(site)
+
+    @ui.page("/system")
+    def _system() -> None:
+        lists.build_system(site)
+
+
+def declare_files(site: Site) -> None:
+    """What pages read and send beside their own content: samples, programs as files, recordings."""
 
     @app.get(f"{SAMPLES}/{{station}}/{{session}}")
     async def _samples(station: str, session: str, request: Request) -> Response:
@@ -139,9 +161,9 @@ def declare(site: Site) -> None:
     async def _program(station: str, session: str, name: str) -> Response:
         return await asyncio.to_thread(_exported, site, _checked(station), _checked(session), name)
 
-    @ui.page("/system")
-    def _system() -> None:
-        lists.build_system(site)
+    @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
+    async def _upload(upload: str, name: str, request: Request) -> Response:
+        return await recordings.received(site, upload, name, request)
 
 
 def _signals(site: Site, station: str, session: str, parameters: str) -> Response:
@@ -163,11 +185,25 @@ def _exported(site: Site, station: str, session: str, name: str) -> Response:
         why = f"no program {station}/{session} in format {name!r}; formats: {', '.join(WRITERS)}"
         return PlainTextResponse(why, status_code=404)
     try:
-        content = WRITERS[name](document(update.program, phases=update.phases))
+        content = WRITERS[name].write(document(update.program, phases=update.phases))
     except (ValueError, CaesuraError) as error:
         return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
-    file = f'attachment; filename="{station}-{session}.{FORMATS[name].suffix}"'
+    file = f'attachment; filename="{station}-{session}{WRITERS[name].suffix}"'
     return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
+
+
+async def _read(site: Site, *named: tuple[str, str]) -> None:
+    """Read sessions from the journal that the service no longer holds, such as those of a bookmark."""
+    for station, session in named:
+        if site.gateway.world.update(station, session) is None:
+            with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
+                await asyncio.to_thread(site.gateway.read_stored, station, session)
+
+
+def _named(session: str) -> tuple[str, str]:
+    """Station and session of `station/session`."""
+    station, _, name = session.partition("/")
+    return _checked(station), _checked(name)
 
 
 def _checked(name: str) -> str:

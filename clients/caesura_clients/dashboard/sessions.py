@@ -1,4 +1,4 @@
-"""The history: every session that the service still holds, the newest first."""
+"""The history: every session that the service holds, and stored ones that were read, the newest first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from caesura_clients.results import Update
 
 def sessions(world: DashboardState) -> list[dict[str, Any]]:
     """A row each, the newest first; `href` leads to its replay."""
-    newest = sorted(world.updates.values(), key=_age, reverse=True)
+    known = {**world.stored, **world.updates}
+    newest = sorted(known.values(), key=_age, reverse=True)
     return [_row(update) for update in newest]
 
 

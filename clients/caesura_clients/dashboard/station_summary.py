@@ -31,6 +31,7 @@ class DashboardState:
     """The state that the gateway has received, at one moment. Times are of its monotonic clock [s]."""
 
     updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
+    stored: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # read from the journal
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
     standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station
@@ -58,7 +59,7 @@ class DashboardState:
         if (station, name or "") in self.updates:
             return self.updates[station, name or ""]
         if session is not None:
-            return None
+            return self.stored.get((station, session))
         known = [update for (where, _), update in self.updates.items() if where == station]
         return max(known, key=lambda one: (not one.closed, one.session), default=None)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import Path
@@ -12,6 +10,8 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import Config, Connect, Station, connected, named, only_station, reported
+from caesura_clients.viewer.rerun_command import show_in_rerun
+from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 
@@ -20,8 +20,9 @@ LAYOUT = "foxglove_layout.json"
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command."""
+    """Add the commands."""
     app.command("foxglove")(serve_foxglove)
+    app.command("rerun")(show_in_rerun)
 
 
 def serve_foxglove(
@@ -59,16 +60,7 @@ def serve_foxglove(
             with server, feed:
                 address = f"[{host}]" if ":" in host else host
                 typer.echo(f"{shown}: ws://{address}:{server.port}; Ctrl-C ends it")
-                _wait_for_the_end()
-
-
-def _wait_for_the_end() -> None:
-    """Return at Ctrl-C or SIGTERM."""
-    over = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: over.set())
-    while not over.wait(3600.0):
-        pass
+                wait_for_the_end()
 
 
 def _is_local(host: str) -> bool:

@@ -171,7 +171,7 @@ def evaluate(
                     if mutated is None
                     else _mutation_page(mutated, workers)
                 )
-            elif suite_name in OTHER_SUITES and not recordings:
+            elif suite_name is not None and suite_name in OTHER_SUITES and not recordings:
                 made, usual_seeds = OTHER_SUITES[suite_name]
                 page = made(data, range(first_seed, first_seed + (seeds or usual_seeds)), workers)
             else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from collections.abc import Mapping as Answers
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from rich.console import Console, Group
 from rich.progress import Progress
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
+from caesura_clients.cli.recording_questions import Answered, ask_about
 from caesura_clients.cli.result_tables import (
     apps_table,
     doubtful_apps,
@@ -48,17 +50,43 @@ def segment(
     reading: Reading,
     asked: ProgramOptions,
     mapping: Mapping = None,
+    ask: Annotated[
+        bool,
+        typer.Option("--ask", help="Ask for columns, units, wrench source, hand, robot; keep the answers."),
+    ] = False,
 ) -> None:
     """Divide a recording into segments and show them with the task program."""
     with reported():
         if json_out is not None and not json_out.resolve().parent.is_dir():
             raise SourceError(f"cannot write {json_out}: no such directory")
+        if threshold is not None and not 0.0 <= threshold <= 1.0:
+            raise SourceError(f"--threshold is {threshold}, expected a probability between 0 and 1")
+        if ask:
+            answered = ask_about(file)
+            mapping = answered.mapping or mapping
+            reading, asked = _with_answers(reading, asked, answered.options)
+            typer.echo(f"next time: caesura segment {file} {_as_options(answered)}", err=True)
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
         view = segmented(recording, preset, threshold)
         if json_out is not None:
             _write(json_out, view)
     Console().print(_shown(recording, preset, view))
+
+
+def _with_answers(
+    reading: Reading, asked: ProgramOptions, answers: Answers[str, str]
+) -> tuple[Reading, ProgramOptions]:
+    """The options with what was answered; an option that was typed goes before it."""
+    own = {
+        key: value for key, value in answers.items() if key in Reading._fields and not getattr(reading, key)
+    }
+    return reading._replace(**own), asked._replace(robot=asked.robot or answers.get("robot"))
+
+
+def _as_options(answered: Answered) -> str:
+    options = dict(answered.options) | ({"mapping": str(answered.mapping)} if answered.mapping else {})
+    return " ".join(f"--{key.replace('_', '-')} {value}" for key, value in options.items())
 
 
 def segmented(recording: Recording, preset: str, threshold: float | None = None) -> PipelineView:
@@ -75,7 +103,9 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
             )
         except (ProtocolError, ValueError) as error:
             why = "; ".join([str(error).removeprefix("malformed: "), *recording.doubts])
-            raise SourceError(f"{recording.name}: {why}") from error
+            robot = recording.setting.robot
+            named = f"{recording.name} as of robot {robot}" if why.startswith("robot ") else recording.name
+            raise SourceError(f"{named}: {why}") from error
     if not view.segments:
         raise SourceError(
             f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "

@@ -1,7 +1,7 @@
 """A mapping file: names and units of other software in Caesura's. TOML; `docs/recordings.md` has examples.
 
 Every reader takes the part that is its own (`[time]` and `[columns]` of a csv, `[topics]` of ROS 2); what is
-common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`.
+common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`, `robot`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ColumnMapping:
         for key, value in said.items():
             if value not in OPTIONS[key]:
                 raise self.error(f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}")
-        return said
+        return said | ({"robot": str(self.table["robot"])} if "robot" in self.table else {})
 
     def section(self, key: str) -> Mapping[str, Any]:
         """Return a table of the file, empty where it is missing."""
@@ -59,6 +59,6 @@ def load_mapping(path: Path) -> ColumnMapping:
         raise RecordingError(f"{path}: not a readable mapping file ({error})") from error
     mapped = ColumnMapping(path.name, table)
     mapped.check_keys(
-        "the top", table, (*OPTIONS, "delimiter", "decimal", "time", "columns", "topics", "domain")
+        "the top", table, (*OPTIONS, "robot", "delimiter", "decimal", "time", "columns", "topics", "domain")
     )
     return mapped

@@ -15,7 +15,9 @@ import numpy as np
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.column_mapping import load_mapping
+from caesura_protocol.formats.csv_layout import PLACES, guessed, has_own_columns, read_layout
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
+from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
@@ -27,6 +29,8 @@ from caesura_protocol.recording import (
     STATED,
     Recording,
     RecordingError,
+    UnknownColumnsError,
+    contradiction,
     declared_units,
     did_you_mean,
     is_option,
@@ -70,12 +74,14 @@ def load_recording(
         if value is not None and not is_option(key, value):
             raise RecordingError(wrong_option(key, value, OPTIONS[key]))
     arrays, options, ignored = _read(path, mapping, wrench_source)
-    if "t" not in arrays:
-        raise RecordingError(f"{path}: has {', '.join([*arrays, *ignored]) or 'no arrays'}, expected t")
+    if "t" not in arrays or not {"pos", "q"} & set(arrays):
+        names = ", ".join([*arrays, *ignored]) or "no arrays"
+        raise RecordingError(f"{path}: has {names}; expected t, and pos (n, 3) or q with a column a joint")
     if "force_base" in arrays:
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
         if arrays.pop("torque", None) is not None:  # it has the frame of `force`
             ignored = [*ignored, "torque"]
+    _check_overrides(path, options, overrides)
     options |= {key: value for key, value in overrides.items() if value is not None}
     if (
         "force" not in arrays
@@ -100,6 +106,17 @@ def load_recording(
     if check_units and (found := recording.implausible) is not None:
         raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
     return recording
+
+
+def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[str, str | None]) -> None:
+    """Raise RecordingError where an option of the command line contradicts another one, or the file."""
+    stated = {key: value for key, value in overrides.items() if value is not None and key != "length_unit"}
+    merged = {**options, **stated}
+    wrong = contradiction(merged.get("wrench_source"), merged.get("hand_on_robot", "unknown"))
+    if wrong is not None and stated:
+        given = " and ".join(f"--{key.replace('_', '-')} {value}" for key, value in stated.items())
+        other = f" does not fit {path.name}" if len(stated) == 1 else " do not fit each other"
+        raise RecordingError(f"{given}{other}: {wrong}")
 
 
 def _asked(path: Path, key: str, value: str) -> Any:
@@ -165,12 +182,12 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     if len(rows) < 2:
         raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
     header = [name.strip() for name in rows[0]]
-    if "t" not in header or not _PLACES & set(header):
-        raise RecordingError(f"{path}: {_foreign(header)}")
+    if not has_own_columns(header):
+        raise _foreign(path)
     column = _columns(header, rows[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
-        for signal, names in _whole_signals(column).items()
+        for signal, names in _whole_signals(path, column).items()
     }
     if "t" in column:
         arrays["t"] = column["t"]
@@ -181,16 +198,19 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     return RawRecording(arrays, options, [*mistyped, *(name for name in column if name not in known)])
 
 
-_PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 MOST_NAMED = 20  # columns of a file, in an error
 
 
-def _foreign(header: list[str]) -> str:
-    """The error text for a csv with other columns: those that it has, and how they are named."""
+def _foreign(path: Path) -> UnknownColumnsError:
+    """The error for a csv with other columns: those that it has, and a mapping of them as an example."""
+    layout = read_layout(path)
+    header, guess = layout.header, guessed(layout)
     more = f" and {len(header) - MOST_NAMED} more" if len(header) > MOST_NAMED else ""
-    return (
-        f"has the columns {', '.join(header[:MOST_NAMED])}{more}; expected t, and px py pz or q1 to q7. "
-        "--mapping FILE names the columns of other software: log.toml in docs/recordings.md is an example"
+    asked = dict.fromkeys(("t", *({} if PLACES & set(guess.columns) else ("px", "py", "pz"))), "…")
+    return UnknownColumnsError(
+        f"{path}: has the columns {', '.join(header[:MOST_NAMED])}{more}; expected t, and px py pz or "
+        "q1 to q7. --mapping FILE names the columns of other software (docs/recordings.md)",
+        mapping_text(guess._replace(columns={**asked, **guess.columns}, wrench_source="flange_sensor")),
     )
 
 
@@ -207,12 +227,12 @@ def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
     return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
 
 
-def _whole_signals(column: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:
-    """The columns of each signal. Raises ValueError where a part of one is missing."""
+def _whole_signals(path: Path, column: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:
+    """The columns of each signal. Raises RecordingError where a part of one is missing."""
     for signal, names in COLUMNS_OF_SIGNAL.items():
         if missing := missing_columns(signal, column):
             found = [name for name in names if name in column]
-            raise ValueError(f"has {', '.join(found)} but not {', '.join(missing)}")
+            raise RecordingError(f"{path}: has {', '.join(found)} but not {', '.join(missing)}")
     return signal_columns(column)
 
 
@@ -234,7 +254,9 @@ def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) ->
 
 def _no_mapping(path: Path, mapping: Path | None) -> None:
     if mapping is not None:
-        raise RecordingError(f"{path}: says itself what is what; {mapping} is for csv files and rosbag2")
+        raise RecordingError(
+            f"--mapping {mapping} is for csv files and rosbag2; {path.name} has the names and units itself"
+        )
 
 
 _Reader = Callable[[Path, Path | None, str | None], RawRecording]

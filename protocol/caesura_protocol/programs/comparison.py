@@ -1,32 +1,68 @@
-"""Two programs compared app by app, in words: what the first has that the second has not, and the reverse."""
+"""Two programs compared app by app, in words: what the first has that the second has not, and the reverse.
+
+`differences` compares a program with an earlier version of itself, `compared` any two, pair by pair.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.rotations import angle_between
 
-LEAST_M, LEAST_RAD, LEAST_N = 1e-4, math.radians(0.1), 0.05  # differences below these are none
 ALONE, FAR_M = 0.7, 0.1  # cost of an app that only one has; targets this far apart cost 1
-LEAST_S, LEAST_KG, LEAST_FACTOR = 0.005, 0.005, 0.005
+
+
+class LeastDifferences(NamedTuple):
+    """From where on a difference is one: absolute, and as a share of the larger value."""
+
+    metres: float
+    radians: float
+    newtons: float
+    seconds: float
+    kilograms: float
+    factor: float
+    path_m: float
+    share: float = 0.0
+
+
+ROUNDING = LeastDifferences(1e-4, math.radians(0.1), 0.05, 0.005, 0.005, 0.005, 1e-3)
+REPETITION = LeastDifferences(0.005, math.radians(5.0), 1.0, 0.3, 0.05, 0.05, 0.01, share=0.15)  # of one task
+
+
+class AppPair(NamedTuple):
+    """An app of each program, by their indices, None where only one has it; and how they differ, in words."""
+
+    one: int | None
+    other: int | None
+    words: tuple[str, ...] = ()
 
 
 def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
     """Return the differences of a program from another one, app by app; none for equal ones."""
     found = [f"program: {words}" for words in _of_programs(one, other)]
-    for first, second in _pairs(one.apps, other.apps):
+    for first, second, words in compared(one.apps, other.apps):
         if second is None and first is not None:
             found.append(f"{_named(one.apps, first)} is added")
         elif first is None and second is not None:
             found.append(f"without {_named(other.apps, second)}")
-        elif first is not None and second is not None:
-            words = "; ".join(_of_apps(one.apps[first], other.apps[second]))
-            found += [f"{_named(one.apps, first)}: {words}"] if words else []
+        elif first is not None and words:
+            found.append(f"{_named(one.apps, first)}: {'; '.join(words)}")
     return found
+
+
+def compared(
+    apps: Sequence[App], others: Sequence[App], least: LeastDifferences = ROUNDING, between: str = ", was "
+) -> list[AppPair]:
+    """Return every app of both programs beside its counterpart; between: two values of a difference."""
+    return [
+        AppPair(i, j, () if i is None or j is None else tuple(_of_apps(apps[i], others[j], least, between)))
+        for i, j in _pairs(apps, others)
+    ]
 
 
 def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None, int | None]]:
@@ -81,27 +117,33 @@ def _of_programs(one: ProgramFile, other: ProgramFile) -> Iterator[str]:
             yield f"{what} {_or_none(mine)}, was {_or_none(others)}"
 
 
-def _of_apps(one: App, other: App) -> Iterator[str]:
+def _of_apps(one: App, other: App, least: LeastDifferences, between: str) -> Iterator[str]:
     for what, text, before in (("name", one.name, other.name), ("note", one.note, other.note)):
         if text != before:
-            yield f"{what} {_or_none(text)}, was {_or_none(before)}"
-    yield from _of_poses(one, other)
-    for what, value, least, unit, scale in _NUMBERS:
+            yield f"{what} {_or_none(text)}{between}{_or_none(before)}"
+    yield from _of_poses(one, other, least)
+    for what, value, field, unit, scale in _NUMBERS:
         mine, others = value(one), value(other)
-        if mine != others and (mine is None or others is None or abs(mine - others) >= least):
-            yield f"{what} {_number(mine, unit, scale)}, was {_number(others, unit, scale)}"
+        if _differ(mine, others, getattr(least, field), least.share):
+            yield f"{what} {_number(mine, unit, scale)}{between}{_number(others, unit, scale)}"
 
 
-def _of_poses(one: App, other: App) -> Iterator[str]:
+def _differ(one: float | None, other: float | None, least: float, share: float) -> bool:
+    if one is None or other is None:
+        return one is not other
+    return one != other and abs(one - other) >= max(least, share * max(abs(one), abs(other)))
+
+
+def _of_poses(one: App, other: App, least: LeastDifferences) -> Iterator[str]:
     if one.target is not None and other.target is not None:
         apart = math.dist(one.target, other.target)
-        if apart >= LEAST_M:
+        if apart >= least.metres:
             yield f"target {1000 * apart:.1f} mm away"
     elif one.target != other.target:
         yield "target given" if one.target else "no target any more"
     if one.orientation is not None and other.orientation is not None:
         turned = angle_between(one.orientation, other.orientation)
-        if turned >= LEAST_RAD:
+        if turned >= least.radians:
             yield f"turned by {math.degrees(turned):.1f}°"
 
 
@@ -109,15 +151,15 @@ def _size(app: App) -> float | None:
     return None if app.force is None else math.hypot(*app.force)
 
 
-_Number = tuple[str, Callable[[App], float | None], float, str, float]  # with its least difference and unit
+_Number = tuple[str, Callable[[App], float | None], str, str, float]  # with its least difference, unit, scale
 _NUMBERS: Sequence[_Number] = (
-    ("force", _size, LEAST_N, "N", 1.0),
-    ("duration", lambda app: app.tn - app.t0, LEAST_S, "s", 1.0),
-    ("speed", lambda app: app.speed or 1.0, LEAST_FACTOR, "%", 100.0),
-    ("gripper width", lambda app: app.gripper_width, LEAST_M, "mm", 1000.0),
-    ("load", lambda app: app.load_kg, LEAST_KG, "kg", 1.0),
-    ("path", lambda app: None if app.path is None else app.path.length_m, 10 * LEAST_M, "mm", 1000.0),
-    ("tolerance", lambda app: None if app.path is None else app.path.tolerance_m, LEAST_M, "mm", 1000.0),
+    ("force", _size, "newtons", "N", 1.0),
+    ("duration", lambda app: app.tn - app.t0, "seconds", "s", 1.0),
+    ("speed", lambda app: app.speed or 1.0, "factor", "%", 100.0),
+    ("gripper width", lambda app: app.gripper_width, "metres", "mm", 1000.0),
+    ("load", lambda app: app.load_kg, "kilograms", "kg", 1.0),
+    ("path", lambda app: None if app.path is None else app.path.length_m, "path_m", "mm", 1000.0),
+    ("tolerance", lambda app: None if app.path is None else app.path.tolerance_m, "metres", "mm", 1000.0),
 )
 
 

@@ -13,32 +13,26 @@ from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
 from caesura_protocol.robots import robot_description
 
-WRITERS: Mapping[str, Callable[[ProgramFile], str]] = MappingProxyType(
-    {
-        "json": ProgramFile.as_json,
-        "franky": franky_script,
-        "urscript": ur_script,
-        "xarm": xarm_script,
-        "bt": behaviour_tree,
-    }
-)
 
+class ProgramWriter(NamedTuple):
+    """A format: its title, the suffix of its files, and the function that writes it.
 
-class FormatFacts(NamedTuple):
-    """How a format is offered to people. is_script: it is for the robots whose description names it."""
+    is_script: it is for the robots whose description names it.
+    """
 
     title: str
     suffix: str
+    write: Callable[[ProgramFile], str]
     is_script: bool = False
 
 
-FORMATS: Mapping[str, FormatFacts] = MappingProxyType(
+WRITERS: Mapping[str, ProgramWriter] = MappingProxyType(
     {
-        "json": FormatFacts("JSON", "json"),
-        "franky": FormatFacts("franky script", "py", is_script=True),
-        "urscript": FormatFacts("URScript", "script", is_script=True),
-        "xarm": FormatFacts("xArm script", "py", is_script=True),
-        "bt": FormatFacts("behaviour tree", "xml"),
+        "json": ProgramWriter("JSON", ".json", ProgramFile.as_json),
+        "franky": ProgramWriter("franky script", ".py", franky_script, is_script=True),
+        "urscript": ProgramWriter("URScript", ".script", ur_script, is_script=True),
+        "xarm": ProgramWriter("xArm script", ".py", xarm_script, is_script=True),
+        "bt": ProgramWriter("behaviour tree", ".xml", behaviour_tree),
     }
 )
 
@@ -46,4 +40,4 @@ FORMATS: Mapping[str, FormatFacts] = MappingProxyType(
 def formats_of(robot: str | None) -> list[str]:
     """Return the formats that a program of a robot can be written in; None: every one."""
     script = None if robot is None else robot_description(robot).script
-    return [name for name, facts in FORMATS.items() if not facts.is_script or robot is None or name == script]
+    return [name for name, one in WRITERS.items() if not one.is_script or robot is None or name == script]

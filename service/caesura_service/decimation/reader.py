@@ -89,6 +89,10 @@ class SampleReader:
             force_frame=overview.opening.force_frame,
         )
 
+    def has(self, station: str, session: str) -> bool:
+        """Whether the journal has samples of a session. Raises JournalError."""
+        return self._source.find((station, session)) is not None
+
     def advance(self, owned: Owned, slice_s: float = SLICE_S) -> bool:
         """Read a session's overview for about slice_s; returns whether it is complete. Raises as `read`."""
         return self._overview(owned, slice_s)[1]

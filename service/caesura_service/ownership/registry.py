@@ -36,6 +36,7 @@ from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
 from caesura_service.ownership.station_ownership import StationOwnership
+from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
 from caesura_service.publishing.events import (
     BatchRejected,
@@ -58,7 +59,7 @@ REBUILDING = "/rebuilding"  # what `step` does, among the slices; the name of no
 
 
 class Registry:
-    """One thread calls the methods; any thread may read `index` and `counters`."""
+    """One thread calls the methods; any thread may read `index` and `counters`, and call `stored`."""
 
     def __init__(
         self,
@@ -83,6 +84,7 @@ class Registry:
         self._throttled: set[Session] = set()  # whose next status about refusals waits
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
         self.index = SessionIndex({})
+        self.stored = StoredSessions(journal, lambda: self.index)
         self.counters = SessionCounters()
 
     # --- whose stations are whose -----------------------------------------------------------------------

@@ -16,7 +16,15 @@ from collections.abc import Callable, Mapping
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ErrorCode, ProtocolError
-from caesura_protocol.keys import INFERRED_PROGRAM, parse_station_key, service_key, session_key, station_key
+from caesura_protocol.keys import (
+    INFERRED_PROGRAM,
+    StoredPage,
+    parse_station_key,
+    parse_stored_parameters,
+    service_key,
+    session_key,
+    station_key,
+)
 from caesura_protocol.messages import Control, Open, Program, ServiceStatus, Snapshot
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
@@ -57,8 +65,13 @@ class QueryServer(BackgroundThread):
         status: Callable[[], ServiceStatus],
         budgets: Budgets,
         questions: Rate,
+        stored: Callable[[IncomingQuery, StoredPage], None],
     ) -> None:
-        """work: the worker's queue; questions: the rate of queries, of all readers together."""
+        """work: the worker's queue; questions: the rate of queries, of all readers together.
+
+        stored: takes a query for stored sessions.
+        """
+        self._stored = stored
         self._query_rate = RateLimit(questions)
         self._log_rate = RateLimit(LOG_RATE)
         self.rejected_commands = 0  # commands that were refused because of an overload
@@ -72,8 +85,19 @@ class QueryServer(BackgroundThread):
         super().__init__("caesura-answers", self._queue.wake)
 
     def snapshot(self, query: IncomingQuery) -> None:
-        """Enqueue a query for sessions."""
-        self._enqueue_query(self._answer_snapshot, query)
+        """Enqueue a query for sessions: those that are held, or a page of those that are stored."""
+        try:
+            page = parse_stored_parameters(query.parameters)
+        except ProtocolError as error:
+            with query:
+                reply_error(query, error)
+            return
+        if page is None:
+            self._enqueue_query(self._answer_snapshot, query)
+        elif self._query_rate.allows("every reader"):
+            self._stored(query, page)
+        else:
+            _reply_overloaded(query, "too many questions a second", self._query_rate.rates[0].per_s)
 
     def program(self, query: IncomingQuery) -> None:
         """Enqueue a query for stations' programs."""

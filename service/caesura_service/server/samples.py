@@ -2,7 +2,7 @@
 
 Reading a long session takes seconds, once. Neither the worker nor other queries wait for it: stations take
 turns, in slices. What waits has a bound; past it a query is refused as `overloaded`. An instance answers for
-the sessions that it holds, as for snapshots.
+the sessions that it holds, as for snapshots, and for stored ones of the same stations.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import SLICE_S, Owned
 from caesura_service.journal import JournalError, Key
 from caesura_service.ownership.session_index import SessionIndex
+from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.result_publisher import reply_error, reply_message
@@ -35,8 +36,11 @@ LOOK_S = 1.0  # between two looks for sessions that have ended
 class SampleServer(BackgroundThread):
     """Answers while the context lasts."""
 
-    def __init__(self, reader: SampleReader, index: Callable[[], SessionIndex], queries: Rate) -> None:
+    def __init__(
+        self, reader: SampleReader, index: Callable[[], SessionIndex], queries: Rate, owner: Owner
+    ) -> None:
         """index: the sessions of this instance; queries: how many are answered, of all readers together."""
+        self._owner = owner
         self._reader, self._index, self._clock = reader, index, time.monotonic
         self._open: set[Key] = set()  # at the last look
         self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
@@ -117,9 +121,13 @@ class SampleServer(BackgroundThread):
             return ProtocolError("internal", str(error))
 
     def _owned(self, station: str, session: str) -> Owned | None:
-        for held in self._index().sessions.get(station, ()):
+        """The session, held or stored, where its station is this instance's."""
+        of_station = self._index().sessions.get(station, ())
+        for held in of_station:
             if held.state.session == session:
                 return _owned(held.state)
+        if of_station and self._reader.has(station, session):
+            return Owned(station, session, self._owner.instance, self._owner.epoch, is_open=False)
         return None
 
 

@@ -43,6 +43,7 @@ from caesura_service.server.result_publisher import ResultPublisher, publisher_o
 from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
+from caesura_service.server.stored import StoredServer
 from caesura_service.server.subscriber_poller import SubscriberPoller
 from caesura_service.server.transport import Incoming, Network
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
@@ -87,8 +88,11 @@ class ZenohServer:
         rates = rates or RateSettings()
         self.budgets = Budgets(rates)
         self._log_rate = RateLimit(LOG_RATE)
-        self._queries = QueryServer(registry, self._queue, self.status, self.budgets, rates.queries)
-        self._samples = SampleServer(samples, lambda: registry.index, rates.queries)
+        self._stored = StoredServer(registry.stored)
+        self._queries = QueryServer(
+            registry, self._queue, self.status, self.budgets, rates.queries, self._stored.take
+        )
+        self._samples = SampleServer(samples, lambda: registry.index, rates.queries, owner)
         self._poller = SubscriberPoller(self._handle_samples)
         self._stack = ExitStack()
 
@@ -96,6 +100,7 @@ class ZenohServer:
         network, self.endpoint = self._join(self._settings, self._stop)
         with ExitStack() as stack:
             stack.callback(network.close)
+            stack.enter_context(self._stored)
             stack.enter_context(self._queries)
             stack.enter_context(self._samples)
             subscriptions = StationSubscriptions(

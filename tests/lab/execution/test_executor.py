@@ -195,7 +195,8 @@ def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:
 @pytest.mark.parametrize(("kg", "said"), [(1.2, "lighter than the 1.20 kg"), (None, "")])
 def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str, robot: Robot) -> None:
     carried = tuple(
-        one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one for one in pick_and_place()
+        one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one
+        for one in pick_and_place()[:5]
     )
     done = execute(carried, PICKING, robot=robot)
     assert violations(done.trace, DEFAULT) == []

@@ -116,5 +116,5 @@ def test_an_error_names_the_column_and_what_there_is(files, table, mapping, mess
 
 def test_a_mapping_is_for_files_that_do_not_say_what_is_what(files, tmp_path):
     read(files).save(tmp_path / "ours.npz")
-    with pytest.raises(RecordingError, match="says itself what is what"):
+    with pytest.raises(RecordingError, match="has the names and units itself"):
         load_recording(tmp_path / "ours.npz", mapping=tmp_path / "map.toml")

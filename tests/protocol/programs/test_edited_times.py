@@ -87,8 +87,8 @@ def test_the_time_of_a_deleted_app_is_no_pause():
 
 def test_a_name_is_what_robots_formats_show():
     program = written(movement(1.0, 2.0, name='Push "in"'))
-    assert "1 Push &quot;in&quot;" in WRITERS["bt"](program)
-    assert "'title': 'Push \"in\"'" in WRITERS["franky"](program)
+    assert "1 Push &quot;in&quot;" in WRITERS["bt"].write(program)
+    assert "'title': 'Push \"in\"'" in WRITERS["franky"].write(program)
 
 
 def test_two_programs_are_compared_app_by_app():

@@ -168,7 +168,7 @@ def test_the_first_posture_points_the_flange_down_over_x(name: str) -> None:
 def test_ninety_nine_of_a_hundred_reachable_poses_are_found(name: str) -> None:
     # tests/bench/ik_rate.py has 1,000 poses an arm.
     robot, missed = arm(name), 0
-    poses = drawn(robot, 200, seed=11)
+    poses = drawn(robot, 100, seed=11)
     for q in poses:
         goal = robot.flange_pose(q)
         try:

@@ -100,7 +100,7 @@ def test_a_bridge_teaches_and_a_dashboard_reads(network):
 
 def test_a_dashboard_follows_what_is_taught(network):
     robot, wall = network.as_("bridge.cell-1"), network.as_("dashboard.wall")
-    followed = wall.results("cell-1", "followed", silence_s=5.0)
+    followed = wall.results("cell-1", "followed", silence_s=30.0)
     with Bridge(robot.transport, "cell-1", LiveSource(), session="followed", settings=QUICK) as bridge:
         bridge.wait_open(30.0)
         bridge.send(samples(1000, t0=0.0))

@@ -28,7 +28,7 @@ from caesura_service.config import ServiceConfig
 from caesura_service.security.certificates import SecurityError
 from caesura_service.security.credential_store import identities
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
-from harness.peer import Peer
+from harness.peer import DEADLINE_S, Peer
 from harness.sessions import batch, heartbeat, opening
 
 HOSTILE = (
@@ -120,7 +120,7 @@ def test_no_name_from_the_network_makes_a_file(peer, directory):
             peer.network.put(f"{ROOT}/station/{name}/{part}", b"x")
         for content in (encode(Control(command=opening("s1"))), (b"rubbish", "zenoh/bytes")):
             for reply in peer.network.get(
-                f"{ROOT}/station/{name}/control", payload=content[0], encoding=content[1], timeout=5.0
+                f"{ROOT}/station/{name}/control", payload=content[0], encoding=content[1], timeout=DEADLINE_S
             ):
                 assert reply.ok is None
     for name in HOSTILE:
@@ -138,7 +138,8 @@ def test_no_name_from_the_network_makes_a_file(peer, directory):
 def test_a_command_to_all_stations_belongs_to_none(peer, wide, caplog):
     peer.command(opening("good"))
     content = encode(Control(command=Close(session="good", last_seq=-1)))
-    replies = list(peer.network.get(wide, payload=content.payload, encoding=content.encoding, timeout=5.0))
+    options = {"payload": content.payload, "encoding": content.encoding, "timeout": DEADLINE_S}
+    replies = list(peer.network.get(wide, **options))
     assert not any(decoded for decoded in replies if decoded.ok and "Ack" in str(decoded.ok.encoding))
     assert peer.snapshot("good").status.state == "open"
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
@@ -156,8 +157,12 @@ ROOMS = [
 ]
 
 
-@pytest.mark.parametrize("file", ROOMS, ids=lambda file: "/".join(file.parts[-2:]))
-def test_no_code_that_runs_or_unpickles_what_it_reads(file):
+def test_no_code_runs_or_unpickles_what_it_reads():
+    for file in ROOMS:
+        runs_and_unpickles_nothing(file)
+
+
+def runs_and_unpickles_nothing(file: Path) -> None:
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
             assert FORBIDDEN_MODULES.isdisjoint(alias.name.partition(".")[0] for alias in node.names)

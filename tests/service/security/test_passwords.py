@@ -12,6 +12,7 @@ import zenoh
 
 from caesura_service.server.network import SETTINGS
 from clients.conftest import free_port
+from harness.peer import DEADLINE_S
 
 PASSWORD = "correct-horse-battery-staple"
 
@@ -39,12 +40,12 @@ def recording_proxy(port: int) -> Iterator[tuple[int, bytearray]]:
                 back.start()
                 pump(here, there)
                 there.shutdown(socket.SHUT_RDWR)
-                back.join(5.0)
+                back.join(DEADLINE_S)
 
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
         yield server.getsockname()[1], passed
-        thread.join(5.0)
+        thread.join(DEADLINE_S)
 
 
 def opened(**settings: object) -> zenoh.Session:
@@ -69,13 +70,13 @@ def test_the_password_does_not_cross_the_wire(tmp_path):
             **{
                 "mode": "client",
                 "connect/endpoints": [f"tcp/127.0.0.1:{through}"],
-                "connect/timeout_ms": 5000,
+                "connect/timeout_ms": round(1000 * DEADLINE_S),
                 "transport/auth/usrpwd": {"user": "me", "password": PASSWORD},
             }
         )
-        assert not list(client.get("anything", timeout=5.0))
+        assert not list(client.get("anything", timeout=DEADLINE_S))
         client.put("said/in/clear", b"everything else does", congestion_control=zenoh.CongestionControl.BLOCK)
-        assert not list(client.get("anything", timeout=5.0))  # behind the put
+        assert not list(client.get("anything", timeout=DEADLINE_S))  # behind the put
         client.close()
     router.close()
     assert b"me" in passed

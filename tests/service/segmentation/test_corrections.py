@@ -350,7 +350,7 @@ def plain(threshold: float | None, lost: range) -> PipelineView:
     return pipeline.view
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample_on(seed: int, holed: bool):
     check_same(seed, None, LOST if holed else range(0))

@@ -318,7 +318,7 @@ def test_what_was_shown_as_final_is_never_revised(
     assert pipeline.view.apps == program_of(pipeline)
 
 
-@settings(max_examples=16, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from(["default", "integrated", "contact", "second_order_2"]),

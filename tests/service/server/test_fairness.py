@@ -26,7 +26,7 @@ from caesura_service.server.lanes import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rates import RateSettings
 from caesura_service.token_bucket import Rate
-from harness.peer import MemoryPeer
+from harness.peer import DEADLINE_S, MemoryPeer
 from harness.sessions import batches, closing, opening
 
 
@@ -83,7 +83,7 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
     peer.command(opening("slow"), "cell-1")
     for batch in batches(3, "slow"):
         peer.send(batch, "cell-1")
-    assert begun.wait(30.0)
+    assert begun.wait(DEADLINE_S)
     peer.command(opening(), "cell-2")
     for batch in batches(20):
         peer.send(batch, "cell-2")
@@ -133,7 +133,7 @@ def test_a_service_that_stops_in_the_middle_of_a_batch_stops_at_once(config, net
     with service, MemoryPeer(network) as peer:
         peer.command(opening("slow"))
         peer.send(batches(1, "slow")[0])
-        assert begun.wait(30.0)
+        assert begun.wait(DEADLINE_S)
     assert not [one for one in threading.enumerate() if one.name == "caesura-worker"]
 
 
@@ -146,7 +146,7 @@ def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(
     def blocked(query: IncomingQuery, key: str, message: Message) -> None:
         if "slow" in key:
             begun.set()
-            gate.wait(5.0)
+            gate.wait(DEADLINE_S)
         sent(query, key, message)
 
     monkeypatch.setattr(result_publisher, "reply_message", blocked)
@@ -154,11 +154,11 @@ def test_an_answer_that_its_client_does_not_read_holds_up_no_other_station(
     with service, MemoryPeer(network) as peer:
         late = threading.Thread(target=peer.command, args=(opening("s1"), "slow"), daemon=True)
         late.start()
-        assert begun.wait(5.0)
+        assert begun.wait(DEADLINE_S)
         assert peer.command(opening(), "cell-2").state == "open"
         assert not gate.is_set()
         gate.set()
-        late.join(5.0)
+        late.join(DEADLINE_S)
         assert not late.is_alive(), "and it has its answer in the end"
     gate.set()
 
@@ -168,17 +168,17 @@ def test_of_one_lane_one_job_is_done_after_the_other_and_so_many_wait(gate, begu
 
     def wait() -> None:
         begun.set()
-        gate.wait(5.0)
+        gate.wait(DEADLINE_S)
 
     with Lanes() as lanes:
         assert lanes.submit("slow", wait)
-        assert begun.wait(5.0)
+        assert begun.wait(DEADLINE_S)
         assert [lanes.submit("slow", partial(done.append, n)) for n in range(WAITING)].count(
             True
         ) == WAITING - 1
         other = threading.Event()
         assert lanes.submit("other", other.set)
-        assert other.wait(5.0)
+        assert other.wait(DEADLINE_S)
         assert done == []
         gate.set()
     assert done == [*range(WAITING - 1)]

@@ -117,7 +117,7 @@ class LiveArm:
         try:
             if over is not None:
                 over()
-        except Exception as error:  # an arm that is lost cannot be told, and why it was lost counts
+        except Exception as error:  # an arm that is lost takes no command, and why it was lost counts
             logger.warning("%s: its end was not carried out: %s", self._who, _error_text(error))
 
     def _next(self, after_s: float) -> ArmState:

@@ -13,11 +13,12 @@ from nicegui.elements.mixins.text_element import TextElement
 from caesura_clients.dashboard.demonstrations import Desk
 from caesura_clients.dashboard.editing import Corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.recordings import RecordingDesk
 
 ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most
 SLOW_TICK_S = 1.0
-MENU = (("/", "Stations"), ("/sessions", "Sessions"), ("/system", "System"))
+MENU = (("/", "Stations"), ("/sessions", "Sessions"), ("/recordings", "Recordings"), ("/system", "System"))
 _HEAD = (
     f'<script src="{ASSETS}/theme.js"></script>'
     f'<link rel="stylesheet" href="{ASSETS}/vendor/uplot/uPlot.min.css">'
@@ -28,11 +29,12 @@ _HEAD = (
 
 
 class Site(NamedTuple):
-    """What pages are made of. corrector, desk: None where nothing may be corrected, or started."""
+    """What pages are made of. corrector, desk, recordings: None where this dashboard only reads."""
 
     gateway: NetworkFollower
     corrector: Corrector | None
     desk: Desk | None = None
+    recordings: RecordingDesk | None = None
 
 
 @contextmanager

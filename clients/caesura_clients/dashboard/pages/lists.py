@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from nicegui import Client, ui
+from nicegui import Client, run, ui
+from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import SessionList, Tables, lags
 from caesura_clients.dashboard.pages.layout import SLOW_TICK_S, Site, page
 from caesura_clients.dashboard.sessions import sessions
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.dashboard.system import system
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.keys import check_name
 
 INSTANCES = (
     ("instance", "instance"), ("state", "state"), ("epoch", "epoch"), ("sessions", "sessions"),
@@ -30,8 +33,20 @@ Columns = Sequence[tuple[str, str]]
 
 def build_sessions(site: Site) -> None:
     """Build the page of all sessions that the service holds."""
+
+    async def older(event: GenericEventArguments) -> None:
+        try:
+            station = check_name(event.args, "station") if event.args else "*"
+            found = await run.io_bound(site.gateway.read_stored, station)
+        except (CaesuraError, ProtocolError) as error:
+            listed.answered(str(error), failed=True)
+        else:
+            listed.answered(
+                f"{found} older ones." if found else "The journal has no older one.", failed=False
+            )
+
     with page("Sessions", "/sessions"):
-        listed = SessionList(_sessions(site.gateway.world))
+        listed = SessionList(_sessions(site.gateway.world), older)
     ui.timer(SLOW_TICK_S, lambda: listed.show(_sessions(site.gateway.world)))
 
 

@@ -11,8 +11,10 @@ const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b 
 
 export default {
   mixins: [live],
+  emits: ["older"],
   data: () => ({
-    warning: "", sessions: null, words: "", station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS,
+    asking: false, message: "", failed: false,
+    warning: "", sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS,
   }),
   template: `
     <div>
@@ -26,16 +28,22 @@ export default {
         <label class="check"><input class="with-deleted" type="checkbox" v-model="deleted"> deleted ones too</label>
       </div>
       <p class="summary" role="status">{{ summary }}</p>
+      <p class="compare"><a v-if="chosen.length === 2" class="button" :href="'/compare?first=' + chosen[0] + '&second=' + chosen[1]">Compare these two</a>
+        <span v-else class="help">Choose two sessions to compare them.</span></p>
       <div v-if="found.length" class="scroll" tabindex="0" role="region" aria-label="All sessions">
-        <table class="sessions"><thead><tr><th v-for="[key, title] in columns" :key="key" scope="col" :aria-sort="sorted(key)">
+        <table class="sessions"><thead><tr><th scope="col">compare</th><th v-for="[key, title] in columns" :key="key" scope="col" :aria-sort="sorted(key)">
           <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th></tr></thead>
         <tbody><tr v-for="one in found" :key="one.station + '/' + one.session" :class="{ deleted: one.deleted }">
-          <td v-for="[key] in columns" :key="key" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
+          <td class="is-chosen"><input type="checkbox" class="choose" :checked="chosen.includes(nameOf(one))" @change="choose(nameOf(one))"
+            :aria-label="'compare ' + (one.task || one.session)"></td>
+          <td v-for="[key, title] in columns" :key="key" :data-title="title" :class="['is-' + key, { alarm: key === 'gaps' && one.gaps > 0 }]">
             <a v-if="key === 'task'" :href="one.href">{{ one.task || one.session }}</a>
             <template v-else>{{ shown(key, one) }}</template></td>
         </tr></tbody></table>
       </div>
       <p v-else-if="sessions" class="empty">{{ sessions.length ? "No session is like that." : "No session is known." }}</p>
+      <p class="older-line"><button class="older" :disabled="asking" @click="older">Older sessions</button>
+        <span role="status" :class="{ alarm: failed }">{{ message }}</span></p>
     </div>`,
   computed: {
     stations() {
@@ -58,6 +66,17 @@ export default {
     },
   },
   methods: {
+    older() {
+      Object.assign(this, { asking: true, message: "", failed: false });
+      this.$emit("older", this.station);
+    },
+    answered(message, failed) {
+      Object.assign(this, { message, failed, asking: false });
+    },
+    nameOf: (one) => `${one.station}/${one.session}`,
+    choose(name) { // a third takes the place of the first
+      this.chosen = this.chosen.includes(name) ? this.chosen.filter((one) => one !== name) : [...this.chosen, name].slice(-2);
+    },
     apply(payload) {
       this.warning = payload.warning;
       this.sessions = Object.freeze(payload.sessions);

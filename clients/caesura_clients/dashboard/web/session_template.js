@@ -23,7 +23,7 @@ const tools = `
     <span class="group"><button class="undo" :disabled="!ready || !undoable" @click="undo">Undo</button>
     <button class="redo" :disabled="!ready || !redoable" @click="redo">Redo</button></span>
   </fieldset>
-  <p v-else class="empty">Corrections are off: this dashboard only reads.</p>`;
+  <p v-else-if="!linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
 
 const signals = `
   <div class="signals" role="group" aria-label="Signals"><span>Signals</span>
@@ -34,9 +34,9 @@ const signals = `
 const time = `
   <div class="scrub">
     <button class="play" v-if="replay || closed" @click="play">{{ playing ? "Pause" : "Play" }}</button>
-    <label class="slider">Show until <input type="range" :min="begin" :max="newest.toFixed(1)" step="0.1" :value="shownEnd"
+    <label class="slider">Show until <input type="range" :min="begin" :max="latest().toFixed(1)" step="0.1" :value="shownEnd"
       :aria-valuetext="shownEnd.toFixed(1) + ' seconds'" @input="scrub"></label>
-    <output>{{ shownEnd.toFixed(1) }} of {{ newest.toFixed(1) }} s</output>
+    <output>{{ Math.min(shownEnd, newest).toFixed(1) }} of {{ newest.toFixed(1) }} s</output>
     <span class="moves" role="group" aria-label="Range of time">
       <button aria-label="Earlier" @click="pan(-0.5)">◀</button><button aria-label="Later" @click="pan(0.5)">▶</button>
       <button aria-label="Zoom in" @click="zoom(0.5)">+</button><button aria-label="Zoom out" @click="zoom(2)">−</button>
@@ -59,12 +59,12 @@ const table = `
 export const template = `
   <section class="session-view" aria-label="Signals and segments">
     ${tools}
-    <p class="message" role="status" :class="{ failed }">{{ message }}</p>
+    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ message }}</p>
     ${legend}
     ${signals}
     <p v-if="trouble" class="trouble" role="status">{{ trouble }}</p>
-    <div ref="plots" class="plots" tabindex="0" role="application" aria-describedby="plot-help"
-      aria-label="Signals against time, with segments and changepoints" @pointerdown="pressed" @pointermove="dragged"
+    <div ref="plots" class="plots" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
+      :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"
       @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key">
       <canvas ref="band" class="band"></canvas>
       <div ref="panels" class="panels"></div>
@@ -74,7 +74,7 @@ export const template = `
     </div>
     <p class="selection" role="status">{{ selection }}</p>
     ${time}
-    <p id="plot-help" class="help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
+    <p v-if="!linked" id="plot-help" class="help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
       Enter inserts, Delete removes, M moves the selected one to the time, R relabels, Ctrl Z and Ctrl Y undo and redo,
       L follows. + and − zoom, comma and full stop go back and forth, 0 shows everything. The wheel zooms; a drag marks
       the range to zoom to, with ⇧ it moves the view.</p>

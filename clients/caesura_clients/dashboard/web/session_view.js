@@ -3,6 +3,7 @@ import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
 import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
+import { pair } from "caesura-dashboard/pair.js";
 import { Plots } from "caesura-dashboard/plots.js";
 import { pointer } from "caesura-dashboard/pointer.js";
 import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
@@ -28,7 +29,7 @@ const chosen = () => {
 };
 
 export default {
-  mixins: [live, keyboard, view, pointer],
+  mixins: [live, keyboard, view, pair, pointer],
   props: { station: String, editable: Boolean, replay: Boolean },
   emits: ["edit", "run-lengths"],
   template,
@@ -132,7 +133,7 @@ export default {
     fit() { // a session of the past is shown as a whole
       if (this.fitted || !this.replay || this.session === "" || !(this.t > 0)) return;
       this.fitted = true;
-      this.span = Math.max(this.newest - this.begin, 1);
+      this.span = this.longest();
     },
     letTheLastGoOn() { // its end is published once a second only
       for (const name of ["segments", "phases"]) {

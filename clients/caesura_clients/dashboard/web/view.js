@@ -9,17 +9,21 @@ export const view = {
     // [s] from and to. Without a chosen end it follows what is newest.
     view() {
       const end = this.shownEnd, begin = this.begin;
-      const from = Math.max(begin, end - this.span);
-      return [from, from + this.span];
+      const span = this.closed && this.end === null ? Math.min(this.span, this.longest()) : this.span; // no empty axis
+      const from = Math.max(begin, end - span);
+      return [from, from + span];
     },
-    longest() {
-      return Math.max(this.newest - this.begin, this.replay ? 1 : AT_FIRST_S);
+    longest() { // [s] that can be shown: the session, or the longer one of two that are compared
+      return Math.max(this.newest - this.begin, this.partnerLength, this.replay || this.closed ? 1 : AT_FIRST_S);
+    },
+    latest() {
+      return Math.max(this.newest, this.begin + this.partnerLength);
     },
     show(from, to) {
       const span = Math.min(Math.max(to - from, LEAST_S), this.longest());
-      const start = Math.max(this.begin, Math.min(from, Math.max(this.newest - span, this.begin)));
+      const start = Math.max(this.begin, Math.min(from, Math.max(this.latest() - span, this.begin)));
       this.span = span;
-      this.end = Math.min(start + span, this.newest);
+      this.end = Math.min(start + span, this.latest());
       if (!this.closed && !this.replay && this.end >= this.newest - 1e-9 && span >= AT_FIRST_S) this.end = null;
     },
     zoom(factor, around = null) {

@@ -54,7 +54,7 @@ def run(
         return Ran(False, f"format is {script!r}, expected one of {', '.join(RUNNERS)}")
     try:
         program = with_gripper(program, gripper or None)
-        text = WRITERS[script](program)
+        text = WRITERS[script].write(program)
     except ValueError as error:
         return Ran(False, str(error))
     with tempfile.TemporaryDirectory(prefix="caesura-run-") as folder:

@@ -1,0 +1,152 @@
+"""The questions that a recording leaves open, asked in a terminal: columns, units, wrench, hand and robot.
+
+Each question has a proposal, which Enter takes. The answers for a csv of other software become a mapping
+file; other formats have names and units themselves, and the answers become options.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import typer
+
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.csv_layout import CsvLayout, guessed, likely_units, read_layout
+from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
+from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_protocol.robots import robot_names
+
+Ask = Callable[..., str]  # words of the question, default=, show_default=
+NONE = "-"  # answers that the file has no such column, or that nothing is stated
+#: Signals with one question each; the joints and their torques are asked for together.
+ASKED = {
+    "pos": "Position of the flange in the base frame",
+    "quat": "Orientation of the flange, x y z w",
+    "q": "Joint positions",
+    "force": "Force",
+    "torque": "Moment",
+    "tau": "External joint torques",
+    "gripper": "Opening of the gripper",
+}
+HELP = (
+    "Enter takes what stands in brackets. Columns are named, or counted from 1, and divided by blanks or "
+    f"commas; {NONE} states that the file has none."
+)
+
+
+class Answered(NamedTuple):
+    """What was answered: a mapping file that was written, or options."""
+
+    mapping: Path | None
+    options: Mapping[str, str]
+
+
+def ask_about(path: Path, ask: Ask | None = None) -> Answered:
+    """Ask what a recording leaves open.
+
+    Raises SourceError without a terminal, RecordingError where a csv holds no table.
+    """
+    if ask is None:
+        if not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise SourceError("--ask needs a terminal to ask in; --mapping names a file with the answers")
+        ask = typer.prompt
+    layout = read_layout(path) if path.suffix.lower() == ".csv" else None
+    if layout is None or layout.is_own:
+        return Answered(None, _asked_wrench(ask, ()))
+    typer.echo(f"{path.name} has the columns")
+    for number, name in enumerate(layout.header, start=1):
+        typer.echo(f"  {number:3d}  {name:24s} {', '.join(row[number - 1] for row in layout.rows[:3])}, …")
+    typer.echo(HELP)
+    answers = ask_mapping(layout, ask)
+    out = path.with_suffix(".toml")
+    chosen = Path(ask("Write the answers to", default=str(out)))
+    try:
+        chosen.write_text(mapping_text(answers), encoding="utf-8")
+    except OSError as error:
+        raise SourceError(f"cannot write {chosen}: {error.strerror}") from error
+    return Answered(chosen, {})
+
+
+def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
+    """Ask which column is what, in which unit, and how the wrench was measured."""
+    guess = guessed(layout)
+    columns = {"t": _asked_columns(ask, "Time", layout, [guess.columns.get("t", "")], (1,))[0]}
+    for signal, words in ASKED.items():
+        names = COLUMNS_OF_SIGNAL[signal]
+        proposed = [guess.columns[name] for name in names if name in guess.columns]
+        widths = range(1, len(names) + 1) if signal in {"q", "tau"} else (len(names),)
+        needed = signal == "q" and "px" not in columns
+        found = _asked_columns(ask, words, layout, proposed, (*widths,) if needed else (0, *widths))
+        columns |= dict(zip(names, found, strict=False))
+    units = likely_units(layout, columns)
+    signals = dict.fromkeys(SIGNAL_OF_COLUMN[column] for column in columns)
+    for signal in signals:
+        known = UNITS[signal]
+        if len(known) > 1:
+            words = f"Unit of {'the time' if signal == 't' else ASKED[signal].lower()}"
+            units[signal] = _chosen(ask, words, known, units.get(signal, next(iter(known))))
+    wrench = _asked_wrench(ask, signals)
+    return guess._replace(columns=columns, units=units, **wrench)
+
+
+def _asked_wrench(ask: Ask, signals: Collection[str]) -> dict[str, str]:
+    """Where the wrench was measured, the hand and the robot. signals: those of a csv; none: not known."""
+    found: dict[str, str] = {}
+    if not signals or {"force", "tau"} & set(signals):
+        found["wrench_source"] = _chosen(
+            ask, "Where was the wrench measured?", WRENCH_SOURCES, "flange_sensor"
+        )
+    found["hand_on_robot"] = _chosen(ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, "yes")
+    if {"force", "torque"} & set(signals):
+        frames = FORCE_FRAMES if "quat" in signals else ("base",)
+        found["force_frame"] = _chosen(ask, "In which frame are the forces?", frames, "base")
+        whose = "Are they forces of the environment on the robot, or of the robot?"
+        found["force_of"] = _chosen(ask, whose, ("environment", "robot"), "environment")
+    robot = _chosen(ask, f"Which robot? {NONE} for another", (NONE, *robot_names()), NONE)
+    return found if robot == NONE else {**found, "robot": robot}
+
+
+def _asked_columns(
+    ask: Ask, words: str, layout: CsvLayout, proposed: list[str], widths: Collection[int]
+) -> list[str]:
+    """The columns of a signal, asked for until their number is one of `widths`."""
+    default = " ".join(_short(layout, name) for name in proposed if name) or (NONE if 0 in widths else None)
+    while True:
+        answer = ask(words, default=default).replace(",", " ").split()
+        found = [] if answer == [NONE] else [_resolved(layout, one) for one in answer]
+        unknown = [one for one, name in zip(answer, found, strict=False) if name is None]
+        if not unknown and len(found) in widths and len(set(found)) == len(found):
+            return [name for name in found if name is not None]
+        expected = " or ".join(str(width) for width in widths) if len(widths) < 4 else f"up to {max(widths)}"
+        typer.echo(
+            f"no column {unknown[0]!r}"
+            if unknown
+            else f"{len(found)} columns, expected {expected}, each once"
+        )
+
+
+def _short(layout: CsvLayout, name: str) -> str:
+    """A column's name, or its number where the name has blanks or commas."""
+    return name if not set(" ,") & set(name) else str(layout.header.index(name) + 1)
+
+
+def _resolved(layout: CsvLayout, word: str) -> str | None:
+    if word in layout.header:
+        return word
+    return layout.header[int(word) - 1] if word.isdigit() and 0 < int(word) <= len(layout.header) else None
+
+
+def _chosen(ask: Ask, words: str, known: Collection[str], default: str) -> str:
+    """One of the known answers, or its beginning, asked for until it is one."""
+    if len(known) == 1:
+        return next(iter(known))
+    while True:
+        answer = ask(f"{words} ({', '.join(known)})", default=default).strip()
+        found = [answer] if answer in known else [one for one in known if answer and one.startswith(answer)]
+        if len(found) == 1:
+            return found[0]
+        typer.echo(f"{answer!r}, expected one of {', '.join(known)}")

@@ -1,0 +1,101 @@
+"""`/compare`: two sessions with one axis of time, and how their programs differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from nicegui import ui
+from nicegui.element import Element
+
+from caesura_clients.dashboard.elements import SessionView, Tables
+from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
+from caesura_clients.dashboard.pages.session import line_of_past
+from caesura_clients.results import Update
+from caesura_protocol.app_kinds import app_number, app_title
+from caesura_protocol.messages import App, Program
+from caesura_protocol.programs.comparison import REPETITION, compared
+
+ALIKE = "alike"
+COLUMNS = (("first", "first"), ("second", "second"), ("words", "difference"))
+TOGETHER = """(event) => {
+  const on = event.target.getAttribute("aria-pressed") !== "true";
+  event.target.setAttribute("aria-pressed", String(on));
+  window.dispatchEvent(new CustomEvent("caesura-together", { detail: on }));
+}"""
+HELP = "Apart, each moves alone; together again, they keep their distance: so two events are aligned."
+Named = tuple[str, str]  # station and session
+
+
+class ComparePage:
+    """One browser's view of two sessions."""
+
+    def __init__(self, site: Site, first: Named, second: Named) -> None:
+        self._gateway, self._named = site.gateway, (first, second)
+        self._compared: tuple[Program, ...] = ()
+        with page("Compare", "/sessions"):
+            self._banner = Banner()
+            with Element("p").classes("together"):
+                button = text("button", "Move together").props('type="button" aria-pressed="true"')
+                button.on("click", js_handler=TOGETHER)
+                text("span", HELP).classes("help")
+            with Element("div").classes("pair"):
+                self._halves = [_Half(*named) for named in self._named]
+            self._tables = Tables({"warnings": [], "tables": []})
+        self._tick()
+        ui.timer(TICK_S, self._tick)
+
+    def _tick(self) -> None:
+        world = self._gateway.world
+        self._banner.say(world.trouble)
+        updates = [world.update(*named) for named in self._named]
+        for half, update in zip(self._halves, updates, strict=True):
+            half.show(update)
+        programs = tuple(update.program for update in updates if update is not None)
+        if len(programs) == 2 and programs != self._compared:
+            self._compared = programs
+            self._shown = _tables(*programs)
+        if self._compared:
+            self._tables.show(self._shown)
+
+
+class _Half:
+    """One of the two sessions."""
+
+    def __init__(self, station: str, session: str) -> None:
+        with Element("section").props(f'aria-label="{station}/{session}"'):
+            with Element("h2"):
+                self._link = text("a", session).props(f'href="/sessions/{station}/{session}"')
+            self._line = text("p", "").classes("state-line")
+            self._view = SessionView(
+                station, editable=False, replay=True, on_edit=lambda _event: None, linked=True
+            )
+        self._station, self._session = station, session
+
+    def show(self, update: Update | None) -> None:
+        """Show what is new."""
+        task = update.status.description.task if update else None
+        name = f"{self._station} · {task or self._session}"
+        if name != self._link.text:
+            self._link.set_text(name)
+        line = line_of_past(update)
+        if line != self._line.text:
+            self._line.set_text(line)
+        self._view.follow(update, {})
+
+
+def _tables(first: Program, second: Program) -> dict[str, Any]:
+    pairs = compared(first.apps, second.apps, REPETITION, " and ")
+    rows = []
+    for i, j, words in pairs:
+        alone = "only in the second" if i is None else "only in the first" if j is None else ""
+        row = {"first": _named(first.apps, i), "second": _named(second.apps, j)}
+        rows.append({**row, "words": alone or "; ".join(words) or ALIKE})
+    unlike = sum(row["words"] != ALIKE for row in rows)
+    title = f"Programs: {unlike or 'none'} of {len(rows)} apps differ" if rows else "Programs"
+    table = {"title": title, "columns": COLUMNS, "rows": rows, "empty": "Neither has an app."}
+    return {"warnings": [], "tables": [table]}
+
+
+def _named(apps: Sequence[App], index: int | None) -> str:
+    return "" if index is None else f"{app_number(index)} · {app_title(apps[index].kind)}"

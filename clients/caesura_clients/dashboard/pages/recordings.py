@@ -1,0 +1,100 @@
+"""`/recordings`: a recording is dropped, its open questions are answered, and it is played as a session."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from datetime import datetime
+from typing import Any, get_args
+
+from fastapi import Request, Response
+from fastapi.responses import PlainTextResponse
+from nicegui import run, ui
+from nicegui.events import GenericEventArguments
+
+from caesura_clients.dashboard.demonstrations import ONLY_READS
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.elements import RecordingDrop
+from caesura_clients.dashboard.pages.layout import Site, page, text
+from caesura_clients.dashboard.recordings import BYTES, MEGABYTE, SUFFIXES, RecordingDesk
+from caesura_protocol.formats.foreign_csv import UNITS
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WrenchSource
+from caesura_protocol.plausibility import UNITS as UNITS_OF_QUANTITY
+from caesura_protocol.robots import robot_names
+
+UPLOADS = "/uploads"
+TICK_S = 0.25
+DEFAULT_STATION = "recordings"
+
+
+def build(site: Site) -> None:
+    """The page."""
+    with page("Recordings", "/recordings"):
+        if site.recordings is None:
+            text("p", ONLY_READS.replace("start and stop", "to play a recording")).classes("empty")
+            return
+        _Recordings(site, site.recordings)
+
+
+class _Recordings:
+    """One browser's view of the recordings that are played."""
+
+    def __init__(self, site: Site, desk: RecordingDesk) -> None:
+        self._site, self._desk = site, desk
+        self._drop = RecordingDrop(
+            self._shown(),
+            self._ask,
+            suffixes=list(SUFFIXES),
+            megabytes=BYTES // MEGABYTE,
+            columns={"t": ["t"], **{name: list(columns) for name, columns in COLUMNS_OF_SIGNAL.items()}},
+            units={name: list(known) for name, known in UNITS.items()},
+            quantities={name: list(known) for name, known in UNITS_OF_QUANTITY.items()},
+            sources=list(get_args(WrenchSource)),
+            hands=list(HANDS_ON_ROBOT),
+            frames=list(FORCE_FRAMES),
+            robots=list(robot_names()),
+            station=DEFAULT_STATION,
+        )
+        ui.timer(TICK_S, lambda: self._drop.show(self._shown()))
+
+    def _shown(self) -> dict[str, Any]:
+        world = self._site.gateway.world
+        plays = [asdict(one) for one in self._desk.plays]
+        return {"plays": plays, "stations": world.stations(), "trouble": world.trouble}
+
+    async def _ask(self, event: GenericEventArguments) -> None:
+        """Look at a recording, or play it, without delaying any other page."""
+        asked = event.args
+        if not isinstance(asked, dict):
+            return
+        try:
+            if asked.get("do") == "look":
+                found = await run.io_bound(self._desk.look, str(asked.get("upload")))
+                named = f"s{datetime.now():%Y%m%d-%H%M%S}"
+                self._drop.looked({**(found or {}), "session": named, "upload": asked.get("upload")})
+            elif asked.get("do") == "play":
+                request = {key: value for key, value in asked.items() if key != "do"}
+                await run.io_bound(self._desk.play, request, self._site.gateway.world.bridges)
+                self._drop.answered("", failed=False)
+            elif asked.get("do") == "drop":
+                self._desk.drop(str(asked.get("upload")))
+        except EditRefused as refused:
+            self._drop.answered(str(refused), failed=True)
+
+
+async def received(site: Site, upload: str, name: str, request: Request) -> Response:
+    """Store a file that a browser sends; a refusal is text that says why."""
+    if site.recordings is None:
+        return PlainTextResponse(ONLY_READS, status_code=403)
+    try:
+        path = site.recordings.begin_file(upload, name)
+        with path.open("wb") as file:
+            async for part in request.stream():
+                site.recordings.count(upload, len(part))
+                await asyncio.to_thread(file.write, part)
+    except EditRefused as refused:
+        return PlainTextResponse(str(refused), status_code=413)
+    except OSError as error:
+        site.recordings.drop(upload)
+        return PlainTextResponse(f"The file cannot be stored: {error.strerror}.", status_code=507)
+    return Response(status_code=204)

@@ -1,0 +1,208 @@
+"""Looks at a recording, or plays it to the service, in a process of its own: the pages do not wait for it.
+
+    python -m caesura_clients.dashboard.playback < job.json
+
+A job is one JSON object; every line of the output is one, too. `look` answers with what the recording states
+and what it leaves open. `play` opens a session as a bridge does, and answers with the share that was sent.
+An error is {"error": words}. A child process can be ended, and its memory goes with it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from caesura_clients.bridge import BridgeSettings
+from caesura_clients.bridge.sources import Chunk
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.pacing import FAST
+from caesura_clients.bridge.sources.registry import SourceOptions, open_source
+from caesura_clients.client import connect
+from caesura_protocol.distribution import import_extra
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
+from caesura_protocol.formats.csv_layout import CsvLayout, guessed, read_layout
+from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.messages import Description, Quantity
+from caesura_protocol.plausibility import WIRE_UNIT
+from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import Recording, RecordingError
+
+CONNECT_S = 5.0
+OPEN_S = 20.0  # until a service has opened the session
+STALL_S = 30.0  # without an acknowledged sample
+TICK_S = 0.2
+SHOWN_ROWS = 3  # of a csv
+BAGS = (".db3",)  # beside a directory, and an MCAP of ROS 2
+Job = Mapping[str, Any]
+
+
+class CountedSource(FileSource):
+    """A recording that is played without waiting, and counts the samples that were taken."""
+
+    taken = 0
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Chunks of the recording."""
+        for chunk in super().chunks():
+            yield chunk
+            self.taken += len(chunk)
+
+
+def look(job: Job) -> dict[str, Any]:
+    """What a recording states, and what it leaves open. Raises RecordingError for no recording."""
+    path = Path(job["file"])
+    if path.suffix.lower() == ".csv" and not (layout := read_layout(path)).is_own:
+        return _of_csv(layout)
+    return _of_recording(path) | {"bag": is_bag(path)}
+
+
+def _of_csv(layout: CsvLayout) -> dict[str, Any]:
+    guess = guessed(layout)
+    return {
+        "header": list(layout.header),
+        "rows": [list(row) for row in layout.rows[:SHOWN_ROWS]],
+        "guess": {"columns": dict(guess.columns), "units": dict(guess.units)},
+        "delimiter": layout.delimiter,
+        "decimal": layout.decimal,
+    }
+
+
+def _read_whole(path: Path) -> tuple[Recording, Mapping[str, str]]:
+    """The recording, of whatever units, and what it states; of a bag's wrench that may be nothing."""
+    try:
+        recording = load_recording(path, check_units=False)
+    except RecordingError:
+        if not is_bag(path):
+            raise
+        mapping = path.with_name(f"{path.name}.look.toml")
+        mapping.write_text('wrench_source = "flange_sensor"\nforce_frame = "base"\n', encoding="utf-8")
+        try:
+            return load_recording(path, check_units=False, mapping=mapping), {}
+        finally:
+            mapping.unlink()
+    return recording, recording.stated_options
+
+
+def _of_recording(path: Path) -> dict[str, Any]:
+    recording, stated = _read_whole(path)
+    wrong = recording.implausible
+    return {
+        "samples": int(recording.t.size),
+        "length": round(float(np.ptp(recording.t)), 2),
+        "signals": list(recording.signals),
+        "stated": dict(stated),
+        "hasWrench": recording.has_wrench,
+        "ignored": list(recording.ignored),
+        "wrong": "" if wrong is None else f"{wrong}.",
+        "likely": {} if wrong is None or wrong.likely is None else {wrong.quantity: wrong.likely},
+    }
+
+
+def source_of(job: Job) -> CountedSource:
+    """The recording of a job with its answers. Raises RecordingError or SourceError."""
+    path, answers = Path(job["file"]), dict(job["answers"])
+    units = answers.pop("declared", {})
+    options: dict[str, Any] = {f"{quantity}_unit": units.get(quantity) for quantity in get_args(Quantity)}
+    if answers.pop("sure", False):  # the values are believed in the units that were chosen
+        options |= {key: options[key] or WIRE_UNIT[_quantity(key)] for key in options}
+    if answers.get("columns") or is_bag(path):
+        options["mapping"] = path.with_name(f"{path.name}.toml")
+        text = mapping_text(MappingAnswers(**{"columns": {}, **answers}))
+        options["mapping"].write_text(text, encoding="utf-8")
+        report({"mapping": text})
+    else:
+        options |= {key: answers.get(key) or None for key in ("wrench_source", "hand_on_robot")}
+    source = open_source("file", SourceOptions(file=path, pace=FAST, **options))
+    if not isinstance(source, FileSource):
+        raise SourceError(f"{path.name}: not a recording")
+    return CountedSource(source.recording, pace=FAST)
+
+
+def _quantity(option: str) -> Quantity:
+    return next(one for one in get_args(Quantity) if option == f"{one}_unit")
+
+
+def is_bag(path: Path) -> bool:
+    """Whether ROS 2 wrote it: its wrench and its frame are stated in a mapping."""
+    if path.suffix.lower() == ".mcap" and path.is_file():
+        with import_extra("mcap", path.name):
+            from caesura_protocol.formats.mcap_read import ROS2, profile_of  # noqa: PLC0415 - an extra
+        return profile_of(path) == ROS2
+    return path.is_dir() or path.suffix.lower() in BAGS
+
+
+def play(job: Job) -> dict[str, Any]:
+    """Play a recording to the service as a session. Raises CaesuraError or ProtocolError."""
+    source, setting = source_of(job), CellSettings(robot=job["answers"].get("robot"))
+    of = int(source.recording.t.size)
+    config = None if job["config"] is None else Path(job["config"])
+    with (
+        connect(job["endpoint"], config_file=config, timeout_s=CONNECT_S) as caesura,
+        caesura.bridge(
+            job["station"],
+            source,
+            session=job["session"],
+            settings=BridgeSettings(setting=setting),
+            description=Description(**job["description"]),
+        ) as bridge,
+    ):
+        try:
+            bridge.wait_open(OPEN_S)
+        except Unreachable as error:
+            raise Unreachable(f"{error}; {NEEDED}") from error
+        over = threading.Event()
+        watching = threading.Thread(target=_watch, args=(source, of, over), daemon=True)
+        watching.start()
+        try:
+            bridge.run()
+        finally:
+            over.set()
+            watching.join()
+    return {"share": 1.0, "samples": of}
+
+
+NEEDED = (
+    "where access rules hold, the dashboard needs a bridge's credentials of this station: "
+    "`caesura dashboard --bridge-config`"
+)
+
+
+def _watch(source: CountedSource, of: int, over: threading.Event) -> None:
+    """Report the share that was sent; end the process where the service takes nothing more."""
+    taken, since = -1, time.monotonic()
+    while not over.wait(TICK_S):
+        now = time.monotonic()
+        if source.taken != taken:
+            taken, since = source.taken, now
+            report({"share": round(taken / of, 4)})
+        elif now - since > STALL_S:
+            report({"error": f"the service acknowledged nothing for {STALL_S:g} s; {NEEDED}"})
+            os._exit(1)
+
+
+def report(line: Mapping[str, Any]) -> None:
+    """Write one line of the output."""
+    print(json.dumps(line), flush=True)
+
+
+def run(job: Job) -> int:
+    """Do a job; return the exit code."""
+    try:
+        report({"look": look, "play": play}[job["do"]](job) | {"done": True})
+    except (CaesuraError, ProtocolError) as error:
+        report({"error": str(error).removeprefix("malformed: ")})
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run(json.load(sys.stdin)))

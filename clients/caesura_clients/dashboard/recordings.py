@@ -1,0 +1,278 @@
+"""Recordings that an operator drops into the page: received, looked at, and played to the service.
+
+Files lie in a folder of their own, which is removed in the end. What is read of them, another process reads
+(`playback`). Everything is bounded: BYTES of a recording, UPLOADS that are held, PLAYS at a time. Nothing
+that a browser sends is trusted: names of files, of stations and columns are checked.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
+from caesura_protocol.validation_words import first_finding
+
+MEGABYTE = 1 << 20
+BYTES = 512 * MEGABYTE  # of a recording
+FILES = 64  # of a rosbag2's directory
+UPLOADS = 4  # recordings that are held; the oldest that is not played goes
+PLAYS = 2  # at a time
+PLAYED = 12  # that a page lists
+LOOK_S = 120.0
+MODULE = "caesura_clients.dashboard.playback"
+SUFFIXES = (".npz", ".csv", ".mcap", ".db3")
+_UPLOAD = re.compile(r"[a-z0-9-]{1,64}")
+_PART = re.compile(r"(?!\.)[^/\\\x00-\x1f]{1,120}")
+
+Text = Annotated[str, StringConstraints(max_length=200)]
+
+
+class Answers(BaseModel):
+    """What an operator answers about a recording; empty where a question does not arise."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    columns: dict[Text, Text] = Field(default={}, max_length=40)
+    delimiter: Annotated[str, StringConstraints(min_length=1, max_length=1)] = ","
+    decimal: Literal[".", ","] = "."
+    units: dict[Text, Text] = Field(default={}, max_length=10)
+    declared: dict[Text, Text] = Field(default={}, max_length=10)
+    sure: bool = False
+    wrench_source: WrenchSource | None = None
+    hand_on_robot: HandOnRobot = "unknown"
+    force_frame: ForceFrame | None = None  # as in the file
+    force_of: Literal["environment", "robot"] = "environment"
+    robot: Name | None = None
+
+
+class PlayRequest(BaseModel):
+    """What is to be played, and as which session."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    upload: str
+    station: Name
+    session: Name
+    task: Annotated[str, StringConstraints(max_length=120)] = ""
+    operator: Annotated[str, StringConstraints(max_length=64)] = ""
+    answers: Answers
+
+
+@dataclass(frozen=True)
+class Playback:
+    """How far a recording is; share: of its samples."""
+
+    upload: str
+    name: str
+    station: str
+    session: str
+    share: float = 0.0
+    mapping: str = ""  # the answers as a mapping file, for a csv or a rosbag2
+    error: str = ""
+    done: bool = False
+
+
+class RecordingDesk:
+    """Holds recordings while its context lasts. endpoint, config: how a child process reaches the service."""
+
+    def __init__(self, endpoint: str | None, config: Path | None) -> None:
+        self._endpoint, self._config = endpoint, config
+        self._folder = Path(tempfile.mkdtemp(prefix="caesura-recordings-"))
+        self._lock = threading.Lock()
+        self._held: dict[str, int] = {}  # bytes by upload, the oldest first
+        self._children: dict[str, subprocess.Popen[str]] = {}
+        self._plays: dict[str, Playback] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            children = list(self._children.values())
+        for child in children:
+            child.kill()
+            child.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    # --- receiving ---
+
+    def begin_file(self, upload: str, name: str) -> Path:
+        """Where a file of an upload is written. Raises EditRefused for a name that is none."""
+        parts = name.split("/")
+        is_name = _UPLOAD.fullmatch(upload) and len(parts) <= 2 and all(map(_PART.fullmatch, parts))
+        if not is_name:
+            raise EditRefused(f"{name!r} is not the name of a file, or of one in a folder.")
+        with self._lock:
+            if upload not in self._held:
+                self._make_room()
+                self._held[upload] = 0
+        path = self._folder / upload / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if len(list(path.parent.iterdir())) >= FILES:
+            raise EditRefused(f"The folder has more than {FILES} files.")
+        return path
+
+    def count(self, upload: str, size: int) -> None:
+        """Count received bytes. Raises EditRefused beyond the limit, and the upload is gone."""
+        with self._lock:
+            held = self._held.get(upload, BYTES) + size
+            self._held[upload] = held
+        if held > BYTES:
+            self.drop(upload)
+            limit = f"{BYTES // MEGABYTE} MB"
+            raise EditRefused(f"The recording is larger than {limit}: play it with `caesura bridge --file`.")
+
+    def drop(self, upload: str) -> None:
+        """Remove a recording."""
+        with self._lock:
+            self._held.pop(upload, None)
+        shutil.rmtree(self._folder / upload, ignore_errors=True)
+
+    def _make_room(self) -> None:
+        while len(self._held) >= UPLOADS:
+            idle = next((one for one in self._held if one not in self._children), None)
+            if idle is None:
+                raise EditRefused(f"{UPLOADS} recordings are in use: wait until one is played.")
+            del self._held[idle]
+            shutil.rmtree(self._folder / idle, ignore_errors=True)
+
+    def _recording_of(self, upload: str) -> Path:
+        """The file of an upload, or the directory of its rosbag2. Raises EditRefused."""
+        found = sorted((self._folder / upload).iterdir()) if upload in self._held else []
+        folders = [one for one in found if (one / "metadata.yaml").exists()]
+        files = [one for one in found if one.is_file() and one.suffix.lower() in SUFFIXES]
+        if len(folders) + len(files) != 1:
+            named = ", ".join(one.name for one in found) or "nothing"
+            raise EditRefused(
+                f"{named}: expected one file ({', '.join(SUFFIXES)}), or the folder of a rosbag2 with its "
+                "metadata.yaml."
+            )
+        return (folders or files)[0]
+
+    # --- looking and playing ---
+
+    def look(self, upload: str) -> dict[str, Any]:
+        """What a recording states and leaves open; takes seconds. Raises EditRefused, which says why."""
+        file = self._recording_of(upload)
+        child = self._start(upload, {"do": "look", "file": str(file)})
+        try:
+            said, _ = child.communicate(timeout=LOOK_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.communicate()
+            raise EditRefused(f"{file.name}: not read after {LOOK_S:g} s.") from None
+        finally:
+            self._ended(upload)
+        answer = _last_line(said)
+        if "error" in answer:
+            raise EditRefused(self._in_words(answer["error"], upload))
+        return {"name": file.name, **answer}
+
+    def play(self, request: Mapping[str, Any], taken: frozenset[str]) -> Playback:
+        """Begin to play a recording. taken: stations with a bridge. Raises EditRefused, which says why."""
+        try:
+            wanted = PlayRequest.model_validate(request)
+        except ValidationError as error:
+            raise EditRefused(f"Not played: {first_finding(error)}") from error
+        if wanted.station in taken:
+            raise EditRefused(
+                f"The robot of station {wanted.station} is connected: choose another station, so that its "
+                "demonstrations and this recording do not mix."
+            )
+        file = self._recording_of(wanted.upload)
+        with self._lock:
+            if len(self._children) >= PLAYS or wanted.upload in self._children:
+                raise EditRefused(f"{len(self._children)} recordings are being played: wait for one to end.")
+        description = {"task": wanted.task or None, "operator": wanted.operator or None}
+        job = {
+            "do": "play",
+            "file": str(file),
+            "answers": wanted.answers.model_dump(),
+            "description": description,
+            "station": wanted.station,
+            "session": wanted.session,
+            "endpoint": self._endpoint,
+            "config": None if self._config is None else str(self._config),
+        }
+        began = Playback(wanted.upload, file.name, wanted.station, wanted.session)
+        self._keep(began)
+        child = self._start(wanted.upload, job)
+        threading.Thread(target=self._follow, args=(child, began), daemon=True).start()
+        return began
+
+    @property
+    def plays(self) -> list[Playback]:
+        """The newest recordings that were played, the newest first."""
+        with self._lock:
+            return list(reversed(self._plays.values()))
+
+    def _start(self, upload: str, job: Mapping[str, Any]) -> subprocess.Popen[str]:
+        pipe = subprocess.PIPE
+        child = subprocess.Popen(
+            [sys.executable, "-m", MODULE], stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
+        )
+        with self._lock:
+            self._children[upload] = child
+        assert child.stdin is not None
+        child.stdin.write(json.dumps(job))
+        child.stdin.close()
+        child.stdin = None  # `communicate` would flush it again
+        return child
+
+    def _ended(self, upload: str) -> None:
+        with self._lock:
+            self._children.pop(upload, None)
+
+    def _follow(self, child: subprocess.Popen[str], now: Playback) -> None:
+        """Read what a child process reports until it ends."""
+        assert child.stdout is not None
+        with child.stdout:
+            for line in child.stdout:
+                said = _last_line(line)
+                error, done = self._in_words(said.get("error", ""), now.upload), "done" in said
+                share, mapping = said.get("share", now.share), said.get("mapping", now.mapping)
+                now = replace(now, share=share, mapping=mapping, error=error, done=done)
+                self._keep(now)
+        child.wait()
+        self._ended(now.upload)
+        if not now.done and not now.error:
+            self._keep(replace(now, error="The process that played it has ended."))
+
+    def _keep(self, one: Playback) -> None:
+        with self._lock:
+            self._plays[f"{one.station}/{one.session}"] = one
+            while len(self._plays) > PLAYED:
+                del self._plays[next(iter(self._plays))]
+
+    def _in_words(self, error: str, upload: str) -> str:
+        """An error of the command line for a page: without its folder, and options as fields."""
+        words = error.replace(f"{self._folder / upload}/", "")
+        return re.sub(r"--([a-z]+(?:-[a-z]+)+)", lambda option: option[1].replace("-", " "), words)
+
+
+def _last_line(said: str) -> dict[str, Any]:
+    """The last JSON object of an output, an error where there is none."""
+    for line in reversed(said.splitlines()):
+        try:
+            found = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(found, dict):
+            return found
+    return {"error": "The process that read it has ended."}

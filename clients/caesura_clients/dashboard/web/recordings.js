@@ -1,0 +1,216 @@
+// A recording is dropped or chosen, sent, looked at; what it leaves open is a form; then it is played as a session.
+import { live } from "caesura-dashboard/live.js";
+
+const OPERATOR = "caesura-author", ANSWERS = "caesura-recording-answers";
+const WORDS = {
+  t: "time", pos: "flange position", quat: "flange orientation", q: "joints", force: "force", torque: "moment",
+  tau: "external joint torques", gripper: "gripper opening",
+};
+const SOURCES = {
+  flange_sensor: "a sensor that the guiding hand does not touch", flange_sensor_with_hand: "a sensor that measures the hand too",
+  joint_torque_estimate: "estimated from joint torques", none: "there is no wrench",
+};
+const HANDS = { yes: "yes", no: "no: replayed or remote", unknown: "not known" };
+const newUpload = () => `u-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 12)}`;
+const remembered = () => {
+  try {
+    return JSON.parse(localStorage.getItem(ANSWERS)) || {};
+  } catch {
+    return {};
+  }
+};
+
+// Files of what was dropped, with their paths: a rosbag2 is a folder.
+async function filesOf(entry, path = "") {
+  if (entry.isFile) {
+    const file = await new Promise((done, fail) => entry.file(done, fail));
+    return [[path + file.name, file]];
+  }
+  const reader = entry.createReader(), found = [];
+  for (;;) {
+    const some = await new Promise((done, fail) => reader.readEntries(done, fail));
+    if (!some.length) break;
+    for (const one of some) found.push(...(await filesOf(one, `${path}${entry.name}/`)));
+  }
+  return found;
+}
+
+function send(url, file, progress) {
+  return new Promise((done, fail) => {
+    const request = new XMLHttpRequest();
+    request.open("PUT", url);
+    request.upload.onprogress = (event) => progress(event.loaded);
+    request.onload = () => (request.status < 300 ? done() : fail(new Error(request.responseText || `The dashboard answered ${request.status}.`)));
+    request.onerror = () => fail(new Error("The dashboard cannot be reached."));
+    request.send(file);
+  });
+}
+
+export default {
+  mixins: [live],
+  props: {
+    suffixes: Array, megabytes: Number, columns: Object, units: Object, quantities: Object, sources: Array, hands: Array,
+    frames: Array, robots: Array, station: String,
+  },
+  emits: ["ask"],
+  data: () => ({
+    plays: [], stations: [], trouble: "", over: false, state: "idle", sent: 0, message: "", failed: false, found: null,
+    form: {}, chosen: {}, chosenUnits: {}, declared: {}, more: false, words: WORDS, sourceWords: SOURCES, handWords: HANDS,
+  }),
+  template: `
+    <div class="recordings">
+      <div role="alert"><p v-if="trouble" class="banner">{{ trouble }}</p></div>
+      <section class="drop" :class="{ over }" aria-label="Drop a recording" @dragover.prevent="over = true" @dragleave="over = false"
+        @drop.prevent="dropped">
+        <p><strong>Drop a recording here</strong>: npz, csv, MCAP, or the folder of a rosbag2; at most {{ megabytes }} MB.</p>
+        <label class="button choose-file">Choose a file <input class="file" type="file" :accept="suffixes.join(',')" @change="picked"></label>
+        <p class="drop-state" role="status" :class="{ failed }">{{ shownState }}</p>
+        <progress v-if="state === 'sending'" :value="sent" max="1" aria-label="Sent"></progress>
+      </section>
+      <form v-if="found" class="questions" @submit.prevent="play" aria-label="Questions about the recording">
+        <h2>{{ found.name }}</h2>
+        <p v-if="found.samples" class="summary">{{ found.samples }} samples, {{ found.length }} s: {{ found.signals.map((one) => words[one]).join(", ") }}{{
+          found.ignored.length ? "; not read: " + found.ignored.join(", ") : "" }}.</p>
+        <p v-if="found.wrong" class="alarm">{{ found.wrong }} The likely unit is chosen below.</p>
+        <template v-if="found.header">
+          <div class="scroll" tabindex="0" role="region" aria-label="First rows"><table><thead><tr>
+            <th v-for="name in found.header" :key="name" scope="col">{{ name }}</th></tr></thead>
+            <tbody><tr v-for="(row, i) in found.rows" :key="i"><td v-for="(cell, k) in row" :key="k">{{ cell }}</td></tr></tbody></table></div>
+          <div class="columns"><fieldset v-for="signal in signals" :key="signal"><legend>{{ words[signal] }}</legend>
+            <label v-for="column in columns[signal]" :key="column">{{ column }}
+              <select :class="'column-' + column" v-model="chosen[column]"><option value="">–</option>
+                <option v-for="name in found.header" :key="name" :value="name">{{ name }}</option></select></label>
+            <label v-if="units[signal].length > 1">unit <select :class="'unit-' + signal" v-model="chosenUnits[signal]">
+              <option v-for="unit in units[signal]" :key="unit">{{ unit }}</option></select></label>
+          </fieldset></div>
+          <button type="button" class="more" :aria-pressed="String(more)" @click="more = !more">Orientation, joints, moments</button>
+        </template>
+        <fieldset v-else><legend>units</legend>
+          <label v-for="(known, quantity) in quantities" :key="quantity">{{ quantity }}
+            <select :class="'declared-' + quantity" v-model="declared[quantity]"><option value="">as in the file</option>
+              <option v-for="unit in known" :key="unit">{{ unit }}</option></select></label>
+        </fieldset>
+        <fieldset><legend>wrench, hand and robot</legend>
+          <label v-if="hasWrench" class="wide">Where was the wrench measured?
+            <select class="wrench-source" v-model="form.wrench_source" required><option value="" disabled>choose</option>
+              <option v-for="one in sources" :key="one" :value="one">{{ one }}: {{ sourceWords[one] }}</option></select></label>
+          <label>Was it guided by hand? <select class="hand" v-model="form.hand_on_robot">
+            <option v-for="one in hands" :key="one" :value="one">{{ handWords[one] }}</option></select></label>
+          <label v-if="found.header && hasWrench">Whose force is it? <select class="force-of" v-model="form.force_of">
+            <option value="environment">the environment's on the robot</option><option value="robot">the robot's on the environment</option></select></label>
+          <label v-if="(found.header || found.bag) && hasWrench">Its frame <select class="frame" v-model="form.force_frame">
+            <option v-if="found.bag" value="">as in the bag</option>
+            <option v-for="one in frames" :key="one">{{ one }}</option></select></label>
+          <label>Robot <select class="robot" v-model="form.robot"><option value="">another, or as in the file</option>
+            <option v-for="one in robots" :key="one">{{ one }}</option></select></label>
+        </fieldset>
+        <fieldset><legend>as a session</legend>
+          <label>Station <input class="station" v-model="form.station" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}" list="known-stations"></label>
+          <datalist id="known-stations"><option v-for="one in stations" :key="one" :value="one"></option></datalist>
+          <label>Session <input class="session" v-model="form.session" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}"></label>
+          <label class="wide">Task <input class="task" v-model="form.task" maxlength="120" placeholder="may stay empty"></label>
+        </fieldset>
+        <label class="check"><input class="sure" type="checkbox" v-model="form.sure"> The units are right, even where values look implausible</label>
+        <p><button class="play-recording large" type="submit" :disabled="state === 'asking'">Play</button>
+          <button type="button" class="forget" @click="forget">Cancel</button></p>
+      </form>
+      <section v-if="plays.length" aria-label="Played"><h2>Played</h2>
+        <ul class="plays"><li v-for="one in plays" :key="one.station + '/' + one.session">
+          <a :href="'/sessions/' + one.station + '/' + one.session">{{ one.station }}/{{ one.session }}</a> {{ one.name }}
+          <progress v-if="!one.done && !one.error" :value="one.share" max="1" :aria-label="'Played of ' + one.name"></progress>
+          <span class="play-state" :class="{ alarm: one.error }">{{ one.error || (one.done ? "done" : Math.round(100 * one.share) + " %") }}</span>
+          <details v-if="one.mapping"><summary>Mapping for the next time</summary><pre>{{ one.mapping }}</pre></details>
+        </li></ul>
+      </section>
+    </div>`,
+  computed: {
+    signals() {
+      const always = ["t", "pos", "force", "gripper"], shown = Object.keys(this.columns);
+      return shown.filter((one) => always.includes(one) || this.more || this.columns[one].some((column) => this.found.guess.columns[column]));
+    },
+    hasWrench() {
+      return this.found.header ? this.columns.force.some((one) => this.chosen[one]) || !!this.chosen.tau1 : this.found.hasWrench;
+    },
+    shownState() {
+      const states = { sending: `Sending: ${Math.round(100 * this.sent)} %`, looking: "Reading …", asking: "Starting …" };
+      return this.message || states[this.state] || "";
+    },
+  },
+  methods: {
+    apply({ plays, stations, trouble }) {
+      Object.assign(this, { plays, stations, trouble });
+    },
+    async dropped(event) {
+      this.over = false;
+      const entries = [...event.dataTransfer.items].map((one) => one.webkitGetAsEntry && one.webkitGetAsEntry()).filter(Boolean);
+      const files = entries.length ? (await Promise.all(entries.map((one) => filesOf(one)))).flat() : [...event.dataTransfer.files].map((one) => [one.name, one]);
+      this.sendAll(files);
+    },
+    picked(event) {
+      this.sendAll([...event.target.files].map((one) => [one.name, one]));
+      event.target.value = "";
+    },
+    async sendAll(files) {
+      if (!files.length || this.state === "sending") return;
+      const all = files.reduce((sum, [, file]) => sum + file.size, 0);
+      if (all > this.megabytes * 1048576) {
+        return this.answered(`${(all / 1048576).toFixed(0)} MB, at most ${this.megabytes} MB: play it with caesura bridge --file.`, true);
+      }
+      this.forget();
+      this.upload = newUpload();
+      Object.assign(this, { state: "sending", sent: 0, message: "", failed: false });
+      let before = 0;
+      try {
+        for (const [path, file] of files) {
+          await send(`/uploads/${this.upload}/${path.split("/").map(encodeURIComponent).join("/")}`, file, (now) => { this.sent = (before + now) / Math.max(all, 1); });
+          before += file.size;
+        }
+      } catch (error) {
+        return this.answered(error.message, true);
+      }
+      this.state = "looking";
+      this.$emit("ask", { do: "look", upload: this.upload });
+    },
+    looked(found) {
+      if (found.upload !== this.upload) return;
+      const stated = found.stated || {}, key = (found.header || []).join("|");
+      const old = (found.header && remembered()[key]) || {}; // of the last file with these columns
+      const guess = found.guess || { columns: {}, units: {} };
+      const units = Object.fromEntries(Object.entries(this.units).map(([signal, known]) => [signal, known[0]]));
+      Object.assign(this, {
+        found, state: "form", message: "", more: false,
+        chosen: { ...Object.fromEntries(Object.values(this.columns).flat().map((one) => [one, ""])), ...guess.columns, ...old.columns },
+        chosenUnits: { ...units, ...guess.units, ...old.units },
+        declared: { ...Object.fromEntries(Object.keys(this.quantities).map((one) => [one, ""])), ...found.likely },
+        form: {
+          wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || (found.bag ? "" : "base"),
+          force_of: "environment", robot: stated.robot || "", ...old.form, station: this.station, session: found.session, task: "", sure: false,
+        },
+      });
+    },
+    play() {
+      const { station, session, task, sure, ...form } = this.form, filled = (table) => Object.fromEntries(Object.entries(table).filter(([, value]) => value));
+      const columns = this.found.header ? filled(this.chosen) : {};
+      const units = this.found.header ? filled(this.chosenUnits) : {};
+      if (this.found.header) {
+        const key = this.found.header.join("|");
+        localStorage.setItem(ANSWERS, JSON.stringify({ [key]: { columns, units, form } }));
+      }
+      const answers = {
+        ...form, force_frame: form.force_frame || null, wrench_source: this.hasWrench ? form.wrench_source || null : null, robot: form.robot || null, columns, units, sure,
+        declared: this.found.header ? {} : filled(this.declared), delimiter: this.found.delimiter || ",", decimal: this.found.decimal || ".",
+      };
+      const operator = (localStorage.getItem(OPERATOR) || "").trim();
+      Object.assign(this, { state: "asking", message: "", failed: false });
+      this.$emit("ask", { do: "play", upload: this.upload, station, session, task: task.trim(), operator, answers });
+    },
+    forget() {
+      if (this.found) this.$emit("ask", { do: "drop", upload: this.upload });
+      Object.assign(this, { found: null, state: "idle", message: "" });
+    },
+    answered(message, failed) {
+      const state = this.found && failed ? "form" : "idle";
+      Object.assign(this, { message, failed, state, found: failed ? this.found : null });
+    },
+  },
+};

@@ -1,0 +1,38 @@
+"""`caesura rerun`. The SDK is imported when the command runs: the others start as fast without it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.options import Config, Connect, Station, connected, named, only_station, reported
+from caesura_clients.viewer.waiting import wait_for_the_end
+from caesura_protocol.distribution import import_extra
+
+VIEWER = "rerun+http://127.0.0.1:9876/proxy"  # where `rerun` listens
+
+
+def show_in_rerun(
+    station: Station = None,
+    viewer: Annotated[str, typer.Option(metavar="URL", help="A Rerun viewer that runs.")] = VIEWER,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write an rrd file in place of a viewer.")
+    ] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Show a station live in Rerun: signals, segments, changepoints, phases, program and path."""
+    with reported():
+        named(station)
+        with import_extra("rerun", "caesura rerun"):
+            from caesura_clients.viewer.feed import StationFeed  # noqa: PLC0415
+            from caesura_clients.viewer.rerun_sink import RerunSink  # noqa: PLC0415
+        with connected(endpoint, config, patient=True) as caesura:
+            shown = only_station(caesura, station)
+            name = f"caesura {shown}"
+            sink = RerunSink(name, file=save) if save is not None else RerunSink(name, viewer=viewer)
+            with sink, StationFeed(caesura.transport, shown, sink):
+                typer.echo(f"{shown}: {save or viewer}; Ctrl-C ends it")
+                wait_for_the_end()

@@ -1,0 +1,15 @@
+"""The end of a command that runs until it is interrupted."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+
+def wait_for_the_end() -> None:
+    """Return at Ctrl-C or SIGTERM."""
+    over = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: over.set())
+    while not over.wait(3600.0):
+        pass

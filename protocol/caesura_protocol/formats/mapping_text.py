@@ -1,0 +1,80 @@
+"""A mapping file as text, from the answers to the questions that a csv of other software leaves open.
+
+What a person answers in the terminal or in the dashboard becomes a file that `--mapping` reads the next time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
+
+NO_ANSWER = ("", "unknown", None)
+
+
+class MappingAnswers(NamedTuple):
+    """The answers. columns: Caesura's column → the file's, `t` among them; units: by signal.
+
+    force_of: `robot` where the file has the robot's force on the environment, which is then negated.
+    """
+
+    columns: Mapping[str, str]
+    delimiter: str = ","
+    decimal: str = "."
+    units: Mapping[str, str] = {}
+    wrench_source: str | None = None
+    hand_on_robot: str = "unknown"
+    force_frame: str | None = "base"
+    force_of: str = "environment"
+    robot: str | None = None
+
+
+NEGATED = ("force", "torque")  # where the file has the robot's on the environment
+
+
+def mapping_text(answers: MappingAnswers) -> str:
+    """The mapping file: TOML as docs/recordings.md describes it. Columns that have no answer are left out."""
+    return "\n".join(_lines(answers)) + "\n"
+
+
+def _lines(answers: MappingAnswers) -> Iterator[str]:
+    stated = {
+        "delimiter": answers.delimiter if answers.delimiter != "," else "",
+        "decimal": answers.decimal if answers.decimal != "." else "",
+        "wrench_source": answers.wrench_source,
+        "hand_on_robot": answers.hand_on_robot,
+        "force_frame": "" if answers.columns and answers.force_frame == "base" else answers.force_frame,
+        "robot": answers.robot,
+    }
+    yield from (f"{key} = {_quoted(value)}" for key, value in stated.items() if value not in NO_ANSWER)
+    if not answers.columns:  # a rosbag2 names its signals by their types
+        return
+    yield from ("", "[time]", f"column = {_quoted(answers.columns.get('t', ''))}")
+    if (unit := _unit("t", answers)) is not None:
+        yield f"unit = {_quoted(unit)}"
+    yield from ("", "[columns]")
+    for column, name in answers.columns.items():
+        if column != "t" and name:
+            yield f"{column} = {_entry(column, name, answers)}"
+
+
+def _entry(column: str, name: str, answers: MappingAnswers) -> str:
+    signal, parts = SIGNAL_OF_COLUMN[column], [f"column = {_quoted(name)}"]
+    if (unit := _unit(signal, answers)) is not None:
+        parts.append(f"unit = {_quoted(unit)}")
+    if answers.force_of == "robot" and signal in NEGATED:
+        parts.append("scale = -1.0")
+    return _quoted(name) if len(parts) == 1 else f"{{ {', '.join(parts)} }}"
+
+
+def _unit(signal: str, answers: MappingAnswers) -> str | None:
+    """The unit of a signal, None where it is the one that a mapping assumes."""
+    unit = answers.units.get(signal)
+    return None if not unit or unit == next(iter(UNITS[signal])) else unit
+
+
+def _quoted(text: object) -> str:
+    """A TOML string: those of JSON are among them."""
+    return json.dumps(str(text), ensure_ascii=False)

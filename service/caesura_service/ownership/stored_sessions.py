@@ -1,0 +1,44 @@
+"""Sessions that ended and are no longer held: their outcomes, read from the journal page by page.
+
+An instance answers for the stations that it holds, from its own journal. A session whose outcome was not
+written, or only in another instance's journal, is not listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from caesura_protocol.keys import StoredPage
+from caesura_protocol.messages import Snapshot
+from caesura_service.journal import Journal, Key
+from caesura_service.ownership.session_index import SessionIndex
+
+PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
+
+
+class StoredSessions:
+    """Any thread may call it."""
+
+    def __init__(self, journal: Journal, index: Callable[[], SessionIndex]) -> None:
+        """index: the sessions of this instance."""
+        self._journal, self._index = journal, index
+
+    def answers_for(self, station: str, session: str) -> bool:
+        """Whether the station is this instance's, and the session is not held. Any thread may ask."""
+        held = self._index().sessions.get(station)
+        return bool(held) and all(one.name != session for one in held or ())
+
+    def page(self, matches: Callable[[Key], bool], wanted: StoredPage) -> Iterator[Snapshot]:
+        """The outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError."""
+        found = [
+            one
+            for one in reversed(self._journal.copies())
+            if one.closed and matches(one.key) and self.answers_for(*one.key)
+        ]
+        size = 0
+        for one in found[wanted.skip : wanted.skip + wanted.limit]:
+            size += one.size
+            if size > max(PAGE_BYTES, one.size):
+                return
+            if (outcome := self._journal.outcome(*one.key)) is not None:
+                yield outcome.snapshot

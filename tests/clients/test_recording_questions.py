@@ -1,0 +1,131 @@
+"""The questions about a csv of other software: what is proposed, and the mapping file that they make."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_clients.cli.recording_questions import ask_about
+from caesura_protocol.errors import SourceError
+from caesura_protocol.formats.csv_layout import guessed, read_layout
+from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording, RecordingError, UnknownColumnsError
+from harness.demonstrations import guided
+
+
+def odd(path: Path, header: str = "Zeit [ms];X;Y;Z;F 1;F 2;F 3;temp") -> Path:
+    """A demonstration in ms and mm, with semicolons, decimal commas and names of its own."""
+    scale = np.array([1e3, 1e3, 1e3, 1e3, -1.0, -1.0, -1.0])
+    rows = (";".join(f"{value:.6f}" for value in (*row, 20.5)) for row in guided().matrix() * scale)
+    path.write_text("\n".join([header, *rows]).replace(".", ","), encoding="utf-8")
+    return path
+
+
+class Terminal:
+    """Answers the questions whose words begin so; Enter to others."""
+
+    def __init__(self, **answers: str) -> None:
+        self.answers, self.asked = answers, []
+
+    def __call__(self, words: str, default: str | None = None) -> str:
+        self.asked.append((words, default))
+        given = [answer for start, answer in self.answers.items() if words.startswith(start)]
+        return given[0] if given else default or ""
+
+
+def assert_same(found: Recording, expected: Recording) -> None:
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-8)
+    for signal, values in expected.signals.items():
+        np.testing.assert_allclose(found.signals[signal], values, atol=1e-6)
+
+
+def test_answers_become_a_mapping_that_reads_the_file_next_time(tmp_path: Path):
+    file = odd(tmp_path / "odd.csv")
+    terminal = Terminal(**{"Force": "5 6,7", "Where": "flange_sensor", "Are they": "robot", "Which": "panda"})
+    answered = ask_about(file, terminal)
+    assert answered.mapping == tmp_path / "odd.toml"
+    found = load_recording(file, mapping=answered.mapping)
+    assert_same(found, guided())
+    assert (found.wrench_source, found.hand_on_robot, found.setting.robot) == (
+        "flange_sensor",
+        "yes",
+        "panda",
+    )
+    assert found.ignored == ("temp",)
+    proposed = dict(terminal.asked)
+    assert proposed["Time"] == "1", "a name with a blank goes by its number"
+    assert proposed["Position of the flange in the base frame"] == "X Y Z"
+    assert proposed["Unit of position of the flange in the base frame (m, cm, mm)"] == "mm", "by its values"
+
+
+def test_a_question_is_asked_again_until_its_answer_is_possible(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    answers = iter(["X Y", "X Y Q", "X Y Z"])
+    terminal = Terminal()
+
+    def ask(words: str, default: str | None = None) -> str:
+        return next(answers) if words.startswith("Position") else terminal(words, default)
+
+    assert ask_about(odd(tmp_path / "odd.csv"), ask).mapping is not None
+    said = capsys.readouterr().out
+    assert "2 columns, expected 0 or 3, each once" in said
+    assert "no column 'Q'" in said
+
+
+def test_other_formats_are_asked_about_wrench_and_hand_alone(tmp_path: Path):
+    guided().save(tmp_path / "demo.npz")
+    answered = ask_about(tmp_path / "demo.npz", Terminal(Was="no"))
+    assert answered.mapping is None
+    assert answered.options == {"wrench_source": "flange_sensor", "hand_on_robot": "no"}
+
+
+def test_without_a_terminal_nothing_is_asked(tmp_path: Path):
+    with pytest.raises(SourceError, match="--ask needs a terminal"):
+        ask_about(odd(tmp_path / "odd.csv"))
+
+
+def test_an_error_lists_the_columns_with_a_mapping_that_works(tmp_path: Path):
+    file = odd(tmp_path / "odd.csv")
+    with pytest.raises(UnknownColumnsError, match="--mapping FILE") as error:
+        load_recording(file)
+    assert "has the columns Zeit [ms], X, Y, Z, F 1" in str(error.value)
+    (tmp_path / "odd.toml").write_text(error.value.example, encoding="utf-8")
+    found = load_recording(file, mapping=tmp_path / "odd.toml")
+    np.testing.assert_allclose(found.signals["pos"], guided().signals["pos"], atol=1e-6)
+
+
+def test_options_that_contradict_are_blamed_and_not_the_file(tmp_path: Path):
+    guided().save(tmp_path / "demo.npz")
+    with pytest.raises(RecordingError, match=r"^--wrench-source \w+ and --hand-on-robot no do not fit"):
+        load_recording(tmp_path / "demo.npz", hand_on_robot="no", wrench_source="flange_sensor_with_hand")
+    with pytest.raises(RecordingError, match=r"^--mapping log\.toml is for csv files"):
+        load_recording(tmp_path / "demo.npz", mapping=Path("log.toml"))
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (
+            "timestamp,actual_TCP_pose_0,actual_TCP_pose_1,actual_TCP_pose_2,actual_q_0,actual_q_1",
+            {"t", "px", "py", "pz", "q1", "q2"},
+        ),
+        ("time_ms,pose.position.x,pos_y,position.z,Gripper [mm],x2", {"t", "px", "py", "pz", "gripper"}),
+        ("t,joint_1,joint_2,joint_4,x,y", {"t", "q1", "q2"}),
+    ],
+)  # fmt: skip
+def test_names_of_other_software_are_proposed(tmp_path: Path, header: str, expected: set[str]):
+    file = tmp_path / "log.csv"
+    file.write_text(f"{header}\n0,1,2,3,4,5\n1,1,2,3,4,5\n")
+    assert set(guessed(read_layout(file)).columns) == expected
+
+
+def test_a_name_with_quotes_is_written_so_that_it_is_read(tmp_path: Path):
+    file = tmp_path / "log.csv"
+    file.write_text('"the ""time""",x,y,z\n' + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(20)))
+    names = {"t": 'the "time"', "px": "x", "py": "y", "pz": "z"}
+    (tmp_path / "log.toml").write_text(mapping_text(MappingAnswers(columns=names)))
+    assert load_recording(file, mapping=tmp_path / "log.toml").t[-1] == 0.19

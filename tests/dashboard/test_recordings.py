@@ -1,0 +1,122 @@
+"""Recordings that are dropped into the page: what is received, looked at and refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from caesura_clients.dashboard import playback, recordings
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.recordings import RecordingDesk
+from harness.demonstrations import guided
+
+CSV = "time,x,y,z\n" + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(50))
+
+
+@pytest.fixture
+def desk() -> Iterator[RecordingDesk]:
+    with RecordingDesk("tcp/127.0.0.1:1", None) as desk:
+        yield desk
+
+
+def sent(desk: RecordingDesk, upload: str, name: str, content: bytes) -> Path:
+    path = desk.begin_file(upload, name)
+    desk.count(upload, len(content))
+    path.write_bytes(content)
+    return path
+
+
+def looked(path: Path) -> dict[str, Any]:
+    return playback.look({"file": str(path)})
+
+
+def asked(upload: str, **changes: Any) -> dict[str, Any]:
+    return {"upload": upload, "station": "cell-9", "session": "s1", "answers": {}, **changes}
+
+
+@pytest.mark.parametrize(
+    ("upload", "name"),
+    [("u-1", "../a.csv"), ("u-1", "a/b/c.csv"), ("u-1", ".hidden"), ("..", "a.csv"), ("u-1", "a/../../b")],
+)
+def test_a_name_that_leads_out_of_the_folder_is_refused(desk: RecordingDesk, upload: str, name: str):
+    with pytest.raises(EditRefused, match="is not the name of a file"):
+        desk.begin_file(upload, name)
+
+
+def test_an_upload_beyond_the_limit_is_refused_and_removed(desk: RecordingDesk, monkeypatch):
+    monkeypatch.setattr(recordings, "BYTES", 1000)
+    path = sent(desk, "u-1", "a.csv", b"1" * 900)
+    with pytest.raises(EditRefused, match="larger than"):
+        desk.count("u-1", 200)
+    assert not path.exists()
+    with pytest.raises(EditRefused, match="larger than"):
+        desk.count("u-1", 1)  # of what still comes
+
+
+def test_the_oldest_recording_makes_room_for_the_next(desk: RecordingDesk):
+    paths = [sent(desk, f"u-{i}", "a.csv", b"1") for i in range(recordings.UPLOADS + 1)]
+    assert [path.exists() for path in paths] == [False, *[True] * recordings.UPLOADS]
+
+
+def test_its_files_are_gone_with_the_dashboard():
+    with RecordingDesk(None, None) as desk:
+        path = sent(desk, "u-1", "a.csv", b"1")
+    assert not path.exists()
+
+
+def test_what_is_no_recording_is_refused_with_what_was_expected(desk: RecordingDesk):
+    sent(desk, "u-1", "notes.txt", b"1")
+    with pytest.raises(EditRefused, match=r"notes\.txt: expected one file \(\.npz, \.csv"):
+        desk.look("u-1")
+
+
+def test_a_bad_request_or_a_station_with_a_robot_is_refused(desk: RecordingDesk):
+    sent(desk, "u-1", "a.csv", b"1")
+    with pytest.raises(EditRefused, match="station is 'Cell 9'"):
+        desk.play(asked("u-1", station="Cell 9"), frozenset())
+    with pytest.raises(EditRefused, match="wrench_source"):
+        desk.play(asked("u-1", answers={"wrench_source": "nose"}), frozenset())
+    with pytest.raises(EditRefused, match="The robot of station cell-9 is connected"):
+        desk.play(asked("u-1"), frozenset({"cell-9"}))
+
+
+def test_a_csv_is_looked_at_by_its_columns_and_others_by_what_they_state(tmp_path: Path):
+    (tmp_path / "odd.csv").write_text(CSV)
+    found = looked(tmp_path / "odd.csv")
+    assert found["guess"]["columns"] == {"t": "time", "px": "x", "py": "y", "pz": "z"}
+    guided().save(tmp_path / "own.npz")
+    found = looked(tmp_path / "own.npz")
+    assert found["stated"] == {"wrench_source": "flange_sensor", "force_frame": "base", "length_unit": "m"}
+    assert (found["samples"], found["hasWrench"]) == (len(guided().t), True)
+
+
+def test_answers_make_the_source_and_the_mapping_for_the_next_time(tmp_path: Path, capsys):
+    (tmp_path / "odd.csv").write_text(CSV)
+    columns = {"t": "time", "px": "x", "py": "y", "pz": "z"}
+    answers = {"columns": columns, "units": {"pos": "cm"}, "robot": "panda", "sure": True}
+    request = recordings.Answers.model_validate(answers).model_dump()
+    source = playback.source_of({"file": str(tmp_path / "odd.csv"), "answers": request})
+    assert source.recording.signals["pos"][0].tolist() == pytest.approx([0.001, 0.002, 0.003])
+    assert source.recording.setting.robot == "panda"
+    assert set(source.declared_units) == {"time", "length", "angle", "force"}
+    assert 'px = { column = "x", unit = "cm" }' in json.loads(capsys.readouterr().out)["mapping"]
+
+
+def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsys):
+    pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros2)")
+    from harness import ros  # noqa: PLC0415
+
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(guided()), "mcap")
+    found = looked(bag)
+    assert (found["stated"], found["bag"], found["hasWrench"]) == ({}, True, True)
+    answers = recordings.Answers(wrench_source="flange_sensor", hand_on_robot="no").model_dump()
+    source = playback.source_of({"file": str(bag), "answers": answers})
+    assert (source.wrench_source, source.hand_on_robot) == ("flange_sensor", "no")
+    assert (
+        json.loads(capsys.readouterr().out)["mapping"]
+        == 'wrench_source = "flange_sensor"\nhand_on_robot = "no"\n'
+    )

@@ -1,0 +1,76 @@
+"""Sessions beyond those that a service holds: listed in pages, with their samples, from the journal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from caesura_clients import Caesura, query
+from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.sessions import sessions
+from caesura_protocol.errors import NotFound, ProtocolError
+from caesura_protocol.keys import SampleRange, session_key
+from caesura_protocol.messages import Snapshot
+from caesura_protocol.transport.memory import MemoryNetwork
+from caesura_service.app import Service
+from caesura_service.config import ServiceConfig
+from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server.memory_network import in_memory
+from harness.journals import ended, taught, written
+from harness.processes import eventually
+
+TAUGHT = 36  # sessions; the service holds the last 16 of a station
+NAMES = [f"s{i:02d}" for i in range(TAUGHT)]
+STORED = NAMES[-17::-1]  # the newest first
+
+
+@pytest.fixture(scope="module")
+def caesura(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Caesura]:
+    folder: Path = tmp_path_factory.mktemp("journal")
+    for name in NAMES:
+        written(folder, taught(2.0), session=name, closed=ended("motion", t=2.0, session=name))
+    network = MemoryNetwork()
+    config = ServiceConfig(instance="caesura-1", preset="fake", journal=folder)
+    with Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)):
+        yield Caesura(network.transport())
+
+
+def names(found: list[Snapshot]) -> list[str]:
+    return [one.status.session for one in found]
+
+
+def test_stored_sessions_come_in_pages_and_held_ones_are_not_among_them(caesura: Caesura):
+    held = names(query.snapshots(caesura.transport))
+    assert sorted(held) == NAMES[-16:]
+    pages = [names(query.stored_snapshots(caesura.transport, skip=skip)) for skip in (0, 16, 32)]
+    assert [sorted(page) for page in pages] == [sorted(STORED[:16]), sorted(STORED[16:]), []]
+    assert query.stored_snapshots(caesura.transport, "cell-2") == []
+
+
+def test_one_stored_session_has_its_results_and_its_samples(caesura: Caesura):
+    (one,) = query.stored_snapshots(caesura.transport, "cell-1", "s03")
+    assert one.segments.segments[0].kind == "motion"
+    found = query.samples(caesura.transport, "cell-1", "s03", SampleRange(0.0, 2.0, 1000))
+    assert (found.first, found.last, found.counts[0]) == (0.0, 1.99, 200)
+    with pytest.raises(NotFound):
+        query.samples(caesura.transport, "cell-1", "s99", SampleRange(0.0, 2.0, 1000))
+
+
+@pytest.mark.parametrize("parameters", ["stored=17", "stored=0", "stored=all", "stored=4;skip=-1"])
+def test_a_page_that_makes_no_sense_is_refused(caesura: Caesura, parameters: str):
+    key = session_key("*", "*", "snapshot")
+    with pytest.raises(ProtocolError) as refused:
+        query.decoded(caesura.transport.query(key, parameters=parameters), Snapshot)
+    assert refused.value.code == "malformed"
+
+
+def test_the_dashboard_lists_them_page_by_page_and_opens_one_by_its_name(caesura: Caesura):
+    with NetworkFollower(caesura.transport, refresh_s=0.2) as follower:
+        eventually(lambda: len(follower.world.updates) == 16)
+        assert follower.world.update("cell-1", "s00") is None
+        assert follower.read_stored("cell-1", "s00") == 1
+        assert follower.world.update("cell-1", "s00") is not None
+        assert [follower.read_stored() for _ in range(3)] == [16, 4, 0]
+        assert {row["session"] for row in sessions(follower.world)} == set(NAMES)

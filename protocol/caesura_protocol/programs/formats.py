@@ -40,6 +40,4 @@ WRITERS: Mapping[str, ProgramWriter] = MappingProxyType(
 def formats_of(robot: str | None) -> list[str]:
     """Return the formats that a program of a robot can be written in; None: every one."""
     script = None if robot is None else robot_description(robot).script
-    return [
-        name for name, writer in WRITERS.items() if not writer.is_script or robot is None or name == script
-    ]
+    return [name for name, one in WRITERS.items() if not one.is_script or robot is None or name == script]

@@ -38,7 +38,8 @@ from caesura_service.signals.tare import TARED_BIAS_N
 Array = NDArray[np.float64]
 
 FAULTS = 50
-LATEST_S, EARLIEST_S = 0.5, 2.0  # after and before the cause: a joint's limit is hinted at ahead
+LATEST_S = 0.5  # after the cause
+EARLIEST_S: Mapping[str, float] = MappingProxyType({"joint_limit": 2.0})  # before it, where a hint is ahead
 BATCH_S = 0.02
 PANDA = "panda"
 FIRST_S, LAST_S = 1.5, 1.5  # from the start and the end of a demonstration, without a fault
@@ -474,7 +475,7 @@ def run_case(case: CoachingCase) -> CoachingResult:
 def _judged(name: str, case: CoachingCase, fault: Fault) -> FaultResult:
     """Compare the hints of a fault with its cause."""
     times = [one.at for one in published(fault.recording) if one.hint.kind == fault.kind]
-    times = [at for at in times if at >= fault.cause - EARLIEST_S]
+    times = [at for at in times if at >= fault.cause - EARLIEST_S.get(fault.kind, 0.0)]
     latency = min(times) - fault.cause if times else None
     return FaultResult(name, case.scenario, case.seed, fault.cause, latency)
 

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
-from dashboard.browser import CHROMIUM, PATIENCE_MS, SlowSocket, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, SlowSocket, Visitor, chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
@@ -311,11 +311,11 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         expect(said).to_contain_text("deleted")
         expect(apps).to_have_count(count - 1)
         expect(page.locator(".app .findings .error").first).to_contain_text("presses without a contact")
-        for theme in ("light", "dark"):
+        for theme, rules in THEMES.items():
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
             visitor.theme = theme
             visitor.picture("program-edited-desktop")
-            assert visitor.barriers() == []
+            assert visitor.barriers(*rules) == []
         page.set_viewport_size({"width": 390, "height": 844})
         visitor.picture("program-edited-phone")
         assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0

@@ -36,7 +36,7 @@ def spoilt(program: Path) -> Path:
 
 
 def test_a_program_is_written_in_every_format(program: Path, tmp_path: Path) -> None:
-    outs = {name: tmp_path / f"out.{name}" for name in ("table", "json", "franky", "bt")}
+    outs = {name: tmp_path / f"out.{name}" for name in ("table", "json", "franky", "urscript", "bt")}
     for name, out in outs.items():
         done = caesura("program", "--file", program, "--format", name, "-o", out)
         assert done.exit_code == 0, done.output

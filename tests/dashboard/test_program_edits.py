@@ -11,6 +11,7 @@ from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.program_edits import ProgramDesk, parse
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, Program
+from caesura_protocol.programs.formats import WRITERS
 from harness.programs import pick_and_place, press
 
 
@@ -50,6 +51,15 @@ def test_findings_stand_at_their_app_once_the_program_is_complete():
     assert "carries, but nothing was grasped: an app 'grasp' must come before it" in reasons[1]
     taught = timeline(program(*without_grasp, complete=False))
     assert not any(card["findings"] for card in taught["apps"])
+
+
+def test_a_program_is_offered_in_the_formats_of_its_robot():
+    def offered(robot: str | None) -> list[str]:
+        return [title for title, _ in timeline(program(*press(), robot=robot))["exports"]]
+
+    assert offered("panda") == ["JSON", "franky script", "behaviour tree"]
+    assert offered("ur5e") == ["JSON", "URScript", "behaviour tree"]
+    assert offered(None) == offered("unheard-of") == [writer.title for writer in WRITERS.values()]
 
 
 def test_what_a_browser_sends_is_checked():

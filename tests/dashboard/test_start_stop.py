@@ -273,6 +273,10 @@ def test_a_recording_is_dropped_and_played_as_a_session(
     form.locator(".play-recording").click()
     expect(page.locator(".drop-state")).to_contain_text("The robot of station cell-1 is connected")
     form.locator(".station").fill("cell-7")
+    form.locator(".unit-pos").select_option("m")
+    form.locator(".play-recording").click()
+    expect(page.locator(".drop-state")).to_contain_text("positions are 524 m away from the base")
+    form.locator(".unit-pos").select_option("mm")
     form.locator(".play-recording").click()
     expect(page.locator(".play-state").first).to_have_text("done")
     with stage.reader() as caesura:
@@ -306,6 +310,18 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     first, second = page.evaluate(RANGES)
     assert first == second
     assert first[1] - first[0] < 6.0
+    page.get_by_role("button", name="Move together").click()
+    page.get_by_role("button", name="Earlier").last.click()
+    page.wait_for_function(BOTH_LOADED)
+    assert page.evaluate(RANGES)[0] == first
+    moved = page.evaluate(RANGES)[1]
+    assert moved[0] < second[0]
+    page.get_by_role("button", name="Move together").click()
+    page.get_by_role("button", name="Later").last.click()
+    page.wait_for_function(BOTH_LOADED)
+    found = page.evaluate(RANGES)
+    apart = [one[0] - other[0] for one, other in zip(found, (first, moved), strict=True)]
+    assert apart[0] == pytest.approx(apart[1], abs=0.01), "they keep their distance"
     assert visitor.errors == []
 
 

@@ -22,6 +22,7 @@ from pydantic import BaseModel
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Changepoint, Changepoints, Description, Program, Segments
+from caesura_protocol.programs.formats import ProgramWriter
 from harness.programs import as_file, pick_and_place, press
 
 rosbags = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
@@ -71,6 +72,8 @@ def back(message: Any, model: type[BaseModel]) -> dict[str, Any]:
             value = None if field.optional and len(value) == 0 else np.asarray(value).tolist()
         elif field.optional and (value == "" or (isinstance(value, float) and math.isnan(value))):
             value = None
+        elif isinstance(value, str) and value.startswith("{"):
+            value = json.loads(value)
         found[field.name] = value
     return found
 
@@ -186,7 +189,7 @@ def ran(
     monkeypatch: pytest.MonkeyPatch, script: str, check: str = "pass", cancel_at: int = 99, **stated: Any
 ) -> Any:
     """A run whose script in Python is `script`, and whose check is a program too."""
-    monkeypatch.setattr(running, "WRITERS", {"franky": lambda program: script})
+    monkeypatch.setattr(running, "WRITERS", {"franky": ProgramWriter("", ".py", lambda program: script)})
     lines: list[str] = []
     done = running.run(
         as_file(press()), "franky", "10.0.0.9", lines.append, lambda: len(lines) >= cancel_at,

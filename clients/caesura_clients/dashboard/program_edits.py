@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from pydantic import ValidationError
@@ -20,7 +21,7 @@ from caesura_protocol.messages import App, AppChange, EditProgram, Program
 from caesura_protocol.programs.app_times import may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.formats import WRITERS, formats_of
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
@@ -83,10 +84,19 @@ def editing_of(program: Program) -> dict[str, Any]:
         ],
         "kinds": [[kind, app_title(kind)] for kind in INSERTED],
         "exports": [
-            [writer.title, f"/programs/{program.station}/{program.session}/{name}"]
-            for name, writer in WRITERS.items()
+            [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
+            for name in _formats_of(program.robot)
         ],
     }
+
+
+@cache
+def _formats_of(robot: str | None) -> list[str]:
+    """The formats that a robot's program can be written in; every one where its robot is not known here."""
+    try:
+        return formats_of(robot)
+    except CaesuraError:
+        return formats_of(None)
 
 
 def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:

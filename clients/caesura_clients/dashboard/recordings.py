@@ -248,11 +248,15 @@ class RecordingDesk:
                 error, done = self._in_words(said.get("error", ""), now.upload), "done" in said
                 share, mapping = said.get("share", now.share), said.get("mapping", now.mapping)
                 now = replace(now, share=share, mapping=mapping, error=error, done=done)
-                self._keep(now)
+                if not (error or done):
+                    self._keep(now)
         child.wait()
-        self._ended(now.upload)
-        if not now.done and not now.error:
-            self._keep(replace(now, error="The process that played it has ended."))
+        self._ended(now.upload)  # before its end is shown: the next one may begin
+        if now.done:  # what was refused can be answered anew
+            self.drop(now.upload)
+        elif not now.error:
+            now = replace(now, error="The process that played it has ended.")
+        self._keep(now)
 
     def _keep(self, one: Playback) -> None:
         with self._lock:

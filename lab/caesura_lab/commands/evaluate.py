@@ -171,8 +171,8 @@ def evaluate(
                     if mutated is None
                     else _mutation_page(mutated, workers)
                 )
-            elif suite_name is not None and suite_name in OTHER_SUITES and not recordings:
-                made, usual_seeds = OTHER_SUITES[suite_name]
+            elif (other := OTHER_SUITES.get(suite_name or "")) and not recordings:
+                made, usual_seeds = other
                 page = made(data, range(first_seed, first_seed + (seeds or usual_seeds)), workers)
             else:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -224,17 +225,17 @@ def _weight(taught: Taught, rng: np.random.Generator) -> Fault:
 
 
 def _drift(taught: Taught, rng: np.random.Generator) -> Fault:
-    """The zero of the sensor drifts. It can be seen once it is beyond the limit and the arm moves freely."""
-    t = taught.recording.t
-    direction = rng.normal(size=3)
+    """The zero of the sensor drifts. It can be seen once the force is beyond the limit in free movement."""
+    t, direction = taught.recording.t, rng.normal(size=3)
     start, reached = FIRST_S, rng.uniform(0.5, 0.7) * t[-1]
     ramp = DRIFT_N * np.clip((t - start) / (reached - start), 0.0, 1.5)
-    beyond = ramp > DRIFT_N
+    drifted = _with_force(taught.recording, ramp[:, None] * direction / np.linalg.norm(direction))
+    kernel = np.ones(2 * SMOOTH_ROWS) / (2 * SMOOTH_ROWS)
+    mean = np.column_stack([np.convolve(one, kernel, mode="same") for one in drifted.signals["force"].T])
+    beyond = (np.linalg.norm(mean, axis=1) > DRIFT_N) & (ramp > 0.5 * DRIFT_N)
     for first, last in taught.free_runs(MOVING_M_PER_S, 0.5):
-        seen = np.flatnonzero(beyond[first:last])
-        if seen.size and last - first - seen[0] >= 0.5 / (t[1] - t[0]):
-            added = ramp[:, None] * direction / np.linalg.norm(direction)
-            return Fault("bias_drift", _with_force(taught.recording, added), float(t[first + seen[0]]))
+        with suppress(NotInjectableError):
+            return Fault("bias_drift", drifted, float(t[first + _lasting(beyond[first:last], 0.3, t)]))
     raise NotInjectableError
 
 
@@ -265,13 +266,13 @@ def _fast(taught: Taught, rng: np.random.Generator) -> Fault:
 def first_unrecorded(t: Array, position: Array) -> float | None:
     """When a path (n, 3) begins to leave the cubic through poses 0.1 s apart by more than the tolerance [s].
 
-    For a whole step, so that it is missed wherever the poses lie. None where it does not.
+    For half a step, so that most grids of poses miss it. None where it does not.
     """
     step = round(0.05 / float(t[1] - t[0]))
     a, b, middle, c, d = (position[k * step : len(t) - (6 - k) * step] for k in (0, 2, 3, 4, 6))
     error = np.linalg.norm(middle - (9.0 * (b + c) - a - d) / 16.0, axis=1)
     try:
-        return float(t[3 * step + _lasting(error > TOLERANCE_M, 0.1, t)])
+        return float(t[3 * step + _lasting(error > TOLERANCE_M, 0.05, t)])
     except NotInjectableError:
         return None
 
@@ -308,7 +309,7 @@ def _with_corner(taught: Taught, first: int, last: int, turn: float, depth: floa
     outside = recording.t[recording.t < inside[0]], recording.t[recording.t > inside[-1]]
     slower = _warped(recording, np.concatenate([outside[0], inside, outside[1]]))
     corner = dt * (len(outside[0]) + len(down))
-    angle = turn / (1.0 + np.exp(-(slower.t - corner) / 0.02))
+    angle = 0.5 * turn * (1.0 + np.tanh((slower.t - corner) / 0.04))
     steps = np.diff(slower.signals["pos"], axis=0, prepend=slower.signals["pos"][:1])
     level = (steps[:, 0] + 1j * steps[:, 1]) * np.exp(1j * angle)
     turned = np.cumsum(np.column_stack([level.real, level.imag, steps[:, 2]]), axis=0)

@@ -11,22 +11,35 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
+from caesura_protocol.robots import robot_description
 
 
 class ProgramWriter(NamedTuple):
-    """A format: its title, the suffix of its files, and the function that writes it."""
+    """A format: its title, the suffix of its files, and the function that writes it.
+
+    is_script: it is for the robots whose description names it.
+    """
 
     title: str
     suffix: str
     write: Callable[[ProgramFile], str]
+    is_script: bool = False
 
 
 WRITERS: Mapping[str, ProgramWriter] = MappingProxyType(
     {
         "json": ProgramWriter("JSON", ".json", ProgramFile.as_json),
-        "franky": ProgramWriter("franky script", ".py", franky_script),
-        "urscript": ProgramWriter("URScript", ".script", ur_script),
-        "xarm": ProgramWriter("xArm script", ".py", xarm_script),
+        "franky": ProgramWriter("franky script", ".py", franky_script, is_script=True),
+        "urscript": ProgramWriter("URScript", ".script", ur_script, is_script=True),
+        "xarm": ProgramWriter("xArm script", ".py", xarm_script, is_script=True),
         "bt": ProgramWriter("behaviour tree", ".xml", behaviour_tree),
     }
 )
+
+
+def formats_of(robot: str | None) -> list[str]:
+    """Return the formats that a program of a robot can be written in; None: every one."""
+    script = None if robot is None else robot_description(robot).script
+    return [
+        name for name, writer in WRITERS.items() if not writer.is_script or robot is None or name == script
+    ]

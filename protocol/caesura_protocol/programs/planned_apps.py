@@ -12,6 +12,7 @@ from caesura_protocol.programs.limits import press_direction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
+STILL_RAD = 0.002  # a leg without a way that turns less stays where it is
 GRIPS = ("grasp", "gripper_move")
 
 
@@ -20,7 +21,7 @@ class PlannedApp(NamedTuple):
 
     place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
     wherever it is; legs: then; contact: (3,) where a contact ends it, the direction in which it is looked
-    for; pause_s: after it.
+    for; hold_s: that it stays where it is then, as a hold or a press does; pause_s: after it.
     """
 
     place: int
@@ -28,6 +29,7 @@ class PlannedApp(NamedTuple):
     start: tuple[Vector, Quaternion | None] | None
     legs: list[Leg]
     contact: Vector | None
+    hold_s: float
     pause_s: float
 
     @property
@@ -54,11 +56,14 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         legs = []
         if app.kind not in GRIPS and (app.kind != "apply_force" or app.path is not None):
             legs = straight_legs(app, place, program.safety, acceleration, stop_short=short)
+        if all(leg.speed_m_per_s is None and leg.turn_rad < STILL_RAD for leg in legs):
+            legs = []
+        hold = 0.0 if legs or contact is not None or app.kind in GRIPS else app.tn - app.t0
         start = None
         if place is None and legs:
             start, legs = _begun(app, legs)
         pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
-        yield PlannedApp(index, app, start, legs, contact, min(pause, program.safety.pause_s))
+        yield PlannedApp(index, app, start, legs, contact, hold, min(pause, program.safety.pause_s))
         place = app.target or place
 
 

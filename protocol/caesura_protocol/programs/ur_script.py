@@ -91,6 +91,8 @@ class _Writer:
             pose = _pose(*planned.start)
             lines.append(f"movej(get_inverse_kin({pose}, {near}), a=0.5, v=START_RAD_PER_S)")
         moves = [_move(leg, "movel") for leg in planned.legs]
+        if planned.hold_s:
+            return [*lines, f"sleep({planned.hold_s:.3f})"]
         if planned.contact is None:
             return lines + self._watched(planned.place, moves, self._tightness(app))
         lines += ["zero_wrench()", *self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")]
@@ -129,8 +131,8 @@ class _Writer:
         direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
         frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
         lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {newtons:.3f})"]
-        if app.path is None:
-            held, steps = f"held_{number}", max(round((app.tn - app.t0) / PERIOD_S), 1)
+        if not planned.legs:
+            held, steps = f"held_{number}", max(round(planned.hold_s / PERIOD_S), 1)
             lines += [
                 f"{held} = 0",
                 f"while {held} < {steps}:",
@@ -140,7 +142,7 @@ class _Writer:
                 "end",
             ]
         else:
-            kind = "movep" if app.path.length_m >= SLIDE_M else "movel"
+            kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
             moves = [_move(leg, kind) for leg in planned.legs]
             lines += self._watched(planned.place, moves, self._tightness(app))
         return [*lines, "end_force_mode()", "stopl(2.0)"]

@@ -64,7 +64,12 @@ def xarm_script(program: ProgramFile) -> str:
 def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     """What the script needs of an app."""
     app = planned.app
-    row: dict[str, Any] = {"kind": app.kind, "title": app_title(app.kind), "pause": round(planned.pause_s, 3)}
+    row: dict[str, Any] = {
+        "kind": app.kind,
+        "title": app.name or app_title(app.kind),
+        "pause": round(planned.pause_s, 3),
+        "hold": round(planned.hold_s, 3),
+    }
     row["legs"] = [
         (
             _pose(leg.position, leg.orientation),
@@ -82,7 +87,6 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
         row["force"] = _force(planned.name, app.force, app.orientation)
-        row["hold"] = 0.0 if planned.legs else round(app.tn - app.t0, 3)
     if app.kind in GRIPS:
         row["fingers"] = _fingers(planned, gripper_of(program), program.safety)
     most_nm = stop_torque_nm(app.screw)

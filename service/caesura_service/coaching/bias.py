@@ -39,9 +39,9 @@ class DriftTracker:
 
     walk_n2_per_s: float
     most_n2: float = math.inf
-    noise_n: float = 0.5
+    noise_n: float = 1.0  # of a force in movement, at most
     contact_n: float = 10.0
-    free_share: float = 0.5
+    free_share: float = 0.9  # of what moves faster than 50 mm/s
 
     def wait(self, state: DriftState, dt: float) -> DriftState:
         """Let a time [s] pass of which no force is known to be free."""

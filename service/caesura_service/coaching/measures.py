@@ -152,12 +152,12 @@ class Meter:
             return self._tracker.wait(drift, dt), 0.0, 0.0
         drift = self._tracker.advance(drift, pose.force, dt)
         heading, is_open = (dx / way, dy / way, dz / way), pose.holding == 0.0
-        # A tracked bias may be wrong, and so may that of the tare: a force counts as far as both agree.
-        (fx, fy, fz), (mx, my, mz) = pose.force, drift.mean
         along, stray_n = _hand_and_stray(pose.force, heading, is_open)
-        other = _hand_and_stray((fx - mx, fy - my, fz - mz), heading, is_open)
-        is_free = way >= FREE_M_PER_S * dt
-        return drift, min(along, other[0]), min(stray_n, other[1]) if is_free else 0.0
+        if way < FREE_M_PER_S * dt:
+            return drift, along, 0.0
+        # A tracked bias may be wrong, and so may that of the tare: what is stray, both show.
+        (fx, fy, fz), (mx, my, mz) = pose.force, drift.mean
+        return drift, along, min(stray_n, _hand_and_stray((fx - mx, fy - my, fz - mz), heading, is_open)[1])
 
 
 def _of_arm(arm: ArmLimits, pose: ObservedPose, before: ObservedPose | None) -> ArmMeasures:

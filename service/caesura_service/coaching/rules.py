@@ -88,7 +88,7 @@ RULES: tuple[SignalRule, ...] = (
         ),
     ),
     SignalRule(
-        Trigger("bias_drift"),
+        Trigger("bias_drift", confirm=1),
         lambda m, setup: m.bias_n / (SIZE_SCALES * setup.bias_n),
         lambda m, setup: (
             f"The force's zero has drifted by {m.bias_n:.0f} N (limit {SIZE_SCALES * setup.bias_n:.1f} N).",

@@ -166,6 +166,14 @@ def test_a_turn_in_place_takes_its_time():
     assert sum(move["t"] for move in moves) == pytest.approx(2.0, abs=0.01)
 
 
+def test_a_hold_stays_as_long_as_it_was_taught():
+    touch, grasp, carry, *_ = pick_and_place()
+    hold = app("hold", carry.tn, carry.tn + 1.5, carry.target, load_kg=0.25, load_sd_kg=0.01)
+    controller = played(on_ur((touch, grasp, carry, hold)), table_m=0.11)
+    assert len(controller.named("movel")) == 1
+    assert controller.named("sleep")[-1] == {"t": 1.5}
+
+
 def test_a_slide_follows_its_path_in_force_mode():
     slide = circle(force=(0.0, 0.0, -8.0)).model_copy(update={"kind": "apply_force"})
     touch = app("move_to_contact", 0.0, 1.0, slide.path.start.position)

@@ -54,7 +54,7 @@ export default {
   },
   emits: ["ask"],
   data: () => ({
-    plays: [], stations: [], trouble: "", over: false, state: "idle", sent: 0, message: "", failed: false, found: null,
+    played: null, plays: [], stations: [], trouble: "", over: false, state: "idle", sent: 0, message: "", failed: false, found: null,
     form: {}, chosen: {}, chosenUnits: {}, declared: {}, more: false, words: WORDS, sourceWords: SOURCES, handWords: HANDS,
   }),
   template: `
@@ -139,6 +139,10 @@ export default {
   methods: {
     apply({ plays, stations, trouble }) {
       Object.assign(this, { plays, stations, trouble });
+      const refused = this.played && plays.find((one) => one.upload === this.upload && one.error);
+      if (refused) { // its answers can be changed
+        Object.assign(this, { found: this.played, played: null, state: "form", message: refused.error, failed: true });
+      }
     },
     async dropped(event) {
       this.over = false;
@@ -206,10 +210,11 @@ export default {
     },
     forget() {
       if (this.found) this.$emit("ask", { do: "drop", upload: this.upload });
-      Object.assign(this, { found: null, state: "idle", message: "" });
+      Object.assign(this, { found: null, played: null, state: "idle", message: "" });
     },
     answered(message, failed) {
       const state = this.found && failed ? "form" : "idle";
+      if (!failed) this.played = this.found;
       Object.assign(this, { message, failed, state, found: failed ? this.found : null });
     },
   },

@@ -1,7 +1,8 @@
 """Caesura's messages as messages of ROS 2, by one rule for each type of field.
 
 ROS 2 has no field that may be absent: a number is NaN then, a text empty, and everything else an array that
-is empty. `scripts/write_ros_messages.py` writes the definitions by the same rules.
+is empty. What is one of several types is JSON, as text. `scripts/write_ros_messages.py` writes the
+definitions by the same rules.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic_core import to_json
 
 from caesura_protocol.messages import Changepoints, Program, Segments
 
@@ -57,6 +59,8 @@ def as_ros(message: BaseModel, make: Make) -> Any:
             value = _messages(field, value, make)
         elif value is None:
             value = _absent(field.type)
+        elif field.type == "string" and not isinstance(value, str):
+            value = to_json(value).decode()
         elif isinstance(value, tuple):
             value = list(value)
         values[field.name] = value
@@ -79,8 +83,9 @@ def _unwrapped(annotation: Any) -> tuple[Any, bool]:
     if get_origin(annotation) is Annotated:
         return _unwrapped(get_args(annotation)[0])
     if get_origin(annotation) in {Union, UnionType}:
-        (kind,) = (one for one in get_args(annotation) if one is not NoneType)
-        return _unwrapped(kind)[0], True
+        kinds = [one for one in get_args(annotation) if one is not NoneType]
+        kind = _unwrapped(kinds[0])[0] if len(kinds) == 1 else str
+        return kind, NoneType in get_args(annotation)
     return annotation, False
 
 

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
-from dashboard.browser import CHROMIUM, PATIENCE_MS, SlowSocket, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, SlowSocket, Visitor, chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
@@ -30,8 +30,6 @@ expect.set_options(timeout=PATIENCE_MS)
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
-NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
-  .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 
@@ -313,12 +311,11 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         expect(said).to_contain_text("deleted")
         expect(apps).to_have_count(count - 1)
         expect(page.locator(".app .findings .error").first).to_contain_text("presses without a contact")
-        for theme in ("light", "dark"):
+        for theme, rules in THEMES.items():
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
             visitor.theme = theme
             visitor.picture("program-edited-desktop")
-            page.wait_for_function(NOTHING_LOADS)  # Quasar draws a bar while axe fetches the style sheets
-            assert visitor.barriers() == []
+            assert visitor.barriers(*rules) == []
         page.set_viewport_size({"width": 390, "height": 844})
         visitor.picture("program-edited-phone")
         assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0

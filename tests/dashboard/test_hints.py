@@ -17,7 +17,7 @@ from caesura_protocol.messages import Hint, HintKind, Hints, Result
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import example, snapshot
-from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
 from dashboard.stage import Dashboard
 from harness.processes import running
 
@@ -71,14 +71,14 @@ def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared():
             "(one) => parseFloat(getComputedStyle(one).fontSize)"
         )
         assert large >= TWO_METRES_PX
-        for theme in ("light", "dark"):
+        for theme, rules in THEMES.items():
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
             visitor.theme = theme
             for name, size in SIZES.items():
                 page.set_viewport_size(size)
                 visitor.picture(f"hints-{name}")
                 assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
-            assert visitor.barriers() == []
+            assert visitor.barriers(*rules) == []
         over = hand.model_copy(update={"until": 4.0})
         service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(2, over)})]
         service.put(message(2, over), "hints")

@@ -56,6 +56,11 @@ class Forked:
         order["imports"] = list(imports)
         try:
             self.pid = _parent().fork(order, (out, error, status))
+        except BaseException:  # else the test that follows fails at pipes that are not closed
+            for stream in (self.stdout, self.stderr):
+                if stream is not None:
+                    stream.close()
+            raise
         finally:
             for end in {out, error, status} - {1, 2}:
                 os.close(end)

@@ -70,7 +70,7 @@ def test_an_answer_that_a_test_did_not_wait_for_is_not_that_of_the_next_order(mo
     with monkeypatch.context() as patch:
         patch.setattr(_parent(), "_link", Interrupted())
         with pytest.raises(TimeoutError):
-            python(WAITS, stdout=subprocess.DEVNULL)
+            python(WAITS, stdout=PIPE)
     with python("import os; print(os.getpid())", stdout=PIPE) as process:
         assert process.communicate(timeout=DEADLINE_S)[0] == f"{process.pid}\n"
 

@@ -19,6 +19,7 @@ from clients.conftest import RouterNetwork
 from clients.examples import example, snapshot
 from dashboard.browser import CHROMIUM, PATIENCE_MS, Visitor, chromium
 from dashboard.stage import Dashboard
+from dashboard.test_start_stop import AXE_HAS_LOADED
 from harness.processes import running
 
 expect.set_options(timeout=PATIENCE_MS)
@@ -78,6 +79,7 @@ def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared():
                 page.set_viewport_size(size)
                 visitor.picture(f"hints-{name}")
                 assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+            page.wait_for_function(AXE_HAS_LOADED)  # Quasar draws a bar while axe fetches the style sheets
             assert visitor.barriers() == []
         over = hand.model_copy(update={"until": 4.0})
         service.snapshots = [service.snapshots[0].model_copy(update={"hints": message(2, over)})]

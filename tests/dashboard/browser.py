@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,8 +12,6 @@ from urllib.parse import urlsplit
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, WebSocketRoute, sync_playwright
-
-from harness.processes import DEADLINE_S
 
 CHROMIUM = Path(os.environ.get("CAESURA_CHROMIUM", "/usr/bin/chromium"))
 ARTEFACTS = Path(__file__).parent / "artefacts"
@@ -28,12 +25,6 @@ PATIENCE_MS = 60_000
 AXE = {"resultTypes": ["violations"], "preload": False}
 NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
   .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
-# `caesura`, whose pages may take long to answer. Within 2 s, as it is, a busy machine may not: a page that is
-# dropped loads itself again in the middle of a test, and what was typed into it is gone.
-PAGES_OF_CAESURA = (
-    sys.executable, "-c", "from nicegui import app, core; from caesura_clients.cli import main; "
-    f"app.on_startup(lambda: setattr(core.sio.eio, 'ping_timeout', {DEADLINE_S})); main()",
-)  # fmt: skip
 Theme = Literal["light", "dark"]
 THEMES: dict[Theme, tuple[str, ...]] = {"light": (), "dark": ("color-contrast",)}  # axe's rules; all, or some
 

@@ -14,7 +14,6 @@ from caesura_clients import Caesura
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
-from dashboard.browser import PAGES_OF_CAESURA
 from harness.demonstrations import RATE_HZ, guided
 from harness.forked import Forked
 from harness.processes import CAESURA, DEADLINE_S, Process, Service, running, start
@@ -47,7 +46,7 @@ class Dashboard(Process):
     def __init__(self, endpoint: str, *options: str) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        command = [*PAGES_OF_CAESURA, "dashboard", "--connect", endpoint, "--port", str(port)]
+        command = [*CAESURA, "dashboard", "--connect", endpoint, "--port", str(port)]
         super().__init__([*command, *options])
 
 

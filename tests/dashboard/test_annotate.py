@@ -16,9 +16,9 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
-from dashboard.browser import CHROMIUM, PAGES_OF_CAESURA, PATIENCE_MS, THEMES, Visitor, chromium
+from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
 from harness.demonstrations import guided
-from harness.processes import Process, running
+from harness.processes import CAESURA, Process, running
 
 pytestmark = pytest.mark.skipif(
     not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
@@ -35,7 +35,7 @@ class Annotate(Process):
     def __init__(self, file: Path) -> None:
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        super().__init__([*PAGES_OF_CAESURA, "annotate", str(file), "--port", str(port)])
+        super().__init__([*CAESURA, "annotate", str(file), "--port", str(port)])
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from fastapi import HTTPException, Request, Response
 from fastapi.responses import PlainTextResponse
-from nicegui import app, background_tasks, ui
+from nicegui import app, background_tasks, core, ui
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.elements import WEB
@@ -28,6 +28,9 @@ from caesura_protocol.programs.formats import WRITERS
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
 LOOK_S = 0.02  # between two looks whether the socket is bound
+# A page that answers no ping for this long is dropped and loads itself again: what was typed into it is gone.
+# The 2 s of NiceGUI are a short pause of a tablet.
+STALL_S = 30.0
 FAVICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" rx="3" '
     'fill="#0b57a4"/><path d="M5 3v10M11 3v10" stroke="#fff" stroke-width="2.4"/></svg>'
@@ -80,6 +83,7 @@ def serve(site: Site, address: Address) -> None:
 def run(address: Address) -> None:
     """Serve the pages that are declared, behind the guard, until the process is asked to end."""
     app.add_middleware(AccessMiddleware, names=address.known_as, password=address.password)
+    app.on_startup(lambda: setattr(core.sio.eio, "ping_timeout", STALL_S))
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(
         host=address.host,

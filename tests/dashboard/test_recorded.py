@@ -202,10 +202,10 @@ def test_signals_are_switched_and_values_read(visitor: Visitor, hour):
     expect(page.locator("[data-signal=position]")).to_have_count(0)
     box = page.locator("[data-signal=force] .u-over").bounding_box()
     assert box is not None
-    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
+    page.mouse.move(box["x"] + box["width"] * 1830 / HOUR_S, box["y"] + 60)
     value = page.locator("[data-signal=force] output").nth(2)
     expect(value).to_have_text(re.compile(r"^-?\d+\.\d\d$"))
-    near = hour[np.abs(hour[:, 0] - 0.5 * HOUR_S) < 12.0, COLUMNS.index("fz")] - 2.0
+    near = hour[np.abs(hour[:, 0] - 1830.0) < 12.0, COLUMNS.index("fz")] - 2.0
     assert np.abs(near - float(value.inner_text())).min() < 0.006
     expect(page.locator("[data-signal=load] output")).to_contain_text("0.500 ± 0.063")
     page.mouse.move(box["x"] + box["width"] * 1150 / HOUR_S, box["y"] + 60)

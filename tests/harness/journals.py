@@ -55,6 +55,9 @@ def written(
 
 
 def ended(*kinds: str, t: float, station: str = "cell-1", session: str = "s1") -> Snapshot:
-    """How a session of t seconds ended."""
+    """How a session of t seconds ended, of which nobody edited the program."""
     result = {"station": station, "session": session, "instance": "caesura-1", "epoch": 1, "t": t}
-    return snapshot(1, *kinds, state="closed", **result)
+    made = snapshot(1, *kinds, state="closed", **result)
+    return made.model_copy(
+        update={"program": made.program.model_copy(update={"edits": (), "edit_revision": 0})}
+    )

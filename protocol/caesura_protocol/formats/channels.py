@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, field_validator
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -52,13 +52,18 @@ class Wrench(Message):
 
 
 class TaskProgram(Message):
-    """The task program at the end."""
+    """The task program at the end. Its apps have no marks of edits: those have values of several types."""
 
     complete: bool
     apps: tuple[App, ...]
     notes: tuple[str, ...]
     force_limit_n: float | None = None  # [N] of the cell: no app exerts more
     robot: str | None = None  # on which it was taught
+
+    @field_validator("apps")
+    @classmethod
+    def _without_marks(cls, apps: tuple[App, ...]) -> tuple[App, ...]:
+        return tuple(app.model_copy(update={"changes": ()}) if app.changes else app for app in apps)
 
 
 class Time(Message):
@@ -133,10 +138,13 @@ def schema_of(topic: str) -> dict[str, Any]:
 
 
 class _PlainSchema(GenerateJsonSchema):
-    """What is None is left out, so nothing is null; tuples are arrays of one kind of thing."""
+    """What is None is left out, so nothing is null; tuples are arrays of one kind, unions are texts."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
+
+    def union_schema(self, schema: core_schema.UnionSchema) -> JsonSchemaValue:
+        return {"type": "string"}
 
     def tuple_schema(self, schema: core_schema.TupleSchema) -> JsonSchemaValue:
         kinds = [self.generate_inner(item) for item in schema["items_schema"]]

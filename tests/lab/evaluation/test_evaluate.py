@@ -59,7 +59,10 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
     [
         ((), "either files or one --suite"),
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
-        (("--suite", "nonsense"), "known: ['teacher', 'skills', 'real', 'thesis', 'roundtrip', 'realism']"),
+        (
+            ("--suite", "nonsense"),
+            "known: ['teacher', 'skills', 'real', 'thesis', 'roundtrip', 'realism', 'coaching']",
+        ),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         (("--suite", "teacher", "--robot", "ur5"), "'ur5' is not known, expected one of"),
         (

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,8 @@ CSV = "time,x,y,z\n" + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(50))
 
 
 @pytest.fixture
-def desk() -> Iterator[RecordingDesk]:
+def desk(tmp_path_factory, monkeypatch) -> Iterator[RecordingDesk]:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("temporary")))
     with RecordingDesk("tcp/127.0.0.1:1", None) as desk:
         yield desk
 
@@ -45,6 +48,18 @@ def asked(upload: str, **changes: Any) -> dict[str, Any]:
 def test_a_name_that_leads_out_of_the_folder_is_refused(desk: RecordingDesk, upload: str, name: str):
     with pytest.raises(EditRefused, match="is not the name of a file"):
         desk.begin_file(upload, name)
+
+
+@pytest.mark.parametrize("upload", ["..", ".", "", "{outside}", "../{name}"])
+def test_only_what_is_held_is_removed(desk: RecordingDesk, tmp_path: Path, upload: str):
+    held, kept = sent(desk, "u-1", "a.csv", b"1"), tmp_path / "kept.csv"
+    kept.write_text("1")
+    beside = Path(tempfile.mkdtemp(dir=held.parents[2]))
+    try:
+        desk.drop(upload.format(outside=tmp_path, name=beside.name))
+        assert (kept.exists(), held.exists(), beside.exists()) == (True, True, True)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 def test_an_upload_beyond_the_limit_is_refused_and_removed(desk: RecordingDesk, monkeypatch):

@@ -139,9 +139,10 @@ class RecordingDesk:
             raise EditRefused(f"The recording is larger than {limit}: play it with `caesura bridge --file`.")
 
     def drop(self, upload: str) -> None:
-        """Remove a recording."""
+        """Remove a recording. A name that no upload has, which a browser can send, removes nothing."""
         with self._lock:
-            self._held.pop(upload, None)
+            if self._held.pop(upload, None) is None:
+                return
         shutil.rmtree(self._folder / upload, ignore_errors=True)
 
     def _make_room(self) -> None:

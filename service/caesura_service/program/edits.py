@@ -40,6 +40,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.app_times import may_retime
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
+NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
 FIELDS: tuple[AppField, ...] = get_args(AppField)
 
@@ -130,7 +131,7 @@ def apply(
     apps: Sequence[App], edits: Sequence[ProgramEdit], force_limit_n: float | None = None
 ) -> EditedApps:
     """Apply edits to inferred apps, oldest first. force_limit_n: of the cell [N]."""
-    draft = _Draft([_Item(app, _key(app)) for app in apps], force_limit_n)
+    draft = _Draft([_item(app) for app in apps], force_limit_n)
     known: list[ProgramEdit] = []
     for edit in edits:
         try:
@@ -151,6 +152,8 @@ class _Item(NamedTuple):
 
     inferred: App
     key: tuple[object, ...]
+    t0: float  # [s] of the inferred app, as `tn`
+    tn: float
     values: Mapping[AppField, Any] = MappingProxyType({})
     marks: tuple[AppChange, ...] = ()
 
@@ -178,6 +181,11 @@ class _Item(NamedTuple):
         return self._replace(values=values, marks=marks)
 
 
+def _item(app: App) -> _Item:
+    """An app without edits."""
+    return _Item(app, _key(app), app.t0, app.tn)
+
+
 class _Draft:
     """The apps while edits are applied; an edit that does not apply changes nothing."""
 
@@ -200,11 +208,11 @@ class _Draft:
             case DuplicateApp(app=app):
                 index = self._place(app)
                 copy = self.items[index].app.model_copy(update={"added": edit.number})
-                self.items.insert(index + 1, _Item(copy, _key(copy)).marked(edit, "added"))
+                self.items.insert(index + 1, _item(copy).marked(edit, "added"))
             case InsertApp() as insert:
                 index = self._behind(insert.after)
                 made = self._new(insert, index, edit.number)
-                self.items.insert(index, _Item(made, _key(made)).marked(edit, "added"))
+                self.items.insert(index, _item(made).marked(edit, "added"))
             case NameProgram(name=name):
                 self.name = name
 
@@ -213,12 +221,17 @@ class _Draft:
         key = _key(wanted)
         same = [index for index, item in enumerate(self.items) if item.key == key]
         likeness = [(_common(wanted, self.items[index].inferred), index) for index in same] or [
-            (_likeness(wanted, item.inferred), index) for index, item in enumerate(self.items)
+            (_likeness(wanted, self.items[index].inferred), index) for index in self._near(wanted)
         ]
         most, best = max(likeness, default=(0.0, 0))
         if not same and most < LEAST_COMMON:
             raise _NotApplicableError(self._missing(wanted))
         return best
+
+    def _near(self, wanted: AppReference) -> list[int]:
+        """The indices of apps of about this time; every edit may look at every app."""
+        first, last = wanted.t0 - 2 * SLACK_S, wanted.tn + 2 * SLACK_S
+        return [index for index, item in enumerate(self.items) if item.t0 < last and first < item.tn]
 
     def _missing(self, wanted: AppReference) -> str:
         what = f"the app '{app_title(wanted.kind)}'"
@@ -228,10 +241,11 @@ class _Draft:
             return f"{what} was deleted by edit {number}"
         if wanted.added is not None:
             return f"{what} that edit {wanted.added} added is not in the program"
-        taught = [item.inferred for item in self.items if item.inferred.added is None]
-        near = [app for app in taught if app.t0 < wanted.tn and wanted.t0 < app.tn]
-        there = ", ".join(f"'{app_title(app.kind)}' at {app.t0:.2f} to {app.tn:.2f} s" for app in near)
-        now = f": now there is {there}" if there else ""
+        apps = [self.items[index].inferred for index in self._near(wanted)]
+        near = [app for app in apps if app.added is None and app.t0 < wanted.tn and wanted.t0 < app.tn]
+        named = [f"'{app_title(app.kind)}' at {app.t0:.2f} to {app.tn:.2f} s" for app in near[:NAMED]]
+        more = f" and {len(near) - NAMED} more" if len(near) > NAMED else ""
+        now = f": now there is {', '.join(named)}{more}" if named else ""
         return f"{what} at {wanted.t0:.2f} to {wanted.tn:.2f} s is no longer in the program{now}"
 
     def _behind(self, after: AppReference | None) -> int:

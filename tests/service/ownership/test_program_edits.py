@@ -26,6 +26,8 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import PeerJournals
 from caesura_service.ownership.registry import Registry
+from caesura_service.program import EditLog
+from caesura_service.publishing import session_state
 from caesura_service.publishing.session_state import program_of
 from harness.sessions import NAME, STATION, answer, batch, batches, closing, opening, published
 from service.ownership.test_descriptions import OPENED, registry_on
@@ -177,3 +179,27 @@ def test_another_instance_takes_the_edits_over_and_continues_them(tmp_path: Path
                 assert reply.code == "overloaded", "a session that only the peer has is rebuilt first"
                 b.rebuild_step()
             assert names(b)[:2] == ["reach", None]
+
+
+def test_edits_are_applied_once_a_version_and_not_at_every_question(tmp_path: Path, monkeypatch):
+    applied: list[int] = []
+    with_edits = session_state.with_edits
+
+    def counted(program: Program, log: EditLog) -> Program:
+        applied.append(log.revision)
+        return with_edits(program, log)
+
+    monkeypatch.setattr(session_state, "with_edits", counted)
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry)
+        program(registry)
+        assert applied == []
+        assert isinstance(edit(registry, RENAMED), Ack)
+        assert [names(registry)[0] for _ in range(5)] == ["reach"] * 5
+        assert isinstance(edit(registry, Undo()), Ack)
+        assert [names(registry)[0] for _ in range(5)] == [None] * 5
+        assert applied == [1, 2]
+        for one in batches(40)[20:]:
+            registry.handle_samples(STATION, one, OPENED)
+        (state,) = registry.index.all_states()
+        assert program_of(state).t == state.program_header.t  # of the program as it is now

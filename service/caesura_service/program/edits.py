@@ -58,6 +58,14 @@ class EditLog(NamedTuple):
         taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
         return (*self.active, *taken_back)
 
+    def takes(self, command: EditProgram) -> bool:
+        """Whether a command is the next of this log; one of an instance with other edits may be none."""
+        try:
+            self.after(command, 0.0)
+        except ProtocolError:
+            return False
+        return command.revision == self.revision
+
     def after(self, command: EditProgram, at: float) -> EditLog:
         """With one edit more, whatever it applies to. at: time of day [s].
 

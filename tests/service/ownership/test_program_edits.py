@@ -28,6 +28,7 @@ from caesura_service.journal import PeerJournals
 from caesura_service.ownership.registry import Registry
 from caesura_service.program import EditLog
 from caesura_service.publishing import session_state
+from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of
 from harness.sessions import NAME, STATION, answer, batch, batches, closing, opening, published
 from service.ownership.test_descriptions import OPENED, registry_on
@@ -203,3 +204,25 @@ def test_edits_are_applied_once_a_version_and_not_at_every_question(tmp_path: Pa
             registry.handle_samples(STATION, one, OPENED)
         (state,) = registry.index.all_states()
         assert program_of(state).t == state.program_header.t  # of the program as it is now
+
+
+def test_an_edit_of_a_peer_that_has_nothing_to_undo_here_is_left_out(tmp_path: Path):
+    """Two instances held the station for a while, as when the network was divided, and were edited apart."""
+    first, second = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
+    with registry_on(first) as a:
+        taught(a)
+        assert isinstance(edit(a, RENAMED), Ack)
+        with registry_on(second, peers=PeerJournals(second)) as b:
+            assert isinstance(edit(b, Undo()), Ack)
+            assert isinstance(edit(a, DuplicateApp(app=FIRST)), Ack)
+            assert isinstance(edit(a, Undo()), Ack)  # names revision 2, where b has no edit left
+            for seq in range(20, 30):
+                a.handle_samples(STATION, batch(seq), OPENED)
+            assert isinstance(edit(a, Undo()), Ack)  # all before an answer is on disk
+            for outputs in b.take_over(STATION, OPENED + 90.0):
+                assert not [one for one in outputs if isinstance(one, TakeoverFailed)]
+            (state,) = b.index.all_states()
+            assert (state.counters.batches, program(b).edit_revision) == (30, 2)
+    with registry_on(second) as again:
+        (state,) = again.index.all_states()
+        assert (state.counters.batches, program(again).edit_revision) == (30, 2)

@@ -42,6 +42,8 @@ from caesura_protocol.programs.app_times import may_retime
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
 NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
+MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any robot: sums of them stay numbers
+LEAST_N = 1e-6  # of a force that has a direction
 FIELDS: tuple[AppField, ...] = get_args(AppField)
 
 
@@ -283,9 +285,17 @@ class _Draft:
             raise _NotApplicableError(f"'{app_title(app.kind)}' {lacks}")
         if name == "force_n":
             self._check_force(value)
+        if name == "target":
+            self._check_target(value)
+
+    def _check_target(self, target: Vector) -> None:
+        if max(map(abs, target)) > MOST_M:
+            raise _NotApplicableError(f"its target is more than {MOST_M:g} m away")
 
     def _check_force(self, newtons: float) -> None:
         most = self._force_limit_n
+        if newtons > MOST_N:
+            raise _NotApplicableError(f"{newtons:g} N is more than any robot exerts")
         if most is not None and newtons > most:
             raise _NotApplicableError(f"{newtons:g} N is more than the cell's force limit, {most:g} N")
 
@@ -294,6 +304,8 @@ class _Draft:
         before = self.items[index - 1].app if index else None
         following = self.items[index].app if index < len(self.items) else None
         near = before or following
+        if insert.target is not None:
+            self._check_target(insert.target)
         if insert.force is not None:
             self._check_force(math.hypot(*insert.force))
         t0 = before.tn if before else following.t0 if following else 0.0
@@ -393,7 +405,7 @@ def _direction(app: App) -> Vector:
 def _lacks_force(app: App) -> str:
     if not APP_KINDS[app.kind].presses or app.force is None:
         return "exerts no force"
-    return "" if math.hypot(*_direction(app)) > 0.0 else "has no direction of force that was taught"
+    return "" if math.hypot(*_direction(app)) > LEAST_N else "has no direction of force that was taught"
 
 
 #: Why an app cannot have a field, empty where it can; fields that are not here every app has.

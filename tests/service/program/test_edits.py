@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -297,3 +298,21 @@ def test_an_edit_is_compared_with_apps_of_its_time_alone(monkeypatch):
     made = edited(many, *(ChangeApp(app=one, name="reach") for one in moved))
     assert {one.state for one in made.edits} == {"applied"}
     assert len(compared) <= 4 * len(moved)  # not with all 300
+
+
+FAR, STRONG = (1.7e308, 1.7e308, -1.7e308), (1.7e308, 0.0, 1.7e308)
+
+
+def test_a_value_beyond_any_robot_is_refused_before_it_is_infinite_or_no_number():
+    first, *_ = taught()
+    faint = InsertApp(after=ref(first), kind="apply_force", force=(1e-320, 0.0, 0.0))
+    made = AppReference(kind="apply_force", t0=first.tn, tn=first.tn + 2.0, added=1)
+    for actions, why in (
+        ([ChangeApp(app=ref(first), target=FAR)], "more than 100 m away"),
+        ([InsertApp(after=None, kind="cartesian_motion", target=FAR)], "more than 100 m away"),
+        ([InsertApp(after=None, kind="apply_force", force=STRONG)], "more than any robot exerts"),
+        ([faint, ChangeApp(app=made, force_n=1e300)], "has no direction of force"),
+    ):
+        shown = edited(taught(), *actions)
+        assert why in str(shown.edits[-1].reason)
+        assert all(math.isfinite(x) for one in shown.apps for x in (*(one.target or ()), *(one.force or ())))

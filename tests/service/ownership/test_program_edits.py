@@ -5,10 +5,13 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import (
     Ack,
     Action,
@@ -24,8 +27,9 @@ from caesura_protocol.messages import (
     Redo,
     Undo,
 )
-from caesura_service.journal import PeerJournals
+from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
+from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.program import EditLog
 from caesura_service.publishing import session_state
 from caesura_service.publishing.events import TakeoverFailed
@@ -226,3 +230,14 @@ def test_an_edit_of_a_peer_that_has_nothing_to_undo_here_is_left_out(tmp_path: P
     with registry_on(second) as again:
         (state,) = again.index.all_states()
         assert (state.counters.batches, program(again).edit_revision) == (30, 2)
+
+
+def test_a_session_that_is_no_longer_held_has_its_edits(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry, closed=True)
+        assert isinstance(edit(registry, RENAMED), Ack)
+        before = program(registry)
+    newer: Any = SimpleNamespace(sessions={STATION: [SimpleNamespace(name="newer")]})
+    with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:
+        (found,) = StoredSessions(journal, lambda: newer).page(lambda _: True, StoredPage())
+    assert (found.program.apps, found.program.edits) == (tuple(before.apps), before.edits)

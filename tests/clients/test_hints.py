@@ -7,13 +7,16 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 from rich.console import Console
 
+from caesura_clients.cli import hints as hints_command
+from caesura_clients.cli.hints import _failure
 from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.following import SessionRemoved
-from caesura_clients.hint_changes import HintChanges
+from caesura_clients.hint_changes import HintChange, HintChanges
 from caesura_clients.results import SessionReader, Update
 from caesura_protocol.messages import Hint, HintKind, Hints
 from clients.answering import Answering
@@ -111,3 +114,35 @@ def test_a_command_is_run_at_each_change_and_clears_at_the_end(router, tmp_path:
     assert seen.read_text().splitlines() == ["raised too_fast 1", "cleared too_fast 0"]
     assert [trouble, more_trouble] == ["--exec sh: exit code 3\n"] * 2
     assert child.returncode == 0
+
+
+def changed(text: str = "Too fast.") -> HintChange:
+    found = hint("too_fast", 2.0).model_copy(update={"text": text})
+    return HintChange("raised", "cell-1", "s1", found, 1)
+
+
+def test_a_command_that_hangs_ends_with_what_it_started(monkeypatch, tmp_path: Path):
+    monkeypatch.setattr(hints_command, "PATIENCE_S", 0.5)
+    began = tmp_path / "began"
+    script = tmp_path / "lamp.sh"
+    script.write_text(f"sleep 300 & echo $! > {began}; wait\n")
+    assert _failure(changed(), ["sh", str(script)]) == "ended after 0.5 s, the limit"
+    pid = int(began.read_text())
+    deadline = time.monotonic() + 30.0
+    while is_running(pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not is_running(pid)
+
+
+def is_running(pid: int) -> bool:
+    """A process whose end nobody has asked about runs no more."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_hint_that_no_environment_can_have_ends_nothing():
+    assert _failure(changed("Too\0fast."), ["true"]) == "embedded null byte"
+    assert _failure(changed(), ["no-such-command"]) == "No such file or directory"
+    assert _failure(changed(), ["true"]) == ""

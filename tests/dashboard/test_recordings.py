@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Iterator
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import AsyncIterator, Iterator
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from starlette.requests import ClientDisconnect
 
 from caesura_clients.dashboard import playback, recordings
 from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.pages.recordings import received
 from caesura_clients.dashboard.recordings import RecordingDesk
 from harness.demonstrations import guided
 
@@ -18,7 +30,8 @@ CSV = "time,x,y,z\n" + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(50))
 
 
 @pytest.fixture
-def desk() -> Iterator[RecordingDesk]:
+def desk(tmp_path_factory, monkeypatch) -> Iterator[RecordingDesk]:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("temporary")))
     with RecordingDesk("tcp/127.0.0.1:1", None) as desk:
         yield desk
 
@@ -47,13 +60,25 @@ def test_a_name_that_leads_out_of_the_folder_is_refused(desk: RecordingDesk, upl
         desk.begin_file(upload, name)
 
 
+@pytest.mark.parametrize("upload", ["..", ".", "", "{outside}", "../{name}"])
+def test_only_what_is_held_is_removed(desk: RecordingDesk, tmp_path: Path, upload: str):
+    held, kept = sent(desk, "u-1", "a.csv", b"1"), tmp_path / "kept.csv"
+    kept.write_text("1")
+    beside = Path(tempfile.mkdtemp(dir=held.parents[2]))
+    try:
+        desk.drop(upload.format(outside=tmp_path, name=beside.name))
+        assert (kept.exists(), held.exists(), beside.exists()) == (True, True, True)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
 def test_an_upload_beyond_the_limit_is_refused_and_removed(desk: RecordingDesk, monkeypatch):
     monkeypatch.setattr(recordings, "BYTES", 1000)
     path = sent(desk, "u-1", "a.csv", b"1" * 900)
     with pytest.raises(EditRefused, match="larger than"):
         desk.count("u-1", 200)
     assert not path.exists()
-    with pytest.raises(EditRefused, match="larger than"):
+    with pytest.raises(EditRefused, match="was removed"):
         desk.count("u-1", 1)  # of what still comes
 
 
@@ -120,3 +145,110 @@ def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsy
         json.loads(capsys.readouterr().out)["mapping"]
         == 'wrench_source = "flange_sensor"\nhand_on_robot = "no"\n'
     )
+
+
+def test_a_recording_that_is_read_is_not_read_again_written_or_removed(desk: RecordingDesk):
+    path = sent(desk, "u-1", "a.csv", CSV.encode())
+    desk._reserve("u-1", recordings.UPLOADS)
+    for act in (lambda: desk.look("u-1"), lambda: desk.begin_file("u-1", "b.csv")):
+        with pytest.raises(EditRefused, match="is being read"):
+            act()
+    with pytest.raises(EditRefused, match="is being read"):
+        desk.play(asked("u-1"), frozenset())
+    desk.drop("u-1")
+    assert path.exists()
+
+
+def test_two_that_are_asked_for_at_once_do_not_exceed_the_number_of_plays(desk: RecordingDesk, monkeypatch):
+    for number in range(4):
+        sent(desk, f"u-{number}", "a.csv", CSV.encode())
+    monkeypatch.setattr(desk, "_follow", lambda *_: None)
+    together = threading.Barrier(4)
+    started: list[str] = []
+    monkeypatch.setattr(desk, "_start", lambda upload, _: started.append(upload))
+    keep = desk._keep
+
+    def kept(one: recordings.Playback) -> None:
+        with suppress(threading.BrokenBarrierError):
+            together.wait(0.3)
+        keep(one)
+
+    monkeypatch.setattr(desk, "_keep", kept)
+    refused: list[str] = []
+
+    def play(number: int) -> None:
+        try:
+            desk.play(asked(f"u-{number}", session=f"s{number}"), frozenset())
+        except EditRefused as error:
+            refused.append(str(error))
+
+    threads = [threading.Thread(target=play, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (len(started), len(refused)) == (recordings.PLAYS, 4 - recordings.PLAYS)
+
+
+def test_folders_of_an_upload_count_as_its_files(desk: RecordingDesk):
+    for number in range(recordings.FILES // 2):
+        sent(desk, "u-1", f"{number}/a.db3", b"")
+    with pytest.raises(EditRefused, match="more than"):
+        desk.begin_file("u-1", "more/a.db3")
+
+
+def test_what_was_removed_is_not_counted_again(desk: RecordingDesk):
+    sent(desk, "u-1", "a.csv", b"1")
+    desk.drop("u-1")
+    with pytest.raises(EditRefused, match="was removed"):
+        desk.count("u-1", 0)  # the empty end of a request
+    assert desk._held == {}
+
+
+class Parts:
+    """A request whose body comes in parts; one of them is an error: the browser has gone away."""
+
+    def __init__(self, *parts: bytes | Exception) -> None:
+        self.parts = parts
+
+    async def stream(self) -> AsyncIterator[bytes]:
+        for part in self.parts:
+            await asyncio.sleep(0)
+            if isinstance(part, Exception):
+                raise part
+            yield part
+
+
+def receive(desk: RecordingDesk, name: str, *parts: bytes | Exception) -> Any:
+    site: Any = SimpleNamespace(recordings=desk)
+    request: Any = Parts(*parts)
+    return received(site, "u-1", name, request)
+
+
+def test_an_upload_that_is_cut_leaves_no_file(desk: RecordingDesk):
+    with pytest.raises(ClientDisconnect):
+        asyncio.run(receive(desk, "a.csv", b"1", ClientDisconnect()))
+    assert (desk._held, list(desk._folder.iterdir())) == ({}, [])
+
+
+def test_two_of_one_name_at_once_do_not_write_into_one_file(desk: RecordingDesk):
+    async def both() -> list[Any]:
+        return await asyncio.gather(receive(desk, "a.csv", *[b"1"] * 9), receive(desk, "a.csv", *[b"2"] * 9))
+
+    answers = asyncio.run(both())
+    assert sorted(one.status_code for one in answers) == [204, 413]
+    assert next(desk._folder.glob("u-1/*")).read_bytes() == b"1" * 9
+
+
+def test_a_file_that_unfolds_to_more_than_a_machine_has_ends_its_own_process_alone(tmp_path: Path):
+    file = tmp_path / "bomb.npz"
+    np.savez_compressed(file, t=np.zeros(1 << 27))
+    look = (
+        "import sys\nfrom caesura_clients.dashboard import playback\nplayback.MEMORY = 1 << 30\n"
+        f"sys.exit(playback.run({{'do': 'look', 'file': {str(file)!r}}}))"
+    )
+    one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", look], check=False, capture_output=True, text=True, env=one_thread
+    )
+    assert json.loads(done.stdout) == {"error": "bomb.npz: needs more memory than 1 GB"}, done.stderr

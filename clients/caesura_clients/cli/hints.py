@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 import subprocess
 from collections.abc import Iterable
 from contextlib import closing, suppress
@@ -95,15 +96,19 @@ def _failure(change: HintChange, words: list[str]) -> str:
     }
     environment = {f"CAESURA_HINT_{name}": value for name, value in stated.items()}
     try:
-        done = subprocess.run(
-            words,
-            env={**os.environ, **environment},
-            stdin=subprocess.DEVNULL,
-            timeout=PATIENCE_S,
-            check=False,
+        child = subprocess.Popen(
+            words, env={**os.environ, **environment}, stdin=subprocess.DEVNULL, process_group=0
         )
-    except subprocess.TimeoutExpired:
-        return f"ended after {PATIENCE_S:g} s, the limit"
     except OSError as error:
         return error.strerror or str(error)
-    return f"exit code {done.returncode}" if done.returncode else ""
+    except ValueError as error:  # a text that no environment can have
+        return str(error)
+    with child:
+        try:
+            code = child.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            return f"ended after {PATIENCE_S:g} s, the limit"
+        finally:
+            if child.returncode is None:  # with what it started: a script would leave one process a hint
+                os.killpg(child.pid, signal.SIGKILL)
+    return f"exit code {code}" if code else ""

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
 
@@ -40,6 +42,7 @@ CONNECT_S = 5.0
 OPEN_S = 20.0  # until a service has opened the session
 STALL_S = 30.0  # without an acknowledged sample
 TICK_S = 0.2
+MEMORY = 4 << 30  # [bytes] of addresses: a file of a few megabytes can unfold to all that a machine has
 SHOWN_ROWS = 3  # of a csv
 BAGS = (".db3",)  # beside a directory, and an MCAP of ROS 2
 Job = Mapping[str, Any]
@@ -196,10 +199,15 @@ def report(line: Mapping[str, Any]) -> None:
 
 def run(job: Job) -> int:
     """Do a job; return the exit code."""
+    with suppress(ValueError, OSError):  # where this system has no such limit
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     try:
         report({"look": look, "play": play}[job["do"]](job) | {"done": True})
     except (CaesuraError, ProtocolError) as error:
         report({"error": str(error).removeprefix("malformed: ")})
+        return 1
+    except MemoryError:
+        report({"error": f"{Path(job['file']).name}: needs more memory than {MEMORY >> 30} GB"})
         return 1
     return 0
 

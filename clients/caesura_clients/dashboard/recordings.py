@@ -33,6 +33,7 @@ UPLOADS = 4  # recordings that are held; the oldest that is not played goes
 PLAYS = 2  # at a time
 PLAYED = 12  # that a page lists
 LOOK_S = 120.0
+BUSY = "This recording is being read: wait until that is over."
 MODULE = "caesura_clients.dashboard.playback"
 SUFFIXES = (".npz", ".csv", ".mcap", ".db3")
 _UPLOAD = re.compile(r"[a-z0-9-]{1,64}")
@@ -94,7 +95,7 @@ class RecordingDesk:
         self._folder = Path(tempfile.mkdtemp(prefix="caesura-recordings-"))
         self._lock = threading.Lock()
         self._held: dict[str, int] = {}  # bytes by upload, the oldest first
-        self._children: dict[str, subprocess.Popen[str]] = {}
+        self._children: dict[str, subprocess.Popen[str] | None] = {}  # None: is about to start
         self._plays: dict[str, Playback] = {}
 
     def __enter__(self) -> Self:
@@ -104,7 +105,7 @@ class RecordingDesk:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with self._lock:
-            children = list(self._children.values())
+            children = [child for child in self._children.values() if child is not None]
         for child in children:
             child.kill()
             child.wait()
@@ -119,29 +120,35 @@ class RecordingDesk:
         if not is_name:
             raise EditRefused(f"{name!r} is not the name of a file, or of one in a folder.")
         with self._lock:
+            if upload in self._children:
+                raise EditRefused(BUSY)
             if upload not in self._held:
                 self._make_room()
                 self._held[upload] = 0
         path = self._folder / upload / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        if len(list(path.parent.iterdir())) >= FILES:
+        if path.exists():
+            raise EditRefused(f"{name} is being received, or was.")
+        if sum(1 for _ in (self._folder / upload).rglob("*")) > FILES:
             raise EditRefused(f"The folder has more than {FILES} files.")
         return path
 
     def count(self, upload: str, size: int) -> None:
         """Count received bytes. Raises EditRefused beyond the limit, and the upload is gone."""
         with self._lock:
-            held = self._held.get(upload, BYTES) + size
-            self._held[upload] = held
+            if upload not in self._held:
+                raise EditRefused("The recording was removed: it is too large, or others came after it.")
+            held = self._held[upload] = self._held[upload] + size
         if held > BYTES:
             self.drop(upload)
             limit = f"{BYTES // MEGABYTE} MB"
             raise EditRefused(f"The recording is larger than {limit}: play it with `caesura bridge --file`.")
 
     def drop(self, upload: str) -> None:
-        """Remove a recording."""
+        """Remove a recording that is not being read. Any other name that a browser sends removes nothing."""
         with self._lock:
-            self._held.pop(upload, None)
+            if upload in self._children or self._held.pop(upload, None) is None:
+                return
         shutil.rmtree(self._folder / upload, ignore_errors=True)
 
     def _make_room(self) -> None:
@@ -170,8 +177,9 @@ class RecordingDesk:
     def look(self, upload: str) -> dict[str, Any]:
         """What a recording states and leaves open; takes seconds. Raises EditRefused, which says why."""
         file = self._recording_of(upload)
-        child = self._start(upload, {"do": "look", "file": str(file)})
+        self._reserve(upload, UPLOADS)
         try:
+            child = self._start(upload, {"do": "look", "file": str(file)})
             said, _ = child.communicate(timeout=LOOK_S)
         except subprocess.TimeoutExpired:
             child.kill()
@@ -196,9 +204,7 @@ class RecordingDesk:
                 "demonstrations and this recording do not mix."
             )
         file = self._recording_of(wanted.upload)
-        with self._lock:
-            if len(self._children) >= PLAYS or wanted.upload in self._children:
-                raise EditRefused(f"{len(self._children)} recordings are being played: wait for one to end.")
+        self._reserve(wanted.upload, PLAYS)
         description = {"task": wanted.task or None, "operator": wanted.operator or None}
         job = {
             "do": "play",
@@ -212,7 +218,11 @@ class RecordingDesk:
         }
         began = Playback(wanted.upload, file.name, wanted.station, wanted.session)
         self._keep(began)
-        child = self._start(wanted.upload, job)
+        try:
+            child = self._start(wanted.upload, job)
+        except OSError as error:
+            self._ended(wanted.upload)
+            raise EditRefused(f"Not played: {error.strerror}.") from error
         threading.Thread(target=self._follow, args=(child, began), daemon=True).start()
         return began
 
@@ -221,6 +231,15 @@ class RecordingDesk:
         """The newest recordings that were played, the newest first."""
         with self._lock:
             return list(reversed(self._plays.values()))
+
+    def _reserve(self, upload: str, most: int) -> None:
+        """Reserve the child process of an upload, one of so many. Raises EditRefused where it has one."""
+        with self._lock:
+            if upload in self._children:
+                raise EditRefused(BUSY)
+            if len(self._children) >= most:
+                raise EditRefused(f"{len(self._children)} recordings are being played: wait for one to end.")
+            self._children[upload] = None
 
     def _start(self, upload: str, job: Mapping[str, Any]) -> subprocess.Popen[str]:
         pipe = subprocess.PIPE

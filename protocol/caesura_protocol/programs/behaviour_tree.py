@@ -7,6 +7,7 @@ does is the business of the node registered under its name (https://www.behavior
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from caesura_protocol.screw_motion import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"
 TREE = "Task"
+NO_XML = re.compile("[\x00-\x1f\ufffe\uffff]")  # no XML has these, not even as a reference
 
 
 class Port(NamedTuple):
@@ -83,7 +85,8 @@ def behaviour_tree(program: ProgramFile) -> str:
     name = f"{program.station}/{program.session}, revision {program.revision}"
     sequence = Xml.SubElement(tree, "Sequence", {"name": name})
     for index, app in enumerate(program.apps):
-        given = {"name": f"{app_number(index)} {app.name or app_title(app.kind)}"} | _inputs(app, program)
+        title = NO_XML.sub("\N{REPLACEMENT CHARACTER}", app.name or app_title(app.kind))
+        given = {"name": f"{app_number(index)} {title}"} | _inputs(app, program)
         Xml.SubElement(sequence, action_name(app.kind), given)
     models = Xml.SubElement(root, "TreeNodesModel")
     for kind in sorted({app.kind for app in program.apps}):

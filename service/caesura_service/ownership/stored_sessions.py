@@ -12,6 +12,7 @@ from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Snapshot
 from caesura_service.journal import Journal, Key
 from caesura_service.ownership.session_index import SessionIndex
+from caesura_service.program import log_of, with_edits
 
 PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
 
@@ -41,4 +42,10 @@ class StoredSessions:
             if size > max(PAGE_BYTES, one.size):
                 return
             if (outcome := self._journal.outcome(*one.key)) is not None:
-                yield outcome.snapshot
+                yield _edited(outcome.snapshot)
+
+
+def _edited(snapshot: Snapshot) -> Snapshot:
+    """An outcome has the inferred program and a list of edits; here they are applied."""
+    program = with_edits(snapshot.program, log_of(snapshot.program))
+    return snapshot.model_copy(update={"program": program})

@@ -40,7 +40,10 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.app_times import may_retime
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
+NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
+MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any robot: sums of them stay numbers
+LEAST_N = 1e-6  # of a force that has a direction
 FIELDS: tuple[AppField, ...] = get_args(AppField)
 
 
@@ -56,6 +59,14 @@ class EditLog(NamedTuple):
         """All that a program lists, oldest first."""
         taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
         return (*self.active, *taken_back)
+
+    def takes(self, command: EditProgram) -> bool:
+        """Whether a command is the next of this log; one of an instance with other edits may be none."""
+        try:
+            self.after(command, 0.0)
+        except ProtocolError:
+            return False
+        return command.revision == self.revision
 
     def after(self, command: EditProgram, at: float) -> EditLog:
         """With one edit more, whatever it applies to. at: time of day [s].
@@ -130,7 +141,7 @@ def apply(
     apps: Sequence[App], edits: Sequence[ProgramEdit], force_limit_n: float | None = None
 ) -> EditedApps:
     """Apply edits to inferred apps, oldest first. force_limit_n: of the cell [N]."""
-    draft = _Draft([_Item(app, _key(app)) for app in apps], force_limit_n)
+    draft = _Draft([_item(app) for app in apps], force_limit_n)
     known: list[ProgramEdit] = []
     for edit in edits:
         try:
@@ -151,6 +162,8 @@ class _Item(NamedTuple):
 
     inferred: App
     key: tuple[object, ...]
+    t0: float  # [s] of the inferred app, as `tn`
+    tn: float
     values: Mapping[AppField, Any] = MappingProxyType({})
     marks: tuple[AppChange, ...] = ()
 
@@ -178,6 +191,11 @@ class _Item(NamedTuple):
         return self._replace(values=values, marks=marks)
 
 
+def _item(app: App) -> _Item:
+    """An app without edits."""
+    return _Item(app, _key(app), app.t0, app.tn)
+
+
 class _Draft:
     """The apps while edits are applied; an edit that does not apply changes nothing."""
 
@@ -200,11 +218,11 @@ class _Draft:
             case DuplicateApp(app=app):
                 index = self._place(app)
                 copy = self.items[index].app.model_copy(update={"added": edit.number})
-                self.items.insert(index + 1, _Item(copy, _key(copy)).marked(edit, "added"))
+                self.items.insert(index + 1, _item(copy).marked(edit, "added"))
             case InsertApp() as insert:
                 index = self._behind(insert.after)
                 made = self._new(insert, index, edit.number)
-                self.items.insert(index, _Item(made, _key(made)).marked(edit, "added"))
+                self.items.insert(index, _item(made).marked(edit, "added"))
             case NameProgram(name=name):
                 self.name = name
 
@@ -213,12 +231,17 @@ class _Draft:
         key = _key(wanted)
         same = [index for index, item in enumerate(self.items) if item.key == key]
         likeness = [(_common(wanted, self.items[index].inferred), index) for index in same] or [
-            (_likeness(wanted, item.inferred), index) for index, item in enumerate(self.items)
+            (_likeness(wanted, self.items[index].inferred), index) for index in self._near(wanted)
         ]
         most, best = max(likeness, default=(0.0, 0))
         if not same and most < LEAST_COMMON:
             raise _NotApplicableError(self._missing(wanted))
         return best
+
+    def _near(self, wanted: AppReference) -> list[int]:
+        """The indices of apps of about this time; every edit may look at every app."""
+        first, last = wanted.t0 - 2 * SLACK_S, wanted.tn + 2 * SLACK_S
+        return [index for index, item in enumerate(self.items) if item.t0 < last and first < item.tn]
 
     def _missing(self, wanted: AppReference) -> str:
         what = f"the app '{app_title(wanted.kind)}'"
@@ -228,10 +251,11 @@ class _Draft:
             return f"{what} was deleted by edit {number}"
         if wanted.added is not None:
             return f"{what} that edit {wanted.added} added is not in the program"
-        taught = [item.inferred for item in self.items if item.inferred.added is None]
-        near = [app for app in taught if app.t0 < wanted.tn and wanted.t0 < app.tn]
-        there = ", ".join(f"'{app_title(app.kind)}' at {app.t0:.2f} to {app.tn:.2f} s" for app in near)
-        now = f": now there is {there}" if there else ""
+        apps = [self.items[index].inferred for index in self._near(wanted)]
+        near = [app for app in apps if app.added is None and app.t0 < wanted.tn and wanted.t0 < app.tn]
+        named = [f"'{app_title(app.kind)}' at {app.t0:.2f} to {app.tn:.2f} s" for app in near[:NAMED]]
+        more = f" and {len(near) - NAMED} more" if len(near) > NAMED else ""
+        now = f": now there is {', '.join(named)}{more}" if named else ""
         return f"{what} at {wanted.t0:.2f} to {wanted.tn:.2f} s is no longer in the program{now}"
 
     def _behind(self, after: AppReference | None) -> int:
@@ -261,9 +285,17 @@ class _Draft:
             raise _NotApplicableError(f"'{app_title(app.kind)}' {lacks}")
         if name == "force_n":
             self._check_force(value)
+        if name == "target":
+            self._check_target(value)
+
+    def _check_target(self, target: Vector) -> None:
+        if max(map(abs, target)) > MOST_M:
+            raise _NotApplicableError(f"its target is more than {MOST_M:g} m away")
 
     def _check_force(self, newtons: float) -> None:
         most = self._force_limit_n
+        if newtons > MOST_N:
+            raise _NotApplicableError(f"{newtons:g} N is more than any robot exerts")
         if most is not None and newtons > most:
             raise _NotApplicableError(f"{newtons:g} N is more than the cell's force limit, {most:g} N")
 
@@ -272,6 +304,8 @@ class _Draft:
         before = self.items[index - 1].app if index else None
         following = self.items[index].app if index < len(self.items) else None
         near = before or following
+        if insert.target is not None:
+            self._check_target(insert.target)
         if insert.force is not None:
             self._check_force(math.hypot(*insert.force))
         t0 = before.tn if before else following.t0 if following else 0.0
@@ -371,7 +405,7 @@ def _direction(app: App) -> Vector:
 def _lacks_force(app: App) -> str:
     if not APP_KINDS[app.kind].presses or app.force is None:
         return "exerts no force"
-    return "" if math.hypot(*_direction(app)) > 0.0 else "has no direction of force that was taught"
+    return "" if math.hypot(*_direction(app)) > LEAST_N else "has no direction of force that was taught"
 
 
 #: Why an app cannot have a field, empty where it can; fields that are not here every app has.

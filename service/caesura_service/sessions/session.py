@@ -376,7 +376,7 @@ class Session:
                 self.receive(close, record.at)
             case Describe() as description:
                 self.receive(description, record.at)
-            case EditProgram() as command if command.revision == self.state.program_edits.revision:
+            case EditProgram() as command if self.state.program_edits.takes(command):
                 self._journal.append(command, record.at)
                 self._host.edit_program(command, record.at)
             case AppliedEdit() as edit if edit.revision == self.revision:

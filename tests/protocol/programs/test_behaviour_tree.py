@@ -69,3 +69,11 @@ def test_the_limit_and_the_taught_rate_of_a_turn_stand_in_the_tree() -> None:
     rates = [float(one) for one in node.attrib["turning"].split(";")]
     assert rates[:3] == [0.0, 0.0, 0.0]
     assert rates[5] == pytest.approx(-0.785, rel=0.1)  # rad/s about the vertical, half way
+
+
+def test_a_title_that_xml_cannot_have_is_written_without_it() -> None:
+    first, *rest = pick_and_place()
+    (node, *_) = tree((first.model_copy(update={"name": "a\ufffeb</Task>\uffff"}), *rest)).iterfind(
+        "BehaviorTree/Sequence/*"
+    )
+    assert node.get("name") == "1 a\N{REPLACEMENT CHARACTER}b</Task>\N{REPLACEMENT CHARACTER}"

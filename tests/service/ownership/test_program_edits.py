@@ -5,10 +5,13 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import (
     Ack,
     Action,
@@ -24,8 +27,12 @@ from caesura_protocol.messages import (
     Redo,
     Undo,
 )
-from caesura_service.journal import PeerJournals
+from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
+from caesura_service.ownership.stored_sessions import StoredSessions
+from caesura_service.program import EditLog
+from caesura_service.publishing import session_state
+from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of
 from harness.sessions import NAME, STATION, answer, batch, batches, closing, opening, published
 from service.ownership.test_descriptions import OPENED, registry_on
@@ -177,3 +184,60 @@ def test_another_instance_takes_the_edits_over_and_continues_them(tmp_path: Path
                 assert reply.code == "overloaded", "a session that only the peer has is rebuilt first"
                 b.rebuild_step()
             assert names(b)[:2] == ["reach", None]
+
+
+def test_edits_are_applied_once_a_version_and_not_at_every_question(tmp_path: Path, monkeypatch):
+    applied: list[int] = []
+    with_edits = session_state.with_edits
+
+    def counted(program: Program, log: EditLog) -> Program:
+        applied.append(log.revision)
+        return with_edits(program, log)
+
+    monkeypatch.setattr(session_state, "with_edits", counted)
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry)
+        program(registry)
+        assert applied == []
+        assert isinstance(edit(registry, RENAMED), Ack)
+        assert [names(registry)[0] for _ in range(5)] == ["reach"] * 5
+        assert isinstance(edit(registry, Undo()), Ack)
+        assert [names(registry)[0] for _ in range(5)] == [None] * 5
+        assert applied == [1, 2]
+        for one in batches(40)[20:]:
+            registry.handle_samples(STATION, one, OPENED)
+        (state,) = registry.index.all_states()
+        assert program_of(state).t == state.program_header.t  # of the program as it is now
+
+
+def test_an_edit_of_a_peer_that_has_nothing_to_undo_here_is_left_out(tmp_path: Path):
+    """Two instances held the station for a while, as when the network was divided, and were edited apart."""
+    first, second = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
+    with registry_on(first) as a:
+        taught(a)
+        assert isinstance(edit(a, RENAMED), Ack)
+        with registry_on(second, peers=PeerJournals(second)) as b:
+            assert isinstance(edit(b, Undo()), Ack)
+            assert isinstance(edit(a, DuplicateApp(app=FIRST)), Ack)
+            assert isinstance(edit(a, Undo()), Ack)  # names revision 2, where b has no edit left
+            for seq in range(20, 30):
+                a.handle_samples(STATION, batch(seq), OPENED)
+            assert isinstance(edit(a, Undo()), Ack)  # all before an answer is on disk
+            for outputs in b.take_over(STATION, OPENED + 90.0):
+                assert not [one for one in outputs if isinstance(one, TakeoverFailed)]
+            (state,) = b.index.all_states()
+            assert (state.counters.batches, program(b).edit_revision) == (30, 2)
+    with registry_on(second) as again:
+        (state,) = again.index.all_states()
+        assert (state.counters.batches, program(again).edit_revision) == (30, 2)
+
+
+def test_a_session_that_is_no_longer_held_has_its_edits(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry, closed=True)
+        assert isinstance(edit(registry, RENAMED), Ack)
+        before = program(registry)
+    newer: Any = SimpleNamespace(sessions={STATION: [SimpleNamespace(name="newer")]})
+    with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:
+        (found,) = StoredSessions(journal, lambda: newer).page(lambda _: True, StoredPage())
+    assert (found.program.apps, found.program.edits) == (tuple(before.apps), before.edits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,6 +28,7 @@ from caesura_protocol.messages import (
     Undo,
     ViaPoint,
 )
+from caesura_service.program import edits as edits_module
 from caesura_service.program.edits import EditLog, apply, check_applies, log_of, with_edits
 from harness.programs import app, pick_and_place, press
 
@@ -273,3 +275,44 @@ def test_edits_mean_the_same_whether_more_was_taught_before_or_after_them(early,
     whole = apply(taught(), log(*early, *late).active)
     for one, two in zip(beginning.edits, whole.edits, strict=False):
         assert one.state == "not_applied" or two.state == "applied"
+
+
+def test_the_reason_of_an_edit_names_few_apps():
+    first, *_ = taught()
+    many = [first.model_copy(update={"t0": float(i), "tn": i + 1.0}) for i in range(50)]
+    everywhere = AppReference(kind="grasp", t0=-1e300, tn=1e300)
+    (listed,) = edited(many, DeleteApp(app=everywhere)).edits
+    assert listed.state == "not_applied"
+    assert str(listed.reason).endswith("at 2.00 to 3.00 s and 47 more")
+
+
+def test_an_edit_is_compared_with_apps_of_its_time_alone(monkeypatch):
+    first, *_ = taught()
+    many = [first.model_copy(update={"t0": float(i), "tn": i + 1.0}) for i in range(300)]
+    compared: list[App] = []
+    likeness = edits_module._likeness
+    monkeypatch.setattr(
+        edits_module, "_likeness", lambda wanted, app: compared.append(app) or likeness(wanted, app)
+    )
+    moved = [AppReference(kind=one.kind, t0=one.t0 + 0.2, tn=one.tn + 0.2) for one in many[:100]]
+    made = edited(many, *(ChangeApp(app=one, name="reach") for one in moved))
+    assert {one.state for one in made.edits} == {"applied"}
+    assert len(compared) <= 4 * len(moved)  # not with all 300
+
+
+FAR, STRONG = (1.7e308, 1.7e308, -1.7e308), (1.7e308, 0.0, 1.7e308)
+
+
+def test_a_value_beyond_any_robot_is_refused_before_it_is_infinite_or_no_number():
+    first, *_ = taught()
+    faint = InsertApp(after=ref(first), kind="apply_force", force=(1e-320, 0.0, 0.0))
+    made = AppReference(kind="apply_force", t0=first.tn, tn=first.tn + 2.0, added=1)
+    for actions, why in (
+        ([ChangeApp(app=ref(first), target=FAR)], "more than 100 m away"),
+        ([InsertApp(after=None, kind="cartesian_motion", target=FAR)], "more than 100 m away"),
+        ([InsertApp(after=None, kind="apply_force", force=STRONG)], "more than any robot exerts"),
+        ([faint, ChangeApp(app=made, force_n=1e300)], "has no direction of force"),
+    ):
+        shown = edited(taught(), *actions)
+        assert why in str(shown.edits[-1].reason)
+        assert all(math.isfinite(x) for one in shown.apps for x in (*(one.target or ()), *(one.force or ())))

@@ -88,13 +88,26 @@ async def received(site: Site, upload: str, name: str, request: Request) -> Resp
         return PlainTextResponse(ONLY_READS, status_code=403)
     try:
         path = site.recordings.begin_file(upload, name)
-        with path.open("wb") as file:
-            async for part in request.stream():
-                site.recordings.count(upload, len(part))
-                await asyncio.to_thread(file.write, part)
     except EditRefused as refused:
         return PlainTextResponse(str(refused), status_code=413)
     except OSError as error:
-        site.recordings.drop(upload)
-        return PlainTextResponse(f"The file cannot be stored: {error.strerror}.", status_code=507)
+        return _not_stored(error)
+    is_whole = False
+    try:
+        with path.open("xb") as file:
+            async for part in request.stream():
+                site.recordings.count(upload, len(part))
+                await asyncio.to_thread(file.write, part)
+        is_whole = True
+    except EditRefused as refused:
+        return PlainTextResponse(str(refused), status_code=413)
+    except OSError as error:
+        return _not_stored(error)
+    finally:
+        if not is_whole:  # also where the browser has gone away: half a file is no recording
+            site.recordings.drop(upload)
     return Response(status_code=204)
+
+
+def _not_stored(error: OSError) -> Response:
+    return PlainTextResponse(f"The file cannot be stored: {error.strerror}.", status_code=507)

@@ -301,7 +301,7 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     plots = page.locator(".plots")
     expect(plots).to_have_count(2)
     expect(page.get_by_role("heading", name="Programs")).to_contain_text("apps differ")
-    expect(page.get_by_text("takes")).not_to_have_count(0)
+    expect(page.get_by_text("duration")).not_to_have_count(0)
     page.wait_for_function(BOTH_LOADED)
     assert page.evaluate(RANGES) == [[0, pytest.approx(float(slower.t[-1]), abs=0.3)]] * 2, "one axis of time"
     pictured(visitor, "compared")

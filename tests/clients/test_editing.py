@@ -17,6 +17,7 @@ from caesura_clients import Caesura, connect, editing, query
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
+from caesura_clients.cli import edit_program as edit_program_command
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.edit import nearest_named, parse
 from caesura_clients.cli.pedal import marking
@@ -25,7 +26,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Edit, Insert, LimitForce, Move, NamePhase, Undo
 from caesura_protocol.recording import Recording
 from clients.conftest import free_port
-from clients.examples import LiveSource
+from clients.examples import LiveSource, snapshot
 from clients.fake_service import eventually
 from clients.test_bridge import QUICK
 from clients.test_with_service import serving
@@ -316,3 +317,18 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     refused = CliRunner().invoke(app, wrong)
     assert refused.exit_code == 1
     assert "'move to contact' moves no fingers" in refused.output
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ("target=1,2", r"^target is '1,2', expected three numbers X,Y,Z \[mm\]$"),
+        ("target=up", r"^target is 'up', expected three numbers X,Y,Z \[mm\]$"),
+        ("force=8", r"^force is '8', expected three numbers X,Y,Z \[N\]$"),
+        ("width=wide", r"^width is 'wide', expected a number$"),
+        ("colour=red", r"^'colour=red' is no value, expected one of: name=…"),
+    ],
+)
+def test_a_value_that_cannot_be_read_is_named_with_what_is_expected(typed: str, message: str):
+    with pytest.raises(CaesuraError, match=message):
+        edit_program_command.parse(["insert", "0", "grasp", typed], snapshot(1).program)

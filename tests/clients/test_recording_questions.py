@@ -98,6 +98,17 @@ def test_an_error_lists_the_columns_with_a_mapping_that_works(tmp_path: Path):
     np.testing.assert_allclose(found.signals["pos"], guided().signals["pos"], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("opening", "unit"), [("80.0", "mm"), ("0.08", None), ("1", None), ("255", None), ("", None)]
+)
+def test_a_gripper_is_proposed_in_mm_where_it_cannot_be_in_metres(
+    tmp_path: Path, opening: str, unit: str | None
+):
+    file = tmp_path / "log.csv"
+    file.write_text(f"timestamp,x,y,z,width\n0,1,2,3,{opening}\n1,1,2,3,{opening}\n")
+    assert guessed(read_layout(file)).units.get("gripper") == unit
+
+
 def test_options_that_contradict_are_blamed_and_not_the_file(tmp_path: Path):
     guided().save(tmp_path / "demo.npz")
     with pytest.raises(RecordingError, match=r"^--wrench-source \w+ and --hand-on-robot no do not fit"):

@@ -337,5 +337,7 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         with page.expect_download() as download:
             page.get_by_role("link", name=words).click()
         assert part in Path(download.value.path()).read_text("utf-8")
+    # A browser keeps the text of a refused download to itself; a refused page is shown.
+    assert page.locator(".exports a[download]").count() == 0
     assert visitor.errors == []
     visitor.close()

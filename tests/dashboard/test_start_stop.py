@@ -294,7 +294,8 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
         stage.teach(station, recording, session="one", pace="fast")
     for station in ("cell-8", "cell-9"):
         stage.wait(station)
-    page.goto(f"{stage.dashboard.url}/sessions")
+    page.goto(f"{stage.dashboard.url}/compare")
+    expect(page, "without two sessions, they are chosen first").to_have_url(f"{stage.dashboard.url}/sessions")
     for station in ("cell-8", "cell-9"):
         page.locator("tr", has_text=station).locator(".choose").check()
     page.get_by_role("link", name="Compare these two").click()

@@ -25,10 +25,11 @@ MM = 0.001  # [m]
 
 
 class _Value(NamedTuple):
-    """A value as it is typed: the field of the message, and how its text is read."""
+    """A value as it is typed: the field of the message, how its text is read, and what is expected."""
 
     field: str
     read: Callable[[str], Any]
+    expected: str = "a number"
 
 
 def _length(text: str) -> float:
@@ -36,10 +37,11 @@ def _length(text: str) -> float:
 
 
 def _vector(text: str, scale: float = 1.0) -> tuple[float, ...]:
-    return tuple(scale * float(part) for part in text.split(","))
+    x, y, z = (scale * float(part) for part in text.split(","))
+    return x, y, z
 
 
-_TARGET = _Value("target", lambda text: _vector(text, MM))
+_TARGET = _Value("target", lambda text: _vector(text, MM), "three numbers X,Y,Z [mm]")
 CHANGES: Mapping[str, _Value] = {
     "name": _Value("name", str),
     "note": _Value("note", str),
@@ -48,12 +50,16 @@ CHANGES: Mapping[str, _Value] = {
     "force": _Value("force_n", float),
     "tolerance": _Value("tolerance_m", _length),
     "width": _Value("gripper_width", _length),
-    "as-taught": _Value("as_taught", lambda text: [CHANGES[name].field for name in text.split(",")]),
+    "as-taught": _Value(
+        "as_taught",
+        lambda text: [CHANGES[name].field for name in text.split(",")],
+        "names of values such as target,speed",
+    ),
 }
 INSERTED: Mapping[str, _Value] = {
     "name": CHANGES["name"],
     "target": _TARGET,
-    "force": _Value("force", _vector),
+    "force": _Value("force", _vector, "three numbers X,Y,Z [N]"),
     "width": CHANGES["width"],
     "seconds": _Value("seconds", float),
 }
@@ -158,12 +164,14 @@ def parse(words: Sequence[str], program: Program) -> ProgramAction:
 
 def _value(text: str, values: Mapping[str, _Value]) -> dict[str, Any]:
     name, _, typed = text.partition("=")
+    if name not in values:
+        expected = ", ".join(f"{known}=…" for known in values)
+        raise CaesuraError(f"{text!r} is no value, expected one of: {expected}")
+    value = values[name]
     try:
-        value = values[name]
         return {value.field: value.read(typed)}
     except (KeyError, ValueError) as error:
-        expected = ", ".join(f"{known}=…" for known in values)
-        raise CaesuraError(f"{text!r} is no value, expected one of: {expected}") from error
+        raise CaesuraError(f"{name} is {typed!r}, expected {value.expected}") from error
 
 
 def _reference(program: Program, number: str, *, first: bool) -> AppReference | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from fastapi import HTTPException, Request, Response
-from fastapi.responses import PlainTextResponse
+from fastapi.responses import PlainTextResponse, RedirectResponse
 from nicegui import app, background_tasks, core, ui
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
@@ -139,10 +139,13 @@ def declare(site: Site) -> None:
         SessionPage(site, station, session)
 
     @ui.page("/compare")
-    async def _compare(first: str, second: str) -> None:
+    async def _compare(first: str = "", second: str = "") -> RedirectResponse | None:
+        if not (first and second):
+            return RedirectResponse("/sessions")  # where both are chosen
         named = _named(first), _named(second)
         await _read(site, *named)
         ComparePage(site, *named)
+        return None
 
     @ui.page("/recordings")
     def _recordings() -> None:

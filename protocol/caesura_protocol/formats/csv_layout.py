@@ -26,6 +26,7 @@ from caesura_protocol.recording import RecordingError
 DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal mark
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
+WIDEST_MM = 200.0  # that fingers open; a count of 0 to 255 is beyond it, and a flag or metres are at most 1
 PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
@@ -105,6 +106,8 @@ def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str
         if (unit := _unit_in(name, UNITS[signal])) is not None:
             units.setdefault(signal, unit)
     values = {column: layout.numbers(name) for column, name in columns.items()}
+    if "gripper" in values and 1.0 < np.max(np.abs(values["gripper"]), initial=0.0) <= WIDEST_MM:
+        units.setdefault("gripper", "mm")
     if "t" not in values or not np.isfinite(values["t"]).all():
         return units
     t = values["t"] * UNITS["t"][units.get("t", "s")]

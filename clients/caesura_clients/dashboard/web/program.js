@@ -21,7 +21,7 @@ export default {
           <button class="undo-edit" :disabled="busy || !program.undoable" @click="say({ do: 'undo' })">Undo edit</button>
           <button class="redo-edit" :disabled="busy || !program.redoable" @click="say({ do: 'redo' })">Redo edit</button>
         </template>
-        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="href" download>{{ title }}</a></span>
+        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="href">{{ title }}</a></span>
         <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
       </div>
       <ul v-if="program && program.notes.length" class="notes" aria-label="Notes">

@@ -17,8 +17,8 @@ from caesura_clients import Caesura, connect, editing, query
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
-from caesura_clients.cli.commands import register
 from caesura_clients.cli import edit_program as edit_program_command
+from caesura_clients.cli.commands import register
 from caesura_clients.cli.edit import nearest_named, parse
 from caesura_clients.cli.pedal import marking
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable

@@ -263,6 +263,7 @@ def test_a_recording_is_dropped_and_played_as_a_session(
     form = page.locator(".questions")
     expect(form.locator(".column-px")).to_have_value("X")
     expect(form.locator(".unit-pos")).to_have_value("mm")
+    expect(form.locator(".column-t"), "nothing is played without a time").to_have_attribute("required", "")
     for column, name in (("fx", "K1"), ("fy", "K2"), ("fz", "K3")):
         form.locator(f".column-{column}").select_option(name)
     form.locator(".wrench-source").select_option("flange_sensor")

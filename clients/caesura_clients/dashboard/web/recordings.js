@@ -78,7 +78,7 @@ export default {
             <tbody><tr v-for="(row, i) in found.rows" :key="i"><td v-for="(cell, k) in row" :key="k">{{ cell }}</td></tr></tbody></table></div>
           <div class="columns"><fieldset v-for="signal in signals" :key="signal"><legend>{{ words[signal] }}</legend>
             <label v-for="column in columns[signal]" :key="column">{{ column }}
-              <select :class="'column-' + column" v-model="chosen[column]"><option value="">–</option>
+              <select :class="'column-' + column" v-model="chosen[column]" :required="column === 't'"><option value="">–</option>
                 <option v-for="name in found.header" :key="name" :value="name">{{ name }}</option></select></label>
             <label v-if="units[signal].length > 1">unit <select :class="'unit-' + signal" v-model="chosenUnits[signal]">
               <option v-for="unit in units[signal]" :key="unit">{{ unit }}</option></select></label>

@@ -33,6 +33,7 @@ class Terminal:
     def __call__(self, words: str, default: str | None = None) -> str:
         self.asked.append((words, default))
         given = [answer for start, answer in self.answers.items() if words.startswith(start)]
+        assert given or default is not None, f"{words}: has no answer"
         return given[0] if given else default or ""
 
 
@@ -44,7 +45,8 @@ def assert_same(found: Recording, expected: Recording) -> None:
 
 def test_answers_become_a_mapping_that_reads_the_file_next_time(tmp_path: Path):
     file = odd(tmp_path / "odd.csv")
-    terminal = Terminal(**{"Force": "5 6,7", "Where": "flange_sensor", "Are they": "robot", "Which": "panda"})
+    given = {"Force": "5 6,7", "Where": "flange_sensor", "Was": "yes", "Are they": "robot", "Which": "panda"}
+    terminal = Terminal(**given)
     answered = ask_about(file, terminal)
     assert answered.mapping == tmp_path / "odd.toml"
     found = load_recording(file, mapping=answered.mapping)
@@ -65,7 +67,7 @@ def test_a_question_is_asked_again_until_its_answer_is_possible(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ):
     answers = iter(["X Y", "X Y Q", "X Y Z"])
-    terminal = Terminal()
+    terminal = Terminal(Where="flange_sensor")
 
     def ask(words: str, default: str | None = None) -> str:
         return next(answers) if words.startswith("Position") else terminal(words, default)
@@ -78,7 +80,11 @@ def test_a_question_is_asked_again_until_its_answer_is_possible(
 
 def test_other_formats_are_asked_about_wrench_and_hand_alone(tmp_path: Path):
     guided().save(tmp_path / "demo.npz")
-    answered = ask_about(tmp_path / "demo.npz", Terminal(Was="no"))
+    terminal = Terminal(Where="flange_sensor", Was="no")
+    answered = ask_about(tmp_path / "demo.npz", terminal)
+    assert ("Where was the wrench measured?", None) in [
+        (one.split(" (")[0], two) for one, two in terminal.asked
+    ]
     assert answered.mapping is None
     assert answered.options == {"wrench_source": "flange_sensor", "hand_on_robot": "no"}
 

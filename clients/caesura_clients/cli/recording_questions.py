@@ -97,10 +97,9 @@ def _asked_wrench(ask: Ask, signals: Collection[str]) -> dict[str, str]:
     """Where the wrench was measured, the hand and the robot. signals: those of a csv; none: not known."""
     found: dict[str, str] = {}
     if not signals or {"force", "tau"} & set(signals):
-        found["wrench_source"] = _chosen(
-            ask, "Where was the wrench measured?", WRENCH_SOURCES, "flange_sensor"
-        )
-    found["hand_on_robot"] = _chosen(ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, "yes")
+        # Without a default: an answer that nobody gave would turn contact and load on.
+        found["wrench_source"] = _chosen(ask, "Where was the wrench measured?", WRENCH_SOURCES, None)
+    found["hand_on_robot"] = _chosen(ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, "unknown")
     if {"force", "torque"} & set(signals):
         frames = FORCE_FRAMES if "quat" in signals else ("base",)
         found["force_frame"] = _chosen(ask, "In which frame are the forces?", frames, "base")
@@ -140,7 +139,7 @@ def _resolved(layout: CsvLayout, word: str) -> str | None:
     return layout.header[int(word) - 1] if word.isdigit() and 0 < int(word) <= len(layout.header) else None
 
 
-def _chosen(ask: Ask, words: str, known: Collection[str], default: str) -> str:
+def _chosen(ask: Ask, words: str, known: Collection[str], default: str | None) -> str:
     """One of the known answers, or its beginning, asked for until it is one."""
     if len(known) == 1:
         return next(iter(known))

@@ -210,7 +210,7 @@ def _foreign(path: Path) -> UnknownColumnsError:
     return UnknownColumnsError(
         f"{path}: has the columns {', '.join(header[:MOST_NAMED])}{more}; expected t, and px py pz or "
         "q1 to q7. --mapping FILE names the columns of other software (docs/recordings.md)",
-        mapping_text(guess._replace(columns={**asked, **guess.columns}, wrench_source="flange_sensor")),
+        mapping_text(guess._replace(columns={**asked, **guess.columns})),
     )
 
 

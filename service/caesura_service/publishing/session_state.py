@@ -184,7 +184,7 @@ class _Inferred:
     def __init__(self, state: SessionState) -> None:
         self.program = inferred_program_of(state)
         self.log = state.program_edits
-        # Held, so that no other object gets the id of one of these.
+        # Held, so that no other object gets such an id.
         self._made_of = state.program_header, state.apps, state.program_edits
 
     def __hash__(self) -> int:

@@ -97,7 +97,7 @@ def _asked_wrench(ask: Ask, signals: Collection[str]) -> dict[str, str]:
     """Where the wrench was measured, the hand and the robot. signals: those of a csv; none: not known."""
     found: dict[str, str] = {}
     if not signals or {"force", "tau"} & set(signals):
-        # Without a default: an answer that nobody gave would turn contact and load on.
+        # Without a default: an answer by Enter alone would turn contact and load on.
         found["wrench_source"] = _chosen(ask, "Where was the wrench measured?", WRENCH_SOURCES, None)
     found["hand_on_robot"] = _chosen(ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, "unknown")
     if {"force", "torque"} & set(signals):

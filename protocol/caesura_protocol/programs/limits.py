@@ -8,10 +8,25 @@ from collections.abc import Iterator
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.franky_script import CONSTANTS
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.robots import RobotDescription
 from caesura_protocol.rotations import matrix_of
 
+CONSTANTS = {
+    "MAX_SPEED_M_PER_S": ("speed_m_per_s", "of the flange, never faster"),
+    "MAX_TURN_RAD_PER_S": ("turn_rad_per_s", "of the flange, never faster"),
+    "CONTACT_SPEED_M_PER_S": ("contact_speed_m_per_s", "where a contact is looked for"),
+    "MAX_FORCE_N": ("most_force_n", "that an app may ask for"),
+    "STOP_FORCE_N": ("felt_force_n", "of anything: the robot stops"),
+    "CONTACT_FORCE_N": ("contact_n", "from which a contact is one"),
+    "SEARCH_M": ("search_m", "past its target that a contact is looked for"),
+    "MAX_LOAD_KG": ("load_kg", "in the gripper"),
+    "GRASP_FORCE_N": ("grasp_force_n", "of the fingers"),
+    "GRIPPER_M_PER_S": ("gripper_m_per_s", "of the fingers"),
+    "WORKSPACE_LOW_M": ("workspace_low", "x, y, z of the flange in the base frame"),
+    "WORKSPACE_HIGH_M": ("workspace_high", "x, y, z of the flange in the base frame"),
+    "MAX_PAUSE_S": ("pause_s", "between two apps; what was taught longer is shortened"),
+}
 FORCE_SLACK_N = 1e-6
 ACTING = (  # limits on which a running script acts; the others are kept when it is written
     "MAX_SPEED_M_PER_S",
@@ -28,6 +43,11 @@ def acting_limits(safety: Safety) -> Iterator[str]:
     for name in ACTING:
         field, why = CONSTANTS[name]
         yield f"{name} = {getattr(safety, field):g}  # {why}"
+
+
+def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
+    """An acceleration of the flange [m/s²], and at most half of what a robot can do."""
+    return acceleration if robot is None else min(acceleration, 0.5 * robot.flange_acceleration_limit)
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:

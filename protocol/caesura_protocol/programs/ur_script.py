@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from importlib.resources import files
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits
+from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
 from caesura_protocol.programs.straight_legs import Leg, Quaternion
-from caesura_protocol.robots import GripperDescription, robot_description
+from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
@@ -38,19 +38,14 @@ def ur_script(program: ProgramFile) -> str:
     Raises ValueError for a robot of another maker, a gripper that URScript cannot drive, an app beyond the
     limits, or a number that is not finite.
     """
-    title, acceleration = "an arm of Universal Robots", ACCELERATION_M_PER_S2
-    if program.robot is not None:
-        robot = robot_description(program.robot)
-        if robot.script != "urscript":
-            raise ValueError(f"URScript is for Universal Robots, and its robot is {program.robot}")
-        title, acceleration = robot.title, min(acceleration, 0.5 * robot.flange_acceleration_limit)
-    program.as_json()  # refuses what is not finite
+    robot = robot_of_script(program, "urscript", "URScript is for Universal Robots")
+    title = "an arm of Universal Robots" if robot is None else robot.title
+    acceleration = within_robot(ACCELERATION_M_PER_S2, robot)
     refuse_beyond_limits(program)
-    template = files("caesura_protocol.programs").joinpath("ur_template.script.txt").read_text("utf-8")
     writer = _Writer(program)
     lines = [line for app in planned_apps(program, acceleration) for line in writer.lines(app)]
-    filled = {
-        "<NAME>": f"{program.station}/{program.session}, revision {program.revision}",
+    texts = {
+        "<NAME>": title_of(program),
         "<ROBOT>": title,
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
         "<STANDOFF>": f"{STANDOFF_M}",
@@ -59,9 +54,7 @@ def ur_script(program: ProgramFile) -> str:
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
     }
-    for mark, text in filled.items():
-        template = template.replace(mark, text)
-    return template
+    return filled_template("ur_template.script.txt", texts)
 
 
 class _Writer:

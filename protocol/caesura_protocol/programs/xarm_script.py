@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from importlib.resources import files
 from pprint import pformat
 from typing import Any
 
@@ -17,11 +16,12 @@ from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits
+from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
 from caesura_protocol.programs.straight_legs import Quaternion
-from caesura_protocol.robots import GripperDescription, robot_description
+from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import matrix_of, rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
@@ -38,27 +38,20 @@ def xarm_script(program: ProgramFile) -> str:
     Raises ValueError for a robot of another maker, a gripper that the SDK cannot drive, an app beyond the
     limits, a force along no axis, or a number that is not finite.
     """
-    title, acceleration = "an arm of UFACTORY", ACCELERATION_M_PER_S2
-    if program.robot is not None:
-        robot = robot_description(program.robot)
-        if robot.script != "xarm":
-            raise ValueError(f"an xArm script is for UFACTORY's arms, and its robot is {program.robot}")
-        title, acceleration = robot.title, min(acceleration, 0.5 * robot.flange_acceleration_limit)
-    program.as_json()  # refuses what is not finite
+    robot = robot_of_script(program, "xarm", "an xArm script is for UFACTORY's arms")
+    title = "an arm of UFACTORY" if robot is None else robot.title
+    acceleration = within_robot(ACCELERATION_M_PER_S2, robot)
     refuse_beyond_limits(program)
     rows = [_row(planned, program) for planned in planned_apps(program, acceleration)]
-    template = files("caesura_protocol.programs").joinpath("xarm_template.py.txt").read_text("utf-8")
-    filled = {
-        "<NAME>": f"{program.station}/{program.session}, revision {program.revision}",
+    texts = {
+        "<NAME>": title_of(program),
         "<ROBOT>": title,
         "<LIMITS>": "\n".join(acting_limits(program.safety)),
         "<STANDOFF>": f"{STANDOFF_M}",
         "<ACCELERATION>": f"{acceleration:g}",
         "<APPS>": f"APPS = {pformat(rows, width=110, sort_dicts=False)}",
     }
-    for mark, text in filled.items():
-        template = template.replace(mark, text)
-    return template
+    return filled_template("xarm_template.py.txt", texts)
 
 
 def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:

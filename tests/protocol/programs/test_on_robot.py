@@ -32,7 +32,7 @@ def other(monkeypatch: pytest.MonkeyPatch) -> str:
         return described if name == "other" else robot_description(name)
 
     monkeypatch.setattr(document, "robot_description", find)
-    monkeypatch.setattr("caesura_protocol.programs.franky_script.robot_description", find)
+    monkeypatch.setattr("caesura_protocol.programs.script_templates.robot_description", find)
     return "other"
 
 

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
-from caesura_lab.evaluation import coaching
 from caesura_lab.evaluation.coaching import (
-    FAULTS,
-    INJECT,
-    KIND_OF,
-    WANTED,
     CleanResult,
     CoachingResult,
     FaultResult,
-    Taught,
     as_markdown,
-    first_unrecorded,
     summarise,
     title,
 )
+from caesura_lab.evaluation.coaching_faults import (
+    FAULTS,
+    INJECTED,
+    CleanDemonstration,
+    NotInjectableError,
+    first_unrecorded,
+)
+from caesura_protocol.messages import HintKind
 from caesura_protocol.recording import Recording
 from caesura_service.robot import load_panda
 
@@ -27,7 +30,7 @@ T = np.arange(0.0, 8.0, 0.001)
 
 
 @pytest.fixture(scope="module")
-def taught() -> Taught:
+def taught() -> CleanDemonstration:
     """Two seconds of rest, then 0.6 m in free space within three, then rest."""
     s = np.clip((T - 2.0) / 3.0, 0.0, 1.0)
     x = 0.6 * (10 * s**3 - 15 * s**4 + 6 * s**5)
@@ -45,25 +48,25 @@ def taught() -> Taught:
         force = np.column_stack([push, 0.0 * T, 0.0 * T])
         return Recording(T, {**signals, "force": force}, wrench_source="flange_sensor_with_hand")
 
-    return Taught(recording, {"segments": segments, "changepoints": []}, with_hand, load_panda())
+    return CleanDemonstration(recording, {"segments": segments, "changepoints": []}, with_hand, load_panda())
 
 
 def test_every_fault_has_a_hint_and_there_are_fifty():
-    assert INJECT.keys() == WANTED.keys() == KIND_OF.keys()
-    assert sum(WANTED.values()) == FAULTS
+    assert {one.hint for one in INJECTED.values()} <= set(get_args(HintKind))
+    assert sum(one.judged for one in INJECTED.values()) == FAULTS
 
 
 @pytest.mark.parametrize("name", ["cable", "weight"])
-def test_a_force_begins_at_its_cause_and_not_before(taught: Taught, name: str):
-    fault = INJECT[name](taught, np.random.default_rng(1))
+def test_a_force_begins_at_its_cause_and_not_before(taught: CleanDemonstration, name: str):
+    fault = INJECTED[name].inject(taught, np.random.default_rng(1))
     force = fault.recording.signals["force"]
-    assert fault.kind == KIND_OF[name]
+    assert fault.kind == INJECTED[name].hint
     assert not force[fault.cause > T].any()
     assert np.linalg.norm(force[np.searchsorted(T, fault.cause + 0.2)]) > 5.0
 
 
-def test_joints_are_led_to_a_limit_and_the_flange_goes_with_them(taught: Taught):
-    fault = INJECT["joint limit"](taught, np.random.default_rng(1))
+def test_joints_are_led_to_a_limit_and_the_flange_goes_with_them(taught: CleanDemonstration):
+    fault = INJECTED["joint limit"].inject(taught, np.random.default_rng(1))
     led = fault.recording.signals["q"]
     left = np.minimum(led - taught.robot.lower_limits, taught.robot.upper_limits - led).min(axis=1)
     at = int(np.searchsorted(T, fault.cause))
@@ -71,22 +74,24 @@ def test_joints_are_led_to_a_limit_and_the_flange_goes_with_them(taught: Taught)
     assert np.allclose(fault.recording.signals["pos"][at], taught.robot.flange_pose(led[at]).position_base)
 
 
-def test_lost_samples_are_noticed_with_the_next_one(taught: Taught):
-    fault = INJECT["lost samples"](taught, np.random.default_rng(1))
+def test_lost_samples_are_noticed_with_the_next_one(taught: CleanDemonstration):
+    fault = INJECTED["lost samples"].inject(taught, np.random.default_rng(1))
     at = int(np.searchsorted(fault.recording.t, fault.cause))
     assert fault.recording.t[at] - fault.recording.t[at - 1] > 0.3
 
 
-def test_a_hand_counts_from_when_it_drives_more_than_a_bias_does(taught: Taught):
-    fault = INJECT["hand"](taught, np.random.default_rng(1))
+def test_a_hand_counts_from_when_it_drives_more_than_a_bias_does(taught: CleanDemonstration):
+    fault = INJECTED["hand"].inject(taught, np.random.default_rng(1))
     reached = 2.5 + 2.33 * 2.3 / 12.0
     assert fault.cause == pytest.approx(reached, abs=0.05)
 
 
-def test_a_fault_without_a_place_is_not_injected(taught: Taught):
-    still = Taught(taught.recording, {"segments": [], "changepoints": []}, taught.with_hand, taught.robot)
-    with pytest.raises(coaching.NotInjectableError):
-        INJECT["cable"](still, np.random.default_rng(1))
+def test_a_fault_without_a_place_is_not_injected(taught: CleanDemonstration):
+    still = CleanDemonstration(
+        taught.recording, {"segments": [], "changepoints": []}, taught.with_hand, taught.robot
+    )
+    with pytest.raises(NotInjectableError):
+        INJECTED["cable"].inject(still, np.random.default_rng(1))
 
 
 def test_a_path_is_unrecorded_where_it_turns_within_a_step_of_the_grid():

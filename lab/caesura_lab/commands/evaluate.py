@@ -236,26 +236,25 @@ def _round_trip_page(seeds: range, robot: str, workers: int) -> ResultPage:
 def _realism_page(data: Path, seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation import realism  # noqa: PLC0415
 
-    cases = realism.cases(data, seeds)
-    result = realism.summarise(_with_progress(each(realism.load, cases, workers=workers), cases))
-    title = realism.title(seeds)
-    return ResultPage(
-        text=lambda: realism.as_text(result, title),
-        markdown=lambda: realism.as_markdown(result, title),
-        plain=lambda: {"title": title, **realism.as_json(result)},
-    )
+    return _suite_page(realism, realism.load, realism.cases(data, seeds), seeds, workers)
 
 
 def _coaching_page(data: Path, seeds: range, workers: int) -> ResultPage:
     from caesura_lab.evaluation import coaching  # noqa: PLC0415
 
-    cases = coaching.cases(seeds, data)
-    result = coaching.summarise(_with_progress(each(coaching.run, cases, workers=workers), cases))
-    title = coaching.title(seeds)
+    return _suite_page(coaching, coaching.run, coaching.cases(seeds, data), seeds, workers)
+
+
+def _suite_page(
+    suite: Any, run: Callable[[Any], object], cases: Sequence[Any], seeds: range, workers: int
+) -> ResultPage:
+    """The page of a suite: a module with `summarise`, `title`, `as_text`, `as_markdown` and `as_json`."""
+    result = suite.summarise(_with_progress(each(run, cases, workers=workers), cases))
+    title = suite.title(seeds)
     return ResultPage(
-        text=lambda: coaching.as_text(result, title),
-        markdown=lambda: coaching.as_markdown(result, title),
-        plain=lambda: {"title": title, **coaching.as_json(result)},
+        text=lambda: suite.as_text(result, title),
+        markdown=lambda: suite.as_markdown(result, title),
+        plain=lambda: {"title": title, **suite.as_json(result)},
     )
 
 

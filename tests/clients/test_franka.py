@@ -17,6 +17,7 @@ from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
 from clients.fake_franka import Affine, Duration, Script, fake_franky, fake_libfranka, state
 from clients.fake_service import FakeService, eventually
+from clients.lost_arm import chunks_of
 from clients.test_bridge import QUICK
 
 ARMS = ["franky", "panda"]
@@ -50,23 +51,12 @@ def moving(count: int, first_ms: int = 5000) -> list:
     return states
 
 
-def rows_of(source: FrankaSource) -> tuple[list[np.ndarray], str]:
-    """All chunks until the robot is lost, and what is said then."""
-    chunks, reported = [], source.chunks()
-    try:
-        for chunk in reported:
-            chunks.append(chunk)
-    except SourceError as lost:
-        return chunks, str(lost)
-    pytest.fail("the robot was not lost")
-
-
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_state_becomes_a_sample_in_our_frame_and_sign(play, arm):
     script = Script(moving(40))
     source = play(arm, script)
     assert script.asked == [("Robot", "172.16.0.2", IGNORED[arm])]
-    chunks, _ = rows_of(source)
+    chunks, _ = chunks_of(source)
     assert [len(chunk) for chunk in chunks] == [20, 20]
     column = dict(zip(source.columns, np.concatenate(chunks).T, strict=True))
     np.testing.assert_allclose(column["t"], np.arange(40) / 1000)
@@ -96,7 +86,7 @@ def test_a_robot_that_no_person_guides_is_stated_as_such(play, arm):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_robot_that_is_lost_says_when_and_why(play, arm):
-    chunks, said = rows_of(play(arm, Script(moving(30))))
+    chunks, said = chunks_of(play(arm, Script(moving(30))))
     assert [len(chunk) for chunk in chunks] == [20, 10]
     assert said == f"{arm} at 172.16.0.2: lost after 0.0 s: libfranka: UDP receive: Timeout"
 
@@ -145,7 +135,7 @@ def test_no_gripper_says_what_to_add(play, arm):
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_state_that_is_reported_twice_is_taken_once_and_one_that_was_missed_stays_missing(play, arm):
     states = [one for one in moving(60) for _ in range(2) if one.time_ms % 10]
-    chunks, _ = rows_of(play(arm, Script(states)))
+    chunks, _ = chunks_of(play(arm, Script(states)))
     times = np.concatenate(chunks)[:, 0] * 1000
     assert (np.diff(times) >= 1).all()
     assert set(np.round(np.diff(times))) == {1, 2}

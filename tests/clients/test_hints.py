@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 from rich.console import Console
@@ -21,6 +20,7 @@ from caesura_clients.results import SessionReader, Update
 from caesura_protocol.messages import Hint, HintKind, Hints
 from clients.answering import Answering
 from clients.examples import example, snapshot
+from harness.processes import eventually
 
 
 def hint(kind: HintKind, since: float, until: float | None = None) -> Hint:
@@ -128,14 +128,11 @@ def test_a_command_that_hangs_ends_with_what_it_started(monkeypatch, tmp_path: P
     script.write_text(f"sleep 300 & echo $! > {began}; wait\n")
     assert _failure(changed(), ["sh", str(script)]) == "ended after 0.5 s, the limit"
     pid = int(began.read_text())
-    deadline = time.monotonic() + 30.0
-    while is_running(pid) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not is_running(pid)
+    eventually(lambda: not is_running(pid))
 
 
 def is_running(pid: int) -> bool:
-    """A process whose end nobody has asked about runs no more."""
+    """Whether a process runs; one that has ended and that its parent has not waited for does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

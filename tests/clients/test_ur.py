@@ -15,6 +15,7 @@ from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import moved_wrench, pose_of_rotation_vector
 from clients.fake_ur import SIGNATURES, Script, fake_ur, state
+from clients.lost_arm import chunks_of
 from clients.rtde_server import rtde_server
 
 STATED = SourceOptions(host="10.0.0.2", robot="ur5e", tcp_offset="0,0,0.1,0,0,0")
@@ -46,21 +47,10 @@ def moving(count: int, first_s: float = 5000.0) -> list:
     ]
 
 
-def rows_of(source: LiveArm) -> tuple[list[np.ndarray], str]:
-    """All chunks until the arm is lost, and what is said then."""
-    chunks, reported = [], source.chunks()
-    try:
-        for chunk in reported:
-            chunks.append(chunk)
-    except SourceError as lost:
-        return chunks, str(lost)
-    pytest.fail("the arm was not lost")
-
-
 def test_a_state_becomes_a_sample_of_the_flange(play):
     script = Script(moving(40), connected=False)
     source = play(script)
-    chunks, said = rows_of(source)
+    chunks, said = chunks_of(source)
     column = dict(zip(source.columns, np.concatenate(chunks).T, strict=True))
     np.testing.assert_allclose(column["t"], 0.002 * np.arange(40), atol=1e-9)
     np.testing.assert_allclose(column["px"], 0.4 + 1e-4 * np.arange(40))
@@ -79,7 +69,7 @@ def test_a_state_becomes_a_sample_of_the_flange(play):
 def test_a_state_that_changes_while_it_is_read_is_read_again(play):
     script = Script(moving(80), connected=False, torn=True)
     source = play(script)
-    rows = np.concatenate(rows_of(source)[0])
+    rows = np.concatenate(chunks_of(source)[0])
     column = dict(zip(source.columns, rows.T, strict=True))
     first = 5000.0 + 0.002 * round((column["px"][0] - 0.4) / 1e-4)
     np.testing.assert_allclose(column["px"], 0.4 + 1e-4 * (first - 5000.0 + column["t"]) / 0.002, atol=1e-9)
@@ -94,7 +84,7 @@ def test_a_state_that_changes_while_it_is_read_is_read_again(play):
     ],
 )
 def test_an_arm_that_stops_says_why(play, ends, said):
-    chunks, lost = rows_of(play(Script(moving(15), **ends)))
+    chunks, lost = chunks_of(play(Script(moving(15), **ends)))
     assert sum(map(len, chunks)) == 15
     assert lost == f"ur5e at 10.0.0.2: lost after 0.0 s: {said}"
 
@@ -103,7 +93,7 @@ def test_teach_mode_asks_for_the_tcp_zeroes_the_sensor_lets_go_and_holds_again(p
     script = Script(moving(20), offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0], connected=False)
     source = play(script, replace(STATED, tcp_offset=None, teach_mode=True))
     assert script.calls == ["zeroFtSensor", "teachMode"]
-    rows = np.concatenate(rows_of(source)[0])
+    rows = np.concatenate(chunks_of(source)[0])
     np.testing.assert_allclose(rows[:, source.columns.index("pz")], 0.3)
     assert script.calls[2:] == ["endTeachMode", "stopScript", "disconnect", "receive.disconnect"]
     source.close()
@@ -117,7 +107,7 @@ def test_a_command_that_is_not_carried_out_is_named(play):
 
 def test_without_a_wrench_there_are_no_columns_for_one(play):
     source = play(Script(moving(12)), replace(STATED, wrench_source="none"))
-    assert rows_of(source)[0][0].shape[1] == len(source.columns) == 1 + 7 + 6
+    assert chunks_of(source)[0][0].shape[1] == len(source.columns) == 1 + 7 + 6
 
 
 @pytest.mark.parametrize(

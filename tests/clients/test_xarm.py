@@ -16,6 +16,7 @@ from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import pose_of_roll_pitch_yaw
 from clients.fake_xarm import PARAMETERS, Script, fake_xarm, report
+from clients.lost_arm import chunks_of
 
 STATED = SourceOptions(
     host="10.0.0.3", robot="xarm7", tcp_offset="0,0,0.1,0,0,0", wrench_source="flange_sensor_with_hand"
@@ -43,20 +44,11 @@ def moving(count: int) -> list:
     ]
 
 
-def rows_of(source: LiveArm) -> tuple[np.ndarray, str]:
-    chunks, reported = [], source.chunks()
-    try:
-        for chunk in reported:
-            chunks.append(chunk)
-    except SourceError as lost:
-        return np.concatenate(chunks), str(lost)
-    pytest.fail("the arm was not lost")
-
-
 def test_a_report_becomes_a_sample_of_the_flange(play):
     script = Script(moving(20), force=[0.0, 0.0, -10.0, 0.1, 0.2, 0.3], connected=False)
     source = play(script)
-    rows, said = rows_of(source)
+    chunks, said = chunks_of(source)
+    rows = np.concatenate(chunks)
     column = dict(zip(source.columns, rows.T, strict=True))
     np.testing.assert_allclose(column["px"], 0.4 + 1e-4 * np.arange(20))
     np.testing.assert_allclose(column["pz"], 0.3)  # the tool points down: the flange is above the TCP
@@ -72,7 +64,8 @@ def test_a_report_becomes_a_sample_of_the_flange(play):
 def test_without_a_sensor_there_is_no_wrench(play):
     source = play(Script(moving(3)), replace(STATED, wrench_source="none"))
     assert not {"fx", "mx"} & set(source.columns)
-    rows, said = rows_of(source)
+    chunks, said = chunks_of(source)
+    rows = np.concatenate(chunks)
     assert rows.shape == (3, len(source.columns))
     assert "no report for" in said
 
@@ -95,7 +88,7 @@ def test_teach_mode_zeroes_the_sensor_lets_go_and_holds_again(play):
 
 
 def test_an_error_of_the_controller_ends_the_source(play):
-    _, said = rows_of(play(Script([*moving(2), report(error_code=31)])))
+    _, said = chunks_of(play(Script([*moving(2), report(error_code=31)])))
     assert said.endswith("the controller's error is 31")
 
 

@@ -103,7 +103,7 @@ class Visitor:
         self.page.screenshot(path=ARTEFACTS / f"{name}-{self.theme}.png", full_page=True)
 
     def barriers(self, *rules: str) -> list[str]:
-        """What axe finds on the page that keeps somebody out; by some of its rules, or by all.
+        """What axe finds on the page that keeps an operator out; by some of its rules, or by all.
 
         It fetches nothing: meanwhile Quasar draws a bar without a name, which axe would find.
         """

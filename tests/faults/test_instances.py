@@ -139,7 +139,7 @@ def test_one_that_hangs_loses_its_stations_and_takes_them_up_where_the_other_has
         for reported in begun:
             last = reaches(pair.caesura, reported.status.station, SAMPLES).status
             assert last.epoch > reported.status.epoch
-            received.until(SessionStatus, partial(_is_from, last))  # nobody who reads is left behind
+            received.until(SessionStatus, partial(_is_from, last))  # no subscriber is left behind
 
 
 def _is_from(last: SessionStatus, status: SessionStatus) -> bool:

@@ -55,7 +55,7 @@ def written(
 
 
 def ended(*kinds: str, t: float, station: str = "cell-1", session: str = "s1") -> Snapshot:
-    """How a session of t seconds ended, of which nobody edited the program."""
+    """How a session of t seconds ended, with the program as it was inferred."""
     result = {"station": station, "session": session, "instance": "caesura-1", "epoch": 1, "t": t}
     made = snapshot(1, *kinds, state="closed", **result)
     return made.model_copy(

@@ -17,6 +17,7 @@ from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import pose_of_roll_pitch_yaw
 from clients.fake_xarm import PARAMETERS, Script, fake_xarm, report
 from clients.lost_arm import chunks_of
+from harness.xarm_sdk import xarm_api
 
 STATED = SourceOptions(
     host="10.0.0.3", robot="xarm7", tcp_offset="0,0,0.1,0,0,0", wrench_source="flange_sensor_with_hand"
@@ -116,7 +117,7 @@ def test_roll_pitch_and_yaw_are_those_of_scipy():
 
 
 def test_the_sdk_is_as_the_fake_has_it():
-    real = pytest.importorskip("xarm.wrapper", reason="xarm-python-sdk is not installed").XArmAPI
+    real = xarm_api()
     for name, parameters in PARAMETERS.items():
         assert list(inspect.signature(getattr(real, name)).parameters)[1 : len(parameters) + 1] == parameters
     assert isinstance(real.ft_ext_force, property)

@@ -18,10 +18,10 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
 from harness.programs import DOWN, as_file, pick_and_place, press
+from harness.xarm_sdk import xarm_api
 
 from .test_ur_script import circle
 
-wrapper = pytest.importorskip("xarm.wrapper", reason="xarm-python-sdk is not installed")
 TABLE_N = [0.0, 0.0, -8.0, 0.0, 0.0, 0.0]
 
 
@@ -36,8 +36,8 @@ class Arm:
         self.pose = [300.0, -300.0, 400.0, 3.14, 0.0, 0.0]
         self.table_m = table_m
         self.wrench = wrench
-        self.api = create_autospec(wrapper.XArmAPI, instance=True)
-        for name in wrapper.XArmAPI.__dict__:
+        self.api = create_autospec(xarm_api(), instance=True)
+        for name in xarm_api().__dict__:
             if callable(getattr(self.api, name, None)) and not name.startswith("_"):
                 getattr(self.api, name).return_value = 0
         self.api.tcp_offset, self.api.tcp_load = [0.0, 0.0, 172.0, 0.0, 0.0, 0.0], [0.8, [0.0, 0.0, 50.0]]

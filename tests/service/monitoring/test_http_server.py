@@ -134,7 +134,7 @@ def test_it_is_alive_and_not_ready_while_it_waits_for_a_router_and_gone_once_it_
 def test_a_worker_that_does_not_come_round_is_not_alive(service):
     observed = observed_of(service)
     at = service.registry.station_counters.stepped_s
-    assert liveness(observed, clock=lambda: at + STUCK_AFTER_S).healthy
+    assert liveness(observed, clock=lambda: at + 0.99 * STUCK_AFTER_S).healthy
     stuck = liveness(observed, clock=lambda: at + 10 * STUCK_AFTER_S)
     assert not stuck.healthy
     assert "has not come round" in stuck.reason

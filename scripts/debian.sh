@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # What the project needs from Debian, where it is missing: the venv module and make, and what is named besides.
-# Usage: scripts/debian.sh [COMMAND | COMMAND:PACKAGE]..., as chromium for browser tests, or nft:nftables
+# Usage: scripts/debian.sh [COMMAND | COMMAND:PACKAGE]..., as chromium-headless-shell for browser tests, or nft:nftables
 set -euo pipefail
 missing=()
 python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)

@@ -16,13 +16,11 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
-from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
 from harness.demonstrations import guided
 from harness.processes import CAESURA, Process, running
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
-)
+pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 STEPS_TO_A_SECOND = 20  # of 0.05 s
 

@@ -13,14 +13,12 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
-from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
-)
+pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 PAGES = {
     "stations": ("/", "cell-1"),

@@ -16,15 +16,13 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
-from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, SlowSocket, Visitor, chromium
+from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, chromium, needs_chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
 from harness.processes import eventually
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
-)
+pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there

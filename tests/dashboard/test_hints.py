@@ -17,7 +17,7 @@ from caesura_protocol.messages import Hint, HintKind, Hints, Result
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import example, snapshot
-from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
 from dashboard.stage import Dashboard
 from harness.processes import running
 
@@ -47,9 +47,7 @@ def test_the_newest_active_hint_comes_first_and_none_of_a_session_that_is_over(u
     assert banner_of(replace(closed, hints=(old,))) == banner_of(None) == {"hints": []}
 
 
-@pytest.mark.skipif(
-    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
-)
+@needs_chromium
 def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared():
     hand = hint("hand_in_wrench", 3.0, HAND, "Hold the robot behind the sensor.")
     limit = hint("joint_limit", 2.0, "Joint 4 is 2° from its limit.", "Move joint 4 back.")

@@ -15,14 +15,12 @@ import httpx
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.messages import Changepoint
-from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
 from dashboard.stage import Stage, staged
 from harness.journals import COLUMNS, ended, taught, written
 from harness.processes import DEADLINE_S, eventually
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
-)
+pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 
 HOUR_S = 3600.0

@@ -17,15 +17,13 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description
-from dashboard.browser import CHROMIUM, PATIENCE_MS, THEMES, Visitor, chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
 from dashboard.stage import Stage, patient, staged
 from harness.demonstrations import guided
 from harness.forked import Forked
 from harness.processes import CAESURA, DEADLINE_S, environment, eventually, start
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM.exists(), reason=f"no {CHROMIUM}: apt-get install chromium, or set CAESURA_CHROMIUM"
-)
+pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 

@@ -16,7 +16,8 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_clients import Caesura
-from caesura_protocol.messages import Description
+from caesura_protocol.app_kinds import app_title
+from caesura_protocol.messages import Description, Program
 from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
 from dashboard.stage import Stage, patient, staged
 from harness.demonstrations import guided
@@ -283,7 +284,37 @@ def test_a_recording_is_dropped_and_played_as_a_session(
         assert (played.status.state, played.status.samples) == ("closed", len(guided().t))
         assert (played.status.description.task, played.status.wrench.source) == ("press", "flange_sensor")
         assert len(played.segments.segments) > 2
+    page.goto(f"{stage.dashboard.url}/sessions/cell-7/from-a-file")
+    check_path_in_3d(page, played.program)
+    pictured(visitor, "path")
     assert visitor.errors == []
+
+
+def check_path_in_3d(page: Page, program: Program) -> None:
+    """The path is drawn, turned by keys, and run through to its end."""
+    path = page.locator(".program-path")
+    picture, said = path.locator("canvas"), path.locator("output")
+    last = program.apps[-1]
+    place = ", ".join(f"{1000 * value + 0.0:.0f}" for value in last.target)
+    expect(said).to_contain_text(f" s · {len(program.apps)} {app_title(last.kind)} · ({place}) mm")
+    at_the_end = said.text_content() or ""
+    drawn = picture.evaluate(PICTURE)
+    picture.press("ArrowLeft")
+    page.wait_for_function(
+        f"(before) => ({PICTURE})(document.querySelector('.program-path canvas')) !== before", arg=drawn
+    )
+    path.get_by_role("button", name="top").click()
+    expect(path.get_by_role("button", name="top")).to_have_attribute("aria-pressed", "true")
+    slider = path.get_by_role("slider")
+    slider.press("Home")
+    expect(said).to_contain_text(f"1 {app_title(program.apps[0].kind)}")
+    slider.fill(str(round(last.tn - 0.3, 1)))
+    path.get_by_role("button", name="Play").click()
+    expect(said).to_have_text(at_the_end)
+    expect(path.get_by_role("button", name="Play")).to_be_visible()
+
+
+PICTURE = "(canvas) => canvas.toDataURL()"
 
 
 def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, visitor: Visitor):

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from caesura_clients.dashboard.program_edits import app_editing, editing_of, findings
+from caesura_clients.dashboard.program_path import program_path
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Program, Vector
@@ -29,6 +30,7 @@ def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
         "edited": program.edited,
         "notes": list(program.notes),
         "before": before,
+        "path": program_path(program.apps, before),
         "apps": [
             card(index + 1, program.apps[index])
             | app_editing(program.apps, index)

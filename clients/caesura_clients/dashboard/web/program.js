@@ -1,12 +1,13 @@
 import { live } from "caesura-dashboard/live.js";
 import { percent } from "caesura-dashboard/palette.js";
 import AppEdit from "caesura-dashboard/program_edit.js";
+import ProgramPath from "caesura-dashboard/program_path.js";
 
 const AUTHOR = "caesura-author";
 
 export default {
   mixins: [live],
-  components: { AppEdit },
+  components: { AppEdit, ProgramPath },
   props: { editable: Boolean },
   emits: ["edit"],
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "" }),
@@ -30,6 +31,7 @@ export default {
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
+      <program-path v-if="program && program.path.length" :rows="program.path"></program-path>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
       <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">

@@ -1,0 +1,90 @@
+"""The path of a task program as points in time and space, for the drawing in three dimensions.
+
+An app's row is {number, words, kind, points, via, force}. A point is [t, x, y, z]: time of the program [s]
+and base frame [mm]. Apps are run one after the other, with the taught pauses and the speeds that people set:
+times are those of the teaching where the program is as it was taught. Points lie on the path that the robot
+follows (`paths.curve_of`), so they keep the app's tolerance to what was taught. Without a path an app leads
+straight to its target, and one that stays has its place at its beginning and at its end. An app whose place
+is not known has no row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_title
+from caesura_protocol.messages import App, Vector
+from caesura_protocol.paths import curve_of
+
+Array = NDArray[np.float64]
+
+PARTS = 5  # points of a leg of a path
+MM = 1000.0
+
+#: App kind → the kind of segment whose colour it has; where it has a path, and where it stays.
+COLOURS: Mapping[AppKind, tuple[str, str]] = {
+    "cartesian_motion": ("motion", "motion"),
+    "move_to_contact": ("motion", "motion"),
+    "apply_force": ("sliding", "contact"),
+    "grasp": ("steady", "steady"),
+    "gripper_move": ("steady", "steady"),
+    "transport": ("transport", "transport"),
+    "hold": ("hold", "hold"),
+}
+
+
+class _Drawn(NamedTuple):
+    points: list[list[float]]
+    via: list[list[float]]
+
+
+def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
+    """The rows of the apps from number `first` on, counted from 0."""
+    rows: list[dict[str, Any]] = []
+    place = _target_before(apps, first)
+    clock = last = apps[first].t0 if first < len(apps) else 0.0  # [s] of the program; of the teaching
+    for index in range(first, len(apps)):
+        app = apps[index]
+        begin = clock + max(0.0, app.t0 - last)
+        clock, last = begin + (app.tn - app.t0) / (app.speed or 1.0), app.tn
+        drawn = _drawn(app, place, begin)
+        place = app.target or place
+        if drawn.points:
+            rows.append({"number": index + 1} | _look(app) | drawn._asdict())
+    return rows
+
+
+def _look(app: App) -> dict[str, Any]:
+    """Its name, the kind whose colour it has, and the force that the robot exerts [N]."""
+    moving, staying = COLOURS[app.kind]
+    kind = "turning" if app.screw is not None else moving if app.path is not None else staying
+    force = None if app.force is None else [round(value, 2) for value in app.force]
+    return {"words": app.name or app_title(app.kind), "kind": kind, "force": force}
+
+
+def _target_before(apps: Sequence[App], first: int) -> Vector | None:
+    """Where the app before number `first` ends; None where no app before it has a target."""
+    return next((app.target for app in reversed(apps[:first]) if app.target is not None), None)
+
+
+def _drawn(app: App, place: Vector | None, begin: float) -> _Drawn:
+    """Points and via points of an app that begins at a time [s]. place: where the app before it ended [m]."""
+
+    def rows(t: Array, values: Array) -> list[list[float]]:
+        times = begin + (t - app.t0) / (app.speed or 1.0)
+        table: list[list[float]] = (
+            np.column_stack([times.round(2), (MM * values[:, :3]).round(1)]) + 0.0
+        ).tolist()
+        return table
+
+    if app.path is not None and app.target is not None:
+        curve = curve_of(app)
+        t = np.interp(np.arange(PARTS * (len(curve.t) - 1) + 1) / PARTS, np.arange(len(curve.t)), curve.t)
+        return _Drawn(rows(t, curve.sampled(PARTS)), rows(curve.t[1:-1], curve.values[1:-1]))
+    goal = app.target or place
+    start = place if place is not None and APP_KINDS[app.kind].travels else goal
+    return _Drawn([] if goal is None else rows(np.array([app.t0, app.tn]), np.array([start, goal])), [])

@@ -1,0 +1,213 @@
+// The path of a program in three dimensions: each app in the colour of its kind, via points, forces, and where the
+// robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
+import { KINDS } from "caesura-dashboard/palette.js";
+
+const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
+const MARGIN = 34, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
+const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y", "z"];
+const between = (low, high, value) => Math.min(Math.max(value, low), high);
+
+export default {
+  props: { rows: Array },
+  data: () => ({ turn: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS) }),
+  template: `
+    <details class="program-path" open><summary>Path in 3D</summary>
+      <div class="path-tools">
+        <span class="moves" role="group" aria-label="View of the path">
+          <button v-for="name in views" :key="name" :aria-pressed="String(isView(name))" @click="look(name)">{{ name }}</button>
+          <button aria-label="Enlarge the path" @click="zoom *= 1.25">+</button><button aria-label="Shrink the path" @click="zoom /= 1.25">−</button></span>
+        <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
+        <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
+          @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
+        <output>{{ words }}</output>
+      </div>
+      <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"
+        @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointercancel="held = null" @keydown="key"></canvas>
+    </details>`,
+  computed: {
+    range() {
+      return [this.rows[0].points[0][0], this.rows.at(-1).points.at(-1)[0]];
+    },
+    shown() {
+      return between(...this.range, this.t ?? this.range[1]);
+    },
+    at() { // the app that is run at the time, or that was run last before it
+      return this.rows.findLast(({ points }) => points[0][0] <= this.shown) || this.rows[0];
+    },
+    words() {
+      const [x, y, z] = this.place().map((value) => value.toFixed(0));
+      return `${this.shown.toFixed(1)} s · ${this.at.number} ${this.at.words} · (${x}, ${y}, ${z}) mm`;
+    },
+  },
+  watch: { rows: "draw", turn: "draw", zoom: "draw", t: "draw" },
+  mounted() {
+    this.observers = [new ResizeObserver(() => this.draw()), new MutationObserver(() => this.draw())];
+    this.observers[0].observe(this.$refs.canvas);
+    this.observers[1].observe(document.documentElement, { attributes: true });
+    this.scheme = matchMedia("(prefers-color-scheme: dark)");
+    this.scheme.addEventListener("change", this.draw);
+  },
+  unmounted() {
+    clearInterval(this.player);
+    this.observers.forEach((one) => one.disconnect());
+    this.scheme.removeEventListener("change", this.draw);
+  },
+  methods: {
+    isView(name) {
+      return VIEWS[name].every((angle, i) => Math.abs(angle - this.turn[i]) < 1e-6);
+    },
+    look(name) {
+      Object.assign(this, { turn: VIEWS[name], zoom: 1 });
+    },
+    rotate(around, over) {
+      this.turn = [this.turn[0] + around, between(-Math.PI / 2, Math.PI / 2, this.turn[1] + over)];
+    },
+    grasp(event) {
+      this.held = [event.clientX, event.clientY];
+      event.target.setPointerCapture(event.pointerId);
+    },
+    drag(event) {
+      if (!this.held) return;
+      const [x, y] = this.held;
+      this.held = [event.clientX, event.clientY];
+      this.rotate((x - event.clientX) / 150, (event.clientY - y) / 150);
+    },
+    key(event) {
+      const way = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      this.rotate(...way.map((step) => step * STEP_RAD));
+    },
+
+    // --- time ---
+    go(t) {
+      this.t = t;
+    },
+    play() {
+      clearInterval(this.player);
+      this.playing = !this.playing;
+      if (!this.playing) return;
+      if (this.shown >= this.range[1]) this.t = this.range[0];
+      let before = performance.now();
+      this.player = setInterval(() => {
+        const now = performance.now();
+        this.t = Math.min(this.shown + (now - before) / 1000, this.range[1]);
+        before = now;
+        if (this.t >= this.range[1]) this.play();
+      }, TICK_MS);
+    },
+    place() { // [mm] where the robot is at the time
+      const { points } = this.at, t = this.shown;
+      const i = Math.max(1, points.findIndex(([at]) => at >= t));
+      const [[t0, ...from], [tn, ...to]] = t >= points.at(-1)[0] ? [points.at(-1), points.at(-1)] : [points[i - 1], points[i]];
+      const share = tn > t0 ? between(0, 1, (t - t0) / (tn - t0)) : 0;
+      return from.map((value, axis) => value + share * (to[axis] - value));
+    },
+
+    // --- drawing ---
+    draw() {
+      if (this.asked) return;
+      this.asked = requestAnimationFrame(() => {
+        this.asked = 0;
+        if (this.$refs.canvas && this.$refs.canvas.clientWidth) this.paint();
+      });
+    },
+    directions() { // of the picture's right and up, in the base frame
+      const [around, over] = this.turn, [s, c] = [Math.sin(around), Math.cos(around)];
+      return [[-s, c, 0], [-c * Math.sin(over), -s * Math.sin(over), Math.cos(over)]];
+    },
+    projection(width, height) { // as large as the picture allows
+      const [right, up] = this.directions(), along = (axis, place) => axis.reduce((sum, share, i) => sum + share * place[i], 0);
+      const ends = (axis) => {
+        const all = this.rows.flatMap(({ points }) => points.map(([, ...place]) => along(axis, place)));
+        return [Math.min(...all), Math.max(...all)];
+      };
+      const [[left, rightmost], [low, high]] = [ends(right), ends(up)];
+      const room = (pixels, mm) => (pixels - 2 * MARGIN) / Math.max(mm, LEAST_MM);
+      const scale = this.zoom * Math.min(room(width, rightmost - left), room(height, high - low));
+      const [x, y] = [(left + rightmost) / 2, (low + high) / 2];
+      return { scale, of: (place) => [width / 2 + scale * (along(right, place) - x), height / 2 - scale * (along(up, place) - y)] };
+    },
+    paint() {
+      const canvas = this.$refs.canvas, ratio = window.devicePixelRatio || 1, style = getComputedStyle(document.documentElement);
+      const ink = style.getPropertyValue("--ink").trim(), faint = style.getPropertyValue("--faint").trim(), paper = style.getPropertyValue("--paper").trim();
+      const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+      [canvas.width, canvas.height] = [width * ratio, height * ratio].map(Math.round);
+      const context = canvas.getContext("2d"), { scale, of } = this.projection(width, height);
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      Object.assign(context, { lineCap: "round", lineJoin: "round", font: "12px system-ui, sans-serif", textBaseline: "middle" });
+      this.frame(context, height, scale, faint);
+      const line = (places, colour, width) => {
+        context.beginPath();
+        places.forEach((place, i) => context[i ? "lineTo" : "moveTo"](...of(place)));
+        Object.assign(context, { strokeStyle: colour, lineWidth: width });
+        context.stroke();
+      };
+      const dot = (place, radius, fill) => {
+        context.beginPath();
+        context.arc(...of(place), radius, 0, 7);
+        Object.assign(context, { fillStyle: fill, strokeStyle: ink, lineWidth: 1 });
+        context.fill();
+        context.stroke();
+      };
+      for (const row of this.rows) {
+        const places = row.points.map(([, ...place]) => place);
+        line(places, ink, row === this.at ? 6 : 4); // an edge in ink: yellow and white paper have little contrast
+        line(places, KINDS[row.kind].colour, row === this.at ? 4 : 2);
+        row.via.forEach(([, ...place]) => dot(place, 2.5, paper));
+      }
+      const labels = []; // [x, y, words]; those at one place are written as one
+      const label = ([x, y], words) => {
+        const shared = labels.find(([x0, y0]) => Math.hypot(x - x0, y - y0) < LABEL_PX);
+        if (shared) shared[2].push(words);
+        else labels.push([x, y, [words]]);
+      };
+      for (const row of this.rows) {
+        const place = row.points[0].slice(1), [x, y] = of(place);
+        dot(place, 3.5, KINDS[row.kind].colour);
+        label([x + 8, y - 8], row.number);
+        const tip = row.force && this.arrow(context, of(row.points.at(-1).slice(1)), row.force, ink);
+        if (tip) label(tip, `${Math.hypot(...row.force).toFixed(1)} N`);
+      }
+      context.fillStyle = ink;
+      for (const [x, y, words] of labels) context.fillText(words.join(", "), x, y);
+      dot(this.place(), 6, ink);
+    },
+    arrow(context, [x, y], force, ink) { // what the robot exerts; where its words stand, if it can be seen
+      const [right, up] = this.directions(), newton = Math.hypot(...force);
+      const way = [right, up].map((axis) => axis.reduce((sum, share, i) => sum + share * force[i], 0));
+      const length = newton ? Math.min(LONGEST_PX, FORCE_PX_PER_N * newton) / newton : 0, [dx, dy] = [way[0] * length, -way[1] * length];
+      const size = Math.hypot(dx, dy);
+      if (size < 2) return null;
+      const [ux, uy] = [dx / size, dy / size];
+      context.beginPath();
+      context.moveTo(x, y);
+      context.lineTo(x + dx, y + dy);
+      context.lineTo(x + dx - 5 * ux - 4 * uy, y + dy - 5 * uy + 4 * ux);
+      context.moveTo(x + dx, y + dy);
+      context.lineTo(x + dx - 5 * ux + 4 * uy, y + dy - 5 * uy - 4 * ux);
+      Object.assign(context, { strokeStyle: ink, lineWidth: 1.5 });
+      context.stroke();
+      return [x + dx + 6, y + dy + 4];
+    },
+    frame(context, height, scale, faint) { // the base's axes, and a bar that says how long things are
+      const [right, up] = this.directions(), [x0, y0] = [34, height - 44];
+      Object.assign(context, { strokeStyle: faint, fillStyle: faint, lineWidth: 1.5 });
+      AXES.forEach((name, i) => {
+        const [x, y] = [x0 + 22 * right[i], y0 - 22 * up[i]];
+        if (Math.hypot(right[i], up[i]) < 0.15) return;
+        context.beginPath();
+        context.moveTo(x0, y0);
+        context.lineTo(x, y);
+        context.stroke();
+        context.fillText(name, x0 + 30 * right[i] - 3, y0 - 30 * up[i]);
+      });
+      const bar = BARS_MM.find((mm) => mm * scale <= BAR_PX) || BARS_MM.at(-1), y = height - 12;
+      context.beginPath();
+      context.moveTo(12, y);
+      context.lineTo(12 + bar * scale, y);
+      context.stroke();
+      context.fillText(`${bar} mm`, 18 + bar * scale, y);
+    },
+  },
+};

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +14,9 @@ import pytest
 from caesura_lab.annotations import read_annotation
 from caesura_protocol.formats.read import load_recording
 
-ANNOTATIONS = Path(__file__).resolve().parents[2] / "data" / "real"
+TOP = Path(__file__).resolve().parents[2]
+ANNOTATIONS = TOP / "data" / "real"
+PAGES = TOP / "docs"
 
 
 @pytest.fixture
@@ -69,12 +72,29 @@ def test_the_variable_says_where_they_are_unless_the_argument_does(real, tmp_pat
 
 def test_every_published_annotation_says_what_it_is_of(real):
     wanted = list(real.recordings(ANNOTATIONS))
-    assert len(wanted) >= 20
+    assert len(wanted) == 50
     for each in wanted:
         assert each.annotation.name == each.file.replace(".npz", ".ann.json")
         assert each.licence == "MIT"
         assert len(each.sha256) == 64
         assert "/" in each.source.partition(":")[0]
+
+
+def test_the_published_counts_are_those_of_the_command(real, capsys):
+    assert real.main(["--counts"]) == 0
+    page = (PAGES / "annotation.md").read_text(encoding="utf-8")
+    published = re.findall(r"^\| (\S+/\S+) \|.*\| MIT \| (.*) \|$", page, re.MULTILINE)
+    _, *rows = (line.split() for line in capsys.readouterr().out.splitlines())
+    assert [[repository, *cells.split(" | ")] for repository, cells in published] == rows
+
+
+def test_the_recordings_evaluated_apart_are_those_of_the_annotator_who_saw_no_result(real):
+    page = (PAGES / "judge.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^    caesura evaluate (delft_panda_\{1,.*) \\$", page, re.MULTILINE)
+    groups = re.findall(r"(\w+_)\{([\d,]+)\}\.npz", command)
+    named = {f"{name}{number}.npz" for name, numbers in groups for number in numbers.split(",")}
+    content = (json.loads(path.read_text(encoding="utf-8")) for path in ANNOTATIONS.glob("*.ann.json"))
+    assert named == {each["file"] for each in content if each["annotator"] == "C"}
 
 
 @pytest.mark.parametrize("path", sorted(ANNOTATIONS.glob("*.ann.json")), ids=lambda path: path.stem)

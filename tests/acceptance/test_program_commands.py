@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -68,6 +69,17 @@ def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tm
     assert load_recording(out).t[-1] > 5.0
 
 
+def test_without_a_scenario_it_runs_in_a_cell_as_taught(program: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.npz"
+    done = caesura("execute", program, "--simulated", "-o", out)
+    assert done.exit_code == 0, done.output
+    assert "cell as taught: 1 level surface, nothing else" in done.output
+    run = load_recording(out)
+    taught = max(-app["force"][2] for app in json.loads(program.read_text("utf-8"))["apps"] if app["force"])
+    felt = run.signals["force"][:, 2]
+    assert np.median(felt[felt > 0.5 * taught]) == pytest.approx(taught, rel=0.15)
+
+
 def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", spoilt, "--simulated", "--scenario", "dispenser", "-o", out)
@@ -80,7 +92,6 @@ def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     ("words", "said"),
     [
         ((), "only --simulated"),
-        (("--simulated",), "--scenario"),
         (("--simulated", "--scenario", "moon"), "no scenario 'moon'"),
         (("--simulated", "--scenario", "dispenser", "-o", "run.csv"), "expected .npz"),
     ],

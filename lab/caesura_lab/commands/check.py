@@ -96,14 +96,16 @@ def execute(
     retarget: Retarget = False,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write what was recorded, .npz.")] = None,
 ) -> None:
-    """Run a program on the simulated robot. The exit code is 1 where it is refused or stopped."""
+    """Run a program on the simulated robot. The exit code is 1 where it is refused or stopped.
+
+    Without --scenario it runs in a cell as taught: a level surface stands where the program touches, and an
+    object where it grasps.
+    """
     with reported():
         if not simulated:
             raise CaesuraError(
                 "only --simulated is run here; for a robot, write a script: caesura program --format franky"
             )
-        if scenario is None:
-            raise CaesuraError(f"name the cell with --scenario, one of {', '.join(SCENARIOS)}")
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
         stopped = _run(on_robot(read_document(file), robot, retarget=retarget), scenario, seed, out)
@@ -111,19 +113,24 @@ def execute(
         raise typer.Exit(1)
 
 
-def _run(program: ProgramFile, scenario: str, seed: int, out: Path | None) -> bool:
+def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None) -> bool:
     """Whether it was stopped."""
     import numpy as np  # noqa: PLC0415
 
     from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
+    from caesura_lab.execution.taught_cell import cell_as_taught, taught_cell_in_words  # noqa: PLC0415
     from caesura_protocol.programs.checks.findings import RefusedError  # noqa: PLC0415
     from caesura_service.robot import load_robot  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
     try:
-        cell = SimulatedCell(_scenario(scenario, program), person, seed)
+        if scenario is None:
+            cell = cell_as_taught(program.apps, person, seed)
+            typer.echo(taught_cell_in_words(cell), err=True)
+        else:
+            cell = SimulatedCell(_scenario(scenario, program), person, seed)
         quality = DemonstrationQuality(timing=program.timing)
         done = run(
             program.apps, cell, program.safety, quality=quality, robot=load_robot(program.robot or "panda")

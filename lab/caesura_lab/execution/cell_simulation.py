@@ -29,10 +29,11 @@ class GraspableObject:
 class CellSimulation:
     """Obstacles, the graspable object and the fingers. A released object stays where it is."""
 
-    def __init__(self, scenario: Scenario, load_kg: float) -> None:
+    def __init__(self, scenario: Scenario, load_kg: float, width_m: float | None = None) -> None:
+        """load_kg, width_m: of the object that is gripped; None for the usual width."""
         self.surfaces: tuple[Surface, ...] = scenario.surfaces
         self.start: Vector = scenario.start
-        self._object = _object_of(scenario, load_kg)
+        self._object = _object_of(scenario, load_kg, WIDTH_OBJECT_M if width_m is None else width_m)
         self.width_m = WIDTH_OPEN_M if self._object else 0.0
         self.held_kg = 0.0
         self._goal_m, self._speed = self.width_m, 0.0
@@ -66,11 +67,11 @@ class CellSimulation:
         return Cell(safety, self.surfaces, self.start)
 
 
-def _object_of(scenario: Scenario, load_kg: float) -> GraspableObject | None:
+def _object_of(scenario: Scenario, load_kg: float, width_m: float) -> GraspableObject | None:
     """Return the object that the scenario grips, at its place; None without a grasp."""
     place: Vector = scenario.start
     for step in scenario.steps:
         place = step.to or place
         if step.kind == "grasp":
-            return GraspableObject(place, WIDTH_OBJECT_M, load_kg)
+            return GraspableObject(place, width_m, load_kg)
     return None

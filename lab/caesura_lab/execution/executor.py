@@ -36,12 +36,22 @@ BEGIN_S, END_S, BRAKE_S = 0.6, 0.8, 0.3
 
 @dataclass(frozen=True)
 class SimulatedCell:
-    """A simulated cell: what is taught there, and whose object and sensors they are."""
+    """A simulated cell: what is taught there, and whose object and sensors they are.
+
+    load_kg, width_m: of the object that is gripped; None for the person's own, and the usual width.
+    """
 
     scenario: Scenario
     person: Person
     seed: int = 0
     wrench_source: WrenchSource = "flange_sensor"
+    load_kg: float | None = None
+    width_m: float | None = None
+
+    def simulation(self) -> CellSimulation:
+        """The cell before the first app."""
+        kg = self.person.load_kg if self.load_kg is None else self.load_kg
+        return CellSimulation(self.scenario, kg, self.width_m)
 
 
 @dataclass(frozen=True)
@@ -69,7 +79,7 @@ def execute(
 ) -> RunResult:
     """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
     robot = robot or load_panda()
-    report = check(apps, CellSimulation(cell.scenario, cell.person.load_kg).cell(safety), quality, robot)
+    report = check(apps, cell.simulation().cell(safety), quality, robot)
     if not report.passed:
         raise RefusedError(report)
     return run(apps, cell, safety, robot)
@@ -80,7 +90,7 @@ def run(
 ) -> RunResult:
     """Run apps that a check has passed; the same arguments give the same bytes."""
     robot = robot or load_panda()
-    world = CellSimulation(cell.scenario, cell.person.load_kg)
+    world = cell.simulation()
     world.start = _start_position(apps, world.start)
     controller = SkillController(SimulatedArm(robot, world, friction=cell.person.joint_friction), safety)
     stopped, at = None, None

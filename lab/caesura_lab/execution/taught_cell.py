@@ -1,0 +1,139 @@
+"""A simulated cell for a program whose own cell is not known: what stands there follows from the program.
+
+Where the program touches something, a level surface stands there, as large as the contact. Where it grasps,
+one object stands, as wide and heavy as it was taught to be. Nothing else stands there, and the friction is
+that of the teacher's surfaces. So a run shows whether the arm can do what was taught, not whether the real
+cell lets it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from caesura_lab.execution.executor import SimulatedCell
+from caesura_lab.execution.skills import COMPLIANT_M
+from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_lab.teacher.motion_profiles import Array
+from caesura_lab.teacher.person import THESIS, Person
+from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, Scenario, Step
+from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import App, Quaternion, Vector
+from caesura_protocol.paths import knots_of
+from caesura_protocol.rotations import matrix_of
+
+AROUND_M = 0.02  # of a surface beyond what is touched of it
+LEVEL_COSINE = 0.94  # of 20°: a force that leans further is not that of a level surface
+DOWN = (1.0, 0.0, 0.0, 0.0)  # fingers down, where a program states no orientation
+
+
+@dataclass
+class _Contact:
+    """What is touched from one touch to the release: tips (3,) [m], the first where it was touched."""
+
+    index: int
+    app: App
+    tips: list[Array] = field(default_factory=list)
+    force_n: float = 0.0
+
+
+def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) -> SimulatedCell:
+    """The cell; person and seed: whose friction and sensors they are.
+
+    Raises CaesuraError where the program needs more than level surfaces and one object.
+    """
+    start = _start(apps)
+    contacts = list(_contacts(apps))
+    grasps = [(i, app) for i, app in enumerate(apps) if app.kind == "grasp"]
+    steps = tuple(Step("grasp", 0.0, to=_place(apps, i)) for i, _ in grasps[:1])
+    surfaces = tuple(map(_surface, contacts))
+    scenario = Scenario("as taught", "what the program touches", start, steps, surfaces)
+    loads = [app.load_kg for app in apps if app.load_kg is not None]
+    width_m = grasps[0][1].gripper_width if grasps else None
+    return SimulatedCell(scenario, person, seed, load_kg=max(loads, default=None), width_m=width_m)
+
+
+def taught_cell_in_words(cell: SimulatedCell) -> str:
+    """What stands in a cell as taught."""
+    count = len(cell.scenario.surfaces)
+    surfaces = f"{count or 'no'} level surface{'' if count == 1 else 's'}"
+    held = "" if not cell.scenario.steps else ", one object"
+    return f"cell as taught: {surfaces}{held}, nothing else; friction and stiffness are assumed"
+
+
+def _start(apps: Sequence[App]) -> Vector:
+    """Where the flange begins [m]."""
+    for app in apps:
+        if app.path is not None:
+            return app.path.start.position
+        if app.target is not None:
+            return app.target
+    raise CaesuraError("the program has no target: there is nothing to run")
+
+
+def _place(apps: Sequence[App], index: int) -> Vector:
+    """The target of an app, or of the last one before it that has one [m]."""
+    targets = [app.target for app in apps[: index + 1] if app.target is not None]
+    return targets[-1] if targets else _start(apps)
+
+
+def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
+    """The contacts, one after the other. Raises CaesuraError for one that no level surface makes."""
+    contact: _Contact | None = None
+    orientation: Quaternion = DOWN
+    for index, app in enumerate(apps):
+        following = apps[index + 1].kind if index + 1 < len(apps) else None
+        orientation = app.orientation or orientation
+        _check(index, app)
+        touches = ends_in_contact(app.kind, following)
+        if contact is not None and not APP_KINDS[app.kind].in_contact:
+            yield contact
+            contact = None
+        if touches or (contact is None and APP_KINDS[app.kind].presses):
+            contact = _Contact(index, app)
+        if contact is None:
+            continue
+        contact.tips += _tips(app, _place(apps, index), orientation, whole=not touches)
+        contact.force_n = max(contact.force_n, 0.0 if app.force is None else -app.force[2])
+    if contact is not None:
+        yield contact
+
+
+def _check(index: int, app: App) -> None:
+    """Raises CaesuraError for what a level surface cannot do."""
+    need = "name the cell with --scenario"
+    if app.screw is not None and APP_KINDS[app.kind].presses:
+        raise CaesuraError(f"{app_name(index, app.kind)} turns in contact, which only a cell has: {need}")
+    if app.force is None:
+        return
+    size = float(np.linalg.norm(app.force))
+    if size > 0.0 and -app.force[2] < LEVEL_COSINE * size:
+        toward = ", ".join(f"{value:.1f}" for value in app.force)
+        raise CaesuraError(
+            f"{app_name(index, app.kind)} exerts ({toward}) N; surfaces of a cell as taught are level: {need}"
+        )
+
+
+def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> list[Array]:
+    """Where the fingertips touch in an app (3,) [m] each. whole: along its path, not at its end alone."""
+    lever = FINGERS_BELOW_FLANGE_M * matrix_of(orientation)[:, 2]
+    if whole and app.path is not None and app.target is not None:
+        return [np.array(pose[:3]) + lever for pose in knots_of(app)[1]]
+    return [np.array(place) + lever]
+
+
+def _surface(contact: _Contact) -> Surface:
+    """The surface: rigid, or one that yields as deep as it was pushed in."""
+    tips = np.array(contact.tips)
+    low, high = tips[:, :2].min(axis=0), tips[:, :2].max(axis=0)
+    center = 0.5 * (low + high)
+    radius = float(np.linalg.norm(tips[:, :2] - center, axis=1).max()) + AROUND_M
+    top, deepest = float(tips[0, 2]), float(tips[:, 2].min())
+    depth = top - deepest
+    place = (float(center[0]), float(center[1]))
+    if depth <= COMPLIANT_M:
+        return Surface(top, place, radius)
+    return Surface(top, place, radius, travel_m=depth, spring_n_per_m=max(contact.force_n, 1.0) / depth)

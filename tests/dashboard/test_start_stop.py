@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
@@ -312,6 +312,20 @@ def check_path_in_3d(page: Page, program: Program) -> None:
     path.get_by_role("button", name="Play").click()
     expect(said).to_have_text(at_the_end)
     expect(path.get_by_role("button", name="Play")).to_be_visible()
+    check_simulation(path)
+
+
+def check_simulation(path: Locator) -> None:
+    """The program runs on the simulated robot, and its run is played; what stood there is said."""
+    path.get_by_role("button", name="Simulate", exact=True).click()
+    words = path.locator(".simulated")
+    expect(words).to_contain_text("cell as taught: 1 level surface, nothing else")
+    expect(words).to_contain_text("m/s")
+    run = path.get_by_role("button", name="Simulated run")
+    expect(run).to_have_attribute("aria-pressed", "true")
+    expect(path.locator("output")).to_contain_text("simulated run")
+    run.click()
+    expect(path.locator("output")).to_contain_text("3 move")
 
 
 PICTURE = "(canvas) => canvas.toDataURL()"

@@ -55,6 +55,7 @@ def dashboard(
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
     from caesura_clients.dashboard.recordings import RecordingDesk  # noqa: PLC0415
     from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
+    from caesura_clients.dashboard.simulation import Simulator  # noqa: PLC0415
 
     with reported():
         address = Address(host, port, tuple(name or ()), _password(password_file))
@@ -68,6 +69,7 @@ def dashboard(
             connected(endpoint, config, patient=True) as caesura,
             NetworkFollower(caesura.transport) as gateway,
             RecordingDesk(endpoint, bridge_config or config) as recordings,
+            Simulator() as simulator,
         ):
             signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
             with suppress(KeyboardInterrupt):
@@ -75,7 +77,7 @@ def dashboard(
                 site = (
                     Site(gateway, None)
                     if read_only
-                    else Site(gateway, corrector(transport), Desk(transport), recordings)
+                    else Site(gateway, corrector(transport), Desk(transport), recordings, simulator)
                 )
                 serve(site, address)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -146,10 +146,23 @@ class SessionList(LiveElement, component="web/session_list.js"):
 class ProgramTimeline(LiveElement, component="web/program.js"):
     """The timeline of a task program (`apps.timeline`). on_edit: an `EditProgram`, as the browser says it."""
 
-    def __init__(self, on_edit: Callable[[GenericEventArguments], Any], *, editable: bool) -> None:
+    def __init__(
+        self,
+        on_edit: Callable[[GenericEventArguments], Any],
+        on_simulate: Callable[[GenericEventArguments], Any],
+        *,
+        editable: bool,
+        speeds: Sequence[str],
+    ) -> None:
+        """on_simulate: with one of `speeds`; without any, nothing is simulated here."""
         super().__init__()
-        self._props["editable"] = editable
+        self._props |= {"editable": editable, "speeds": list(speeds)}
         self.on("edit", on_edit)
+        self.on("simulate", on_simulate)
+
+    def simulated(self, found: dict[str, Any]) -> None:
+        """Show what became of a simulation (`Simulator.run`)."""
+        self.run_method("simulated", found)
 
     def answered(self, message: str, *, failed: bool) -> None:
         """Show what became of an edit."""

@@ -14,6 +14,7 @@ from caesura_clients.dashboard.demonstrations import Desk
 from caesura_clients.dashboard.editing import Corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.recordings import RecordingDesk
+from caesura_clients.dashboard.simulation import Simulator
 
 ASSETS = "/assets"
 TICK_S = 0.1  # updates of a page; ten a second at most
@@ -29,12 +30,13 @@ _HEAD = (
 
 
 class Site(NamedTuple):
-    """What pages are made of. corrector, desk, recordings: None where this dashboard only reads."""
+    """What pages are made of. What comes after the gateway is None where this dashboard only reads."""
 
     gateway: NetworkFollower
     corrector: Corrector | None
     desk: Desk | None = None
     recordings: RecordingDesk | None = None
+    simulator: Simulator | None = None
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from caesura_clients.dashboard.elements import (
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
+from caesura_clients.dashboard.simulation import SPEEDS
 from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
@@ -32,6 +33,7 @@ class SessionPage:
     def __init__(self, site: Site, station: str, session: str | None) -> None:
         self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
         self._station, self._session = station, session
+        self._simulator = site.simulator
         self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
         with page(title, "/" if session is None else "/sessions"):
@@ -45,7 +47,12 @@ class SessionPage:
             self._view = SessionView(
                 station, editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
             )
-            self._program = ProgramTimeline(self._edit_program, editable=self._program_desk is not None)
+            self._program = ProgramTimeline(
+                self._edit_program,
+                self._simulate,
+                editable=self._program_desk is not None,
+                speeds=() if site.simulator is None else SPEEDS,
+            )
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
@@ -139,6 +146,18 @@ class SessionPage:
             self._program.answered(str(refused), failed=True)
         else:
             self._program.answered(said or "", failed=False)
+
+    async def _simulate(self, event: GenericEventArguments) -> None:
+        """Run the program that is shown on the simulated robot, without delaying any other page."""
+        program = self._timeline_of
+        if self._simulator is None or program is None:
+            return
+        try:
+            found = await run.io_bound(self._simulator.run, program, str(event.args))
+        except EditRefused as refused:
+            found = {"said": str(refused), "stopped": True, "points": []}
+        if found is not None:  # else the dashboard is ending
+            self._program.simulated(found)
 
 
 def line_of(seen: StationSummary, update: Update | None) -> str:

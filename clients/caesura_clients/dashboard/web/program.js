@@ -8,8 +8,8 @@ const AUTHOR = "caesura-author";
 export default {
   mixins: [live],
   components: { AppEdit, ProgramPath },
-  props: { editable: Boolean },
-  emits: ["edit"],
+  props: { editable: Boolean, speeds: Array },
+  emits: ["edit", "simulate"],
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "" }),
   template: `
     <section aria-labelledby="program-title">
@@ -31,7 +31,8 @@ export default {
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
-      <program-path v-if="program && program.path.length" :rows="program.path"></program-path>
+      <program-path v-if="program && program.path.length" :rows="program.path" :speeds="speeds" ref="path"
+        @simulate="(speed) => $emit('simulate', speed)"></program-path>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
       <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">
@@ -70,6 +71,9 @@ export default {
       if (!this.program || payload.name !== this.program.name || payload.session !== this.program.session) this.name = payload.name;
       if (this.program && payload.session !== this.program.session) this.message = "";
       this.program = payload;
+    },
+    simulated(found) {
+      this.$refs.path?.simulated(found);
     },
     rename() {
       const name = this.name.trim();

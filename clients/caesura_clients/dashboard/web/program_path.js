@@ -8,24 +8,34 @@ const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
-  props: { rows: Array },
-  data: () => ({ turn: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS) }),
+  props: { rows: Array, speeds: Array },
+  emits: ["simulate"],
+  data: () => ({
+    turn: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
+    run: null, follows: false, speed: "taught", said: "", stopped: false, busy: false,
+  }),
   template: `
     <details class="program-path" open><summary>Path in 3D</summary>
       <div class="path-tools">
         <span class="moves" role="group" aria-label="View of the path">
           <button v-for="name in views" :key="name" :aria-pressed="String(isView(name))" @click="look(name)">{{ name }}</button>
           <button aria-label="Enlarge the path" @click="zoom *= 1.25">+</button><button aria-label="Shrink the path" @click="zoom /= 1.25">−</button></span>
+        <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
+          <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
+        <button class="simulate" :disabled="busy" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button></span>
+        <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="turnTo(!follows)">Simulated run</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
         <output>{{ words }}</output>
       </div>
+      <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ said }}</p>
       <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"
         @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointercancel="held = null" @keydown="key"></canvas>
     </details>`,
   computed: {
     range() {
+      if (this.follows) return [this.run[0][0], this.run.at(-1)[0]];
       return [this.rows[0].points[0][0], this.rows.at(-1).points.at(-1)[0]];
     },
     shown() {
@@ -36,10 +46,11 @@ export default {
     },
     words() {
       const [x, y, z] = this.place().map((value) => value.toFixed(0));
-      return `${this.shown.toFixed(1)} s · ${this.at.number} ${this.at.words} · (${x}, ${y}, ${z}) mm`;
+      const what = this.follows ? "simulated run" : `${this.at.number} ${this.at.words}`;
+      return `${this.shown.toFixed(1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
     },
   },
-  watch: { rows: "draw", turn: "draw", zoom: "draw", t: "draw" },
+  watch: { rows: "changed", run: "draw", follows: "draw", turn: "draw", zoom: "draw", t: "draw" },
   mounted() {
     this.observers = [new ResizeObserver(() => this.draw()), new MutationObserver(() => this.draw())];
     this.observers[0].observe(this.$refs.canvas);
@@ -79,6 +90,30 @@ export default {
       this.rotate(...way.map((step) => step * STEP_RAD));
     },
 
+    // --- the simulated run ---
+    simulate() {
+      Object.assign(this, { busy: true, said: "", stopped: false });
+      this.asked = JSON.stringify(this.rows);
+      this.$emit("simulate", this.speed);
+    },
+    simulated({ said, stopped, points }) {
+      Object.assign(this, { busy: false, said, stopped, run: null });
+      if (this.asked !== JSON.stringify(this.rows)) this.said = "The program has changed meanwhile: simulate it again.";
+      else if (points.length) this.run = Object.freeze(points);
+      this.turnTo(this.run !== null);
+    },
+    changed(now, before) { // a run of another program is none of this one
+      if (JSON.stringify(now) !== JSON.stringify(before)) {
+        this.turnTo(false);
+        Object.assign(this, { run: null, said: this.run ? "The program has changed: simulate it again." : this.said, stopped: false });
+      }
+      this.draw();
+    },
+    turnTo(follows) {
+      if (this.playing) this.play();
+      Object.assign(this, { follows, t: null });
+    },
+
     // --- time ---
     go(t) {
       this.t = t;
@@ -97,7 +132,7 @@ export default {
       }, TICK_MS);
     },
     place() { // [mm] where the robot is at the time
-      const { points } = this.at, t = this.shown;
+      const points = this.follows ? this.run : this.at.points, t = this.shown;
       const i = Math.max(1, points.findIndex(([at]) => at >= t));
       const [[t0, ...from], [tn, ...to]] = t >= points.at(-1)[0] ? [points.at(-1), points.at(-1)] : [points[i - 1], points[i]];
       const share = tn > t0 ? between(0, 1, (t - t0) / (tn - t0)) : 0;
@@ -106,9 +141,9 @@ export default {
 
     // --- drawing ---
     draw() {
-      if (this.asked) return;
-      this.asked = requestAnimationFrame(() => {
-        this.asked = 0;
+      if (this.waits) return;
+      this.waits = requestAnimationFrame(() => {
+        this.waits = 0;
         if (this.$refs.canvas && this.$refs.canvas.clientWidth) this.paint();
       });
     },
@@ -171,6 +206,11 @@ export default {
       }
       context.fillStyle = ink;
       for (const [x, y, words] of labels) context.fillText(words.join(", "), x, y);
+      if (this.run) {
+        context.setLineDash([5, 4]);
+        line(this.run.map(([, ...place]) => place), ink, 1.5);
+        context.setLineDash([]);
+      }
       dot(this.place(), 6, ink);
     },
     arrow(context, [x, y], force, ink) { // what the robot exerts; where its words stand, if it can be seen

@@ -1,0 +1,111 @@
+"""Runs the program of a page on the simulated robot, in a process of its own: the pages do not wait for it.
+
+The commands are those of a terminal: `caesura program --speed` and `caesura execute --simulated`. So a
+dashboard without the simulation states what to install, as the command does.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.messages import Program
+from caesura_protocol.programs.document import document
+from caesura_protocol.programs.formats import WRITERS
+
+SPEEDS = ("taught", "optimal")
+LONGEST_S = 180.0  # of a simulation
+POINTS = 600  # of a run that are sent
+MM = 1000.0
+
+
+class Simulator:
+    """Simulates one program at a time."""
+
+    def __init__(self) -> None:
+        self._one = threading.Lock()
+        self._child: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if (child := self._child) is not None:
+            child.kill()
+
+    def run(self, program: Program, speed: str) -> dict[str, Any]:
+        """Run it: {said, stopped, points}; points are [t, x, y, z], [s] of the run and [mm].
+
+        stopped: a check or a guard has stopped it. Raises EditRefused where it cannot be run at all.
+        """
+        if speed not in SPEEDS:
+            raise EditRefused(f"Not simulated: speed {speed[:20]!r}, expected {' or '.join(SPEEDS)}.")
+        if not self._one.acquire(blocking=False):
+            raise EditRefused(
+                "Not simulated: another simulation is under way on this dashboard; wait for it."
+            )
+        try:
+            with tempfile.TemporaryDirectory(prefix="caesura-simulation-") as folder:
+                return self._run(program, speed, Path(folder))
+        finally:
+            self._one.release()
+
+    def _run(self, program: Program, speed: str, folder: Path) -> dict[str, Any]:
+        taught, run = folder / "program.json", folder / "run.npz"
+        try:
+            taught.write_text(WRITERS["json"].write(document(program)), encoding="utf-8")
+        except (ValueError, CaesuraError) as error:
+            raise EditRefused(f"Not simulated: {error}.") from error
+        asked = taught
+        if speed != "taught":
+            asked = folder / f"{speed}.json"
+            retimed = [
+                "program",
+                "--file",
+                str(taught),
+                "--speed",
+                speed,
+                "--format",
+                "json",
+                "-o",
+                str(asked),
+            ]
+            self._command(retimed, asked)
+        said, ended_well = self._command(["execute", str(asked), "--simulated", "-o", str(run)], run)
+        recording = load_recording(run)
+        chosen = np.unique(np.linspace(0, len(recording.t) - 1, POINTS).astype(int))
+        table = np.column_stack(
+            [recording.t[chosen].round(2), (MM * recording.signals["pos"][chosen]).round(1)]
+        )
+        words = said.replace(f"; {run}", "").replace("\n", "; ")
+        return {"said": words, "stopped": not ended_well, "points": (table + 0.0).tolist()}
+
+    def _command(self, words: Sequence[str], made: Path) -> tuple[str, bool]:
+        """Run a command that makes a file; what it says, and whether it ended well. Raises EditRefused."""
+        command = [sys.executable, "-m", "caesura_clients", *words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
+            self._child = child
+            try:
+                said, _ = child.communicate(timeout=LONGEST_S)
+            except subprocess.TimeoutExpired:
+                raise EditRefused(f"Not simulated: no result after {LONGEST_S:g} s.") from None
+            finally:
+                child.kill()  # nothing where it has ended
+                self._child = None
+        lines = said.strip()
+        if not made.exists():
+            raise EditRefused(f"Not simulated: {lines.removeprefix('error: ')}")
+        return lines, child.returncode == 0

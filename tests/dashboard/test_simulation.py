@@ -1,0 +1,72 @@
+"""A program that a page runs on the simulated robot."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from caesura_clients.dashboard import simulation
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.simulation import Simulator
+from caesura_protocol.messages import Program
+from clients.examples import example
+from harness.programs import press
+
+
+def program(*apps):
+    return example(Program).model_copy(update={"apps": apps, "robot": None, "edits": ()})
+
+
+def test_a_speed_that_is_none_is_refused():
+    with (
+        Simulator() as simulator,
+        pytest.raises(EditRefused, match=r"speed 'warp', expected taught or optimal"),
+    ):
+        simulator.run(program(*press()), "warp")
+
+
+def test_what_the_command_refuses_is_said_in_its_words():
+    with (
+        Simulator() as simulator,
+        pytest.raises(EditRefused, match="Not simulated: the program has no target"),
+    ):
+        simulator.run(program(), "taught")
+
+
+def test_one_is_simulated_at_a_time_and_ended_with_the_dashboard(monkeypatch):
+    begun = threading.Event()
+    command = Simulator._command
+
+    def hanging(self, words, made):
+        begun.set()
+        return command(self, ["watch", "--connect", "tcp/127.0.0.1:1"], made)  # until it is killed
+
+    monkeypatch.setattr(Simulator, "_command", hanging)
+    refused = []
+
+    def simulate():
+        with pytest.raises(EditRefused) as error:
+            simulator.run(program(*press()), "taught")
+        refused.append(str(error.value))
+
+    with Simulator() as simulator:
+        first = threading.Thread(target=simulate)
+        first.start()
+        assert begun.wait(30.0)
+        with pytest.raises(EditRefused, match="another simulation is under way"):
+            simulator.run(program(*press()), "taught")
+        while simulator._child is None:
+            assert first.is_alive()
+    first.join(30.0)
+    assert not first.is_alive()
+    assert refused
+    assert refused[0].startswith("Not simulated")
+
+
+def test_a_simulation_that_hangs_is_ended(monkeypatch):
+    monkeypatch.setattr(simulation, "LONGEST_S", 0.1)
+    with Simulator() as simulator, pytest.raises(EditRefused, match=r"no result after 0\.1 s"):
+        simulator.run(program(*press()), "taught")

@@ -12,6 +12,8 @@ from caesura_clients.dashboard.station_summary import (
     NewestSamples,
     glance,
     glances,
+    lasted,
+    reached,
     troubled,
 )
 from caesura_protocol.messages import BridgeStatus, Gap
@@ -52,6 +54,16 @@ def changed(world, **status):
 def test_a_station_that_is_taught_says_what_it_is_doing(world):
     one = seen(world)
     assert (one.state, one.why, one.kind, one.segments) == ("teaching", "", "contact", 2)
+
+
+def test_a_session_with_the_time_of_day_is_as_long_as_it_lasted(update):
+    plain, day_s = update("motion", "contact", t=12.0), 1.7e9
+    later = tuple(
+        one.model_copy(update={"t0": one.t0 + day_s, "tn": one.tn + day_s}) for one in plain.segments
+    )
+    shifted = replace(plain, segments=later)
+    assert lasted(plain) == reached(plain)
+    assert lasted(shifted) == pytest.approx(later[-1].tn - later[0].t0)
 
 
 @pytest.mark.parametrize(

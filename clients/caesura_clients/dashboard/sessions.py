@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from caesura_clients.dashboard.station_summary import DashboardState, gaps, reached
+from caesura_clients.dashboard.station_summary import DashboardState, gaps, lasted
 from caesura_clients.results import Update
 
 
@@ -35,7 +35,7 @@ def _row(update: Update) -> dict[str, Any]:
         "deleted": stated.deleted,
         "opened": status.opened,
         "closed": update.closed,
-        "length": round(reached(update), 1),
+        "length": round(lasted(update), 1),
         "segments": len(update.segments),
         "apps": len(update.program.apps),
         "gaps": gaps(update),

@@ -14,6 +14,7 @@ from caesura_clients.results import Update
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
 
 STALE_S = 2.0
+BEGINS_S = 60.0  # a session of its own clock has its first segment by then; `begin` of session_view.js
 State = Literal["teaching", "stale", "done", "ready", "standby", "failed", "gone"]
 SAID: Mapping[State, str] = {
     "teaching": "teaching",
@@ -132,7 +133,7 @@ def glance(
         why=why,
         session=update.session if update else "",
         task=(update.status.description.task or "") if update else "",
-        t=reached(update) if update else 0.0,
+        t=lasted(update) if update else 0.0,
         age_s=None if received is None or (update and update.closed) else max(0.0, now - received.at),
         kind=last.kind if last else "",
         probability=last.probability if last else None,
@@ -170,6 +171,12 @@ def reached(update: Update) -> float:
     posterior = update.posterior.t if update.posterior else update.t
     last = update.segments[-1].tn if update.segments else update.t
     return max(update.t, posterior, last)
+
+
+def lasted(update: Update) -> float:
+    """[s] Of the session so far. Most begin at 0; one with another clock begins with its first segment."""
+    first = update.segments[0].t0 if update.segments else 0.0
+    return reached(update) - (first if not 0.0 <= first <= BEGINS_S else 0.0)
 
 
 def gaps(update: Update | None) -> int:

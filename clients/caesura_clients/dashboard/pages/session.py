@@ -22,7 +22,7 @@ from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.simulation import SPEEDS
-from caesura_clients.dashboard.station_summary import StationSummary, glance, reached
+from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 
@@ -164,7 +164,7 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
     """How the station is, in a line."""
     if update is None:
         return f"{seen.said}."
-    parts = [seen.said, f"session {update.session}", f"{reached(update):.0f} s", _gaps(seen.gaps)]
+    parts = [seen.said, f"session {update.session}", f"{lasted(update):.0f} s", _gaps(seen.gaps)]
     parts.append(_wrench(update.status))
     if seen.age_s is not None and seen.age_s >= 1.0:
         parts.append(f"last sample {seen.age_s:.0f} s ago")
@@ -180,7 +180,7 @@ def line_of_past(update: Update | None) -> str:
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = f"{len(update.segments)} segments"
-    return " · ".join([state, f"{reached(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)])
+    return " · ".join([state, f"{lasted(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)])
 
 
 def _wrench(status: wire.SessionStatus) -> str:

@@ -2,10 +2,10 @@
 
     caesura evaluate --suite coaching
 
-The simulated teacher demonstrates with habits. `coaching_faults` injects the faults. A hint is found where
-it is of the kind of its fault, and published LATEST_S after the cause at most. Published is the last sample
-that had been pushed: conditioning and batches are in the latency, the network is not. The same
-demonstrations without a fault count false hints.
+The simulated teacher demonstrates with habits. `coaching_faults` injects the faults. A fault is found by a
+hint of its kind that is published after the fault begins, and active at some time from its cause until
+LATEST_S later. Published is the last sample that had been pushed: conditioning and batches are in the
+latency, the network is not. The same demonstrations without a fault count false hints.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,6 @@ from caesura_service.robot import load_robot
 Array = NDArray[np.float64]
 
 LATEST_S = 0.5  # after the cause
-EARLIEST_S: Mapping[str, float] = MappingProxyType({"joint_limit": 2.0})  # before it, where a hint is ahead
 PANDA = "panda"
 
 
@@ -60,7 +58,7 @@ class CoachingCase:
 
 @dataclass(frozen=True)
 class PublishedHint:
-    """A hint and when it was published [s]."""
+    """A hint as it was published last, and when it was published first [s]."""
 
     hint: Hint
     at: float
@@ -68,7 +66,7 @@ class PublishedHint:
 
 @dataclass(frozen=True)
 class FaultResult:
-    """What came of a fault. latency [s] from the cause to the first hint; None: there was none."""
+    """What came of a fault. latency [s] from the cause to the first hint, negative ahead; None: no hint."""
 
     fault: str
     scenario: str
@@ -101,19 +99,20 @@ class CoachingResult:
     faults: tuple[FaultResult, ...] = ()
 
 
-EACH = 3  # faults that are tried in a demonstration
+EACH = 7  # faults that are tried in a demonstration
 
 # --- hints of a recording ---------------------------------------------------------------------------------
 
 
 def published(recording: Recording) -> list[PublishedHint]:
     """Every hint of a recording, with the time at which a subscriber has it [s]. Raises as `views`."""
-    found: dict[tuple[HintKind, float], PublishedHint] = {}
+    first: dict[tuple[HintKind, float], float] = {}
+    newest: dict[tuple[HintKind, float], Hint] = {}
     for view in views(recording):
         for hint in view.hints:
-            at = float(recording.t[view.samples - 1])
-            found.setdefault((hint.kind, hint.since), PublishedHint(hint, at))
-    return list(found.values())
+            first.setdefault((hint.kind, hint.since), float(recording.t[view.samples - 1]))
+            newest[hint.kind, hint.since] = hint
+    return [PublishedHint(newest[key], at) for key, at in first.items()]
 
 
 def run_case(case: CoachingCase) -> CoachingResult:
@@ -134,7 +133,7 @@ def run_case(case: CoachingCase) -> CoachingResult:
         name=f"{case.scenario}-{case.seed}",
         seconds=float(shown.recording.t[-1] - shown.recording.t[0]),
         hints=tuple(one.hint.kind for one in hints),
-        explained=tuple(one.hint.kind for one in hints if _is_explained(one.hint, taught)),
+        explained=tuple(one.hint.kind for one in hints if _is_explained(one.hint, taught, hints)),
     )
     faults = []
     for name in case.faults:
@@ -143,24 +142,31 @@ def run_case(case: CoachingCase) -> CoachingResult:
             fault = INJECTED[name].inject(taught, rng)
         except NotInjectableError:
             continue
-        faults.append(_judged(name, case, fault))
+        faults.append(judged(name, case, fault))
     return CoachingResult(clean, tuple(faults))
 
 
-def _judged(name: str, case: CoachingCase, fault: Fault) -> FaultResult:
+def judged(name: str, case: CoachingCase, fault: Fault) -> FaultResult:
     """Compare the hints of a fault with its cause."""
-    times = [one.at for one in published(fault.recording) if one.hint.kind == fault.kind]
-    times = [at for at in times if at >= fault.cause - EARLIEST_S.get(fault.kind, 0.0)]
+    hints = [one for one in published(fault.recording) if fault.is_named_by(one.hint)]
+    times = [
+        one.at
+        for one in hints
+        if one.at >= fault.begins and (one.hint.until is None or one.hint.until >= fault.cause)
+    ]
     latency = min(times) - fault.cause if times else None
     return FaultResult(name, case.scenario, case.seed, fault.cause, latency)
 
 
-def _is_explained(hint: Hint, taught: CleanDemonstration) -> bool:
+def _is_explained(hint: Hint, taught: CleanDemonstration, others: Sequence[PublishedHint]) -> bool:
     """Does the truth have a cause for the hint, although no fault was injected?"""
     t, truth = taught.recording.t, taught.truth
     near = int(np.searchsorted(t, hint.since))
     window = slice(max(near - 1000, 0), near + 1000)
     match hint.kind:
+        case "show_again":  # of the boundary that stayed unclear, whose own hint it takes the place of
+            own = [one.hint for one in others if one.hint.kind == "uncertain_boundary"]
+            return any(_is_explained(one, taught, ()) for one in own if one.until == hint.since)
         case "uncertain_boundary":
             place = hint.since if hint.t0 is None else hint.t0
             optional = [one["t"] for one in truth["changepoints"] if one["level"] == "optional"]
@@ -233,12 +239,18 @@ def summarise(results: Iterable[CoachingResult | None]) -> CoachingSummary:
     known = [result for result in results if result is not None]
     known.sort(key=lambda result: result.clean.name)
     faults = {
-        name: tuple(one for result in known for one in result.faults if one.fault == name)[: injected.judged]
-        for name, injected in INJECTED.items()
+        name: _spread([one for result in known for one in result.faults if one.fault == name], fault.judged)
+        for name, fault in INJECTED.items()
     }
     groups = dict.fromkeys(["simulated", *(result.clean.group for result in known)])
     clean = {group: tuple(one.clean for one in known if one.clean.group == group) for group in groups}
     return CoachingSummary(faults, {group: some for group, some in clean.items() if some})
+
+
+def _spread(faults: Sequence[FaultResult], judged: int) -> tuple[FaultResult, ...]:
+    """At most so many of them, evenly from all demonstrations, whether they were found or not."""
+    wanted = min(judged, len(faults))
+    return tuple(faults[number * len(faults) // wanted] for number in range(wanted))
 
 
 def title(seeds: Sequence[int]) -> str:

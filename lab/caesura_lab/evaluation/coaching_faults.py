@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import HintKind
+from caesura_protocol.messages import Hint, HintKind
 from caesura_protocol.recording import Recording
 from caesura_service.constants import GRAVITY
 from caesura_service.offline_segmentation import views
@@ -33,11 +33,14 @@ RISE_S = 0.1
 SINGULAR, JOINT_MARGIN_RAD = 0.05, 0.05  # below and within which the arm is in trouble
 DRIFT_N = 3.37 * TARED_BIAS_N  # 99 % of tared free space reads less
 HAND_N = 2.33 * TARED_BIAS_N  # along a direction
-TURN_DEG = (45.0, 60.0)
+# A corner turns by more than 45° through a dip below 0.6 (docs/annotation.md). Near both it is neither.
+TURN_DEG = (40.0, 50.0)
+DEPTHS = (0.4, 0.8)  # of a dip, as a share of the speed
 DIP_S = 0.3
-DEPTHS = (0.15, 0.7)  # of a dip, as a share of the speed: a boundary for certain, and none
-HALVINGS = 6
-DECIDED_S = 2.2  # after a corner, what is shown of it is nearly final
+EVEN = (0.4, 0.6)  # probability of a boundary, odds of three to two, either way
+TRIES, HALVINGS = 12, 6
+LOOK_AHEAD_S = 0.5  # five observations, after which the models' weight of a corner is settled
+PUBLISHED_S = 0.16  # an observation is published so long after its time, at most
 NEAR_TRUTH_S = 0.3  # of a hint to a changepoint that may or may not count
 FAULTS = 50  # that are judged
 
@@ -48,11 +51,23 @@ class NotInjectableError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """A recording with a fault: its kind, and when it can first be seen [s]."""
+    """A recording with a fault: its kind, and when it can be seen for certain [s].
+
+    begins: when it is there for the first time [s]; from then on a hint is right. place: the time that a hint
+    has to name [s], if any.
+    """
 
     kind: HintKind
     recording: Recording
     cause: float
+    begins: float
+    place: float | None = None
+
+    def is_named_by(self, hint: Hint) -> bool:
+        """Is a hint one of this fault?"""
+        if hint.kind != self.kind:
+            return False
+        return self.place is None or (hint.t0 is not None and abs(hint.t0 - self.place) <= NEAR_TRUTH_S)
 
 
 @dataclass(frozen=True)
@@ -116,7 +131,8 @@ def _hand(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
         (hand * velocity).sum(axis=1) / speed, np.ones(SMOOTH_ROWS) / SMOOTH_ROWS, mode="same"
     )
     start = _lasting(driven[first:last] > HAND_N, RISE_S, t)
-    return Fault("hand_in_wrench", _with_force(recording, hand), float(t[first + start]))
+    seen = float(t[first + start])
+    return Fault("hand_in_wrench", _with_force(recording, hand), seen, begins=float(t[first]))
 
 
 def _lasting(true: NDArray[np.bool_], seconds: float, t: Array) -> int:
@@ -137,9 +153,8 @@ def _cable(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     t, velocity = taught.recording.t, taught.velocity
     heading = velocity / np.maximum(np.linalg.norm(velocity, axis=1), MOVING_M_PER_S)[:, None]
     pull = rng.uniform(10.0, 20.0) * np.clip((t - t[first]) / RISE_S, 0.0, 1.0) * (t <= t[last - 1])
-    return Fault(
-        "unexplained_force", _with_force(taught.recording, -pull[:, None] * heading), float(t[first])
-    )
+    pulled = _with_force(taught.recording, -pull[:, None] * heading)
+    return Fault("unexplained_force", pulled, float(t[first]), begins=float(t[first]))
 
 
 def _weight(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
@@ -152,7 +167,8 @@ def _weight(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     first, _ = open_runs[rng.integers(len(open_runs))]
     weight = rng.uniform(0.8, 1.5) * GRAVITY * np.clip((t - t[first]) / RISE_S, 0.0, 1.0)
     down = np.column_stack([0.0 * t, 0.0 * t, -weight])
-    return Fault("unexplained_force", _with_force(taught.recording, down), float(t[first]))
+    laden = _with_force(taught.recording, down)
+    return Fault("unexplained_force", laden, float(t[first]), begins=float(t[first]))
 
 
 def _drift(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
@@ -166,7 +182,8 @@ def _drift(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     beyond = (np.linalg.norm(mean, axis=1) > DRIFT_N) & (ramp > 0.5 * DRIFT_N)
     for first, last in taught.free_runs(MOVING_M_PER_S, 0.5):
         with suppress(NotInjectableError):
-            return Fault("bias_drift", drifted, float(t[first + _lasting(beyond[first:last], 0.3, t)]))
+            seen = float(t[first + _lasting(beyond[first:last], 0.3, t)])
+            return Fault("bias_drift", drifted, seen, begins=start)
     raise NotInjectableError
 
 
@@ -191,7 +208,7 @@ def _fast(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     cause = first_unrecorded(faster.t, faster.signals["pos"])
     if cause is None:
         raise NotInjectableError
-    return Fault("too_fast", faster, cause)
+    return Fault("too_fast", faster, cause, begins=float(inside[0]))
 
 
 def first_unrecorded(t: Array, position: Array) -> float | None:
@@ -209,25 +226,29 @@ def first_unrecorded(t: Array, position: Array) -> float | None:
 
 
 def _unclear_corner(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
-    """A corner at which the hand slows down just as much that it is as probable a boundary as not.
+    """A corner that is one by neither rule: annotators leave it open, and the posterior is even.
 
-    How much, is found by halving: with a deeper dip the service shows a boundary two seconds later, with a
-    shallower one it shows none.
+    Its turn and its dip are near the limits of a corner. Within these, halving finds the dip at which the
+    posterior changes its mind. Where it is sure all the same, there is nothing to hint at. The corner can be
+    seen LOOK_AHEAD_S after it, when the models' weight of it is settled.
     """
-    first, last = _run(taught, rng, FREE_M_PER_S, 0.8)
-    turn = np.radians(rng.uniform(*TURN_DEG))
-    deep, shallow = DEPTHS
-    if not _shows(*_with_corner(taught, first, last, turn, deep)):
-        raise NotInjectableError
-    if _shows(*_with_corner(taught, first, last, turn, shallow)):
-        raise NotInjectableError
-    for _ in range(HALVINGS):
-        middle = 0.5 * (deep + shallow)
-        if _shows(*_with_corner(taught, first, last, turn, middle)):
-            deep = middle
-        else:
-            shallow = middle
-    return Fault("uncertain_boundary", *_with_corner(taught, first, last, turn, deep))
+    for _ in range(TRIES):
+        first, last = _run(taught, rng, FREE_M_PER_S, 0.8)
+        turn = np.radians(rng.uniform(*TURN_DEG))
+        deep, shallow = DEPTHS
+        if boundary_probability(*_with_corner(taught, first, last, turn, deep)) < 0.5:
+            continue
+        if boundary_probability(*_with_corner(taught, first, last, turn, shallow)) > 0.5:
+            continue
+        for _ in range(HALVINGS):
+            middle = 0.5 * (deep + shallow)
+            recording, corner = _with_corner(taught, first, last, turn, middle)
+            probability = boundary_probability(recording, corner)
+            if EVEN[0] < probability < EVEN[1]:
+                seen = corner + LOOK_AHEAD_S
+                return Fault("uncertain_boundary", recording, seen, begins=corner, place=corner)
+            deep, shallow = (middle, shallow) if probability > 0.5 else (deep, middle)
+    raise NotInjectableError
 
 
 def _with_corner(
@@ -250,12 +271,13 @@ def _with_corner(
     return replace(slower, signals={**kept, "pos": slower.signals["pos"][:1] + turned}), corner
 
 
-def _shows(recording: Recording, corner: float) -> bool:
-    """Does the service show a boundary at a corner, DECIDED_S after it?"""
-    kept = recording.t < corner + DECIDED_S
+def boundary_probability(recording: Recording, corner: float) -> float:
+    """That the current segment began at a corner, as published once the models have looked ahead."""
+    kept = recording.t < corner + LOOK_AHEAD_S + PUBLISHED_S
     signals = {name: values[kept] for name, values in recording.signals.items()}
-    *_, before_end, _ = views(replace(recording, t=recording.t[kept], signals=signals))
-    return any(abs(one.t - corner) <= NEAR_TRUTH_S for one in before_end.changepoints)
+    *_, newest, _ = views(replace(recording, t=recording.t[kept], signals=signals))
+    starts = zip(newest.posterior_starts, newest.posterior_probabilities, strict=True)
+    return sum(probability for t, probability in starts if abs(t - corner) <= NEAR_TRUTH_S)
 
 
 def _at_joints(taught: CleanDemonstration, joints: Array) -> Recording:
@@ -288,7 +310,7 @@ def _joint_limit(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     inside = np.flatnonzero(left < JOINT_MARGIN_RAD)
     if not inside.size or t[inside[0]] < start:
         raise NotInjectableError
-    return Fault("joint_limit", _at_joints(taught, led), float(t[inside[0]]))
+    return Fault("joint_limit", _at_joints(taught, led), float(t[inside[0]]), begins=start)
 
 
 def least_singular_value(robot: Robot, joints: Array) -> float:
@@ -308,7 +330,7 @@ def _singularity(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     inside = np.flatnonzero(np.array(values) < SINGULAR)
     if not inside.size or t[every * inside[0]] < start:
         raise NotInjectableError
-    return Fault("singularity", _at_joints(taught, led), float(t[every * inside[0]]))
+    return Fault("singularity", _at_joints(taught, led), float(t[every * inside[0]]), begins=start)
 
 
 def _lost(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
@@ -317,9 +339,8 @@ def _lost(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     start, length = rng.uniform(FIRST_S, t[-1] - 2.0), rng.uniform(0.3, 1.0)
     kept = (t < start) | (t > start + length)
     signals = {name: values[kept] for name, values in recording.signals.items()}
-    return Fault(
-        "show_again", replace(recording, t=t[kept], signals=signals), float(t[t > start + length][0])
-    )
+    again = float(t[t > start + length][0])
+    return Fault("show_again", replace(recording, t=t[kept], signals=signals), again, begins=again)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class DriftTracker:
 
     walk_n2_per_s: float
     most_n2: float = math.inf
-    noise_n: float = 1.0  # of a force in movement, at most
+    noise_n: float = 0.5  # of a force in movement, as in the models of segments
     contact_n: float = 10.0
     free_share: float = 0.9  # of what moves faster than 50 mm/s
 

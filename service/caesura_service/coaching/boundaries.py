@@ -1,8 +1,10 @@
 """Hints from the posterior: a boundary that is as probable as not.
 
-Three observations after a boundary the smoothed probability that one is near is mostly below 0.1 or above
-0.9. In between, the demonstration does not show whether a segment ends there. A boundary that stays so until
-it leaves the window of the posterior is in a part that is to be shown again.
+The models of segments look five observations ahead: then the weight of a corner does not change any more
+(`changepoint.corner_start`). After that the smoothed probability that a boundary is near is mostly below 0.1
+or above 0.9. In between, the demonstration does not show whether a segment ends there. A boundary that stays
+so until it leaves the window of the posterior is in a part that is to be shown again. A hint needs two
+observations in a row at which a boundary is unclear, because most resolve with the second.
 """
 
 from __future__ import annotations
@@ -13,9 +15,9 @@ from typing import NamedTuple, Protocol
 from caesura_protocol.messages import Hint
 from caesura_service.coaching.coach import HintLog
 
-LAG = 3  # observations after a boundary at which it is judged
+LAG = 5  # observations after a boundary at which it is judged: the look-ahead of the models
 REACH = 3  # observations to either side at which the same boundary may lie
-UNSURE, SURE = 0.4, 0.6  # odds of three to two, either way
+UNSURE, SURE = 1.0 / 3.0, 2.0 / 3.0  # odds of two to one, either way
 RESOLVED = 0.8  # probability for or against it, above which the hint is cleared
 WINDOW = 40  # observations, after which a boundary's probability does not change
 LEAST = 20  # observations for which a hint stays, so that it can be read
@@ -48,6 +50,7 @@ class BoundaryCoach:
 
     def __init__(self) -> None:
         self.log = HintLog()
+        self._candidate: Boundary | None = None  # was unclear at the observation before
         self._watched: Boundary | None = None
         self._sure: float | None = None  # [s] the newest sure boundary
         self._silent_until = 0  # observation
@@ -62,15 +65,19 @@ class BoundaryCoach:
         index = newest - LAG
         if index < REACH:
             return
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None:
+            again = sum(posterior.changepoint_probabilities(candidate.start - REACH, candidate.start + REACH))
+            if UNSURE < again <= SURE:
+                self._watch(candidate, t, again)
         near = posterior.changepoint_probabilities(index - REACH, index + REACH)
         found = sum(near)
         if near[REACH] == max(near) and found > UNSURE:
             if found > SURE:
                 self._sure = places[index]
             elif self._watched is None and newest >= self._silent_until:
-                self._watch(
-                    Boundary(index, places[index], places[0] if self._sure is None else self._sure), t, found
-                )
+                after = places[0] if self._sure is None else self._sure
+                self._candidate = Boundary(index, places[index], after)
         if self._watched is not None:
             self._follow(posterior.changepoint_probabilities, self._watched, newest, t)
 
@@ -94,7 +101,7 @@ class BoundaryCoach:
             return
         self._watched, self._silent_until = None, newest + REFRACTORY
         self.log.clear("uncertain_boundary", t)
-        if not is_resolved:
+        if UNSURE < found <= SURE:
             self._again_until = newest + SHOWN
             until = t if self._sure is None or self._sure <= watched.t else self._sure
             text = f"The boundary at {watched.t:.1f} s stayed unclear."

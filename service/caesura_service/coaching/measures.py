@@ -5,7 +5,8 @@ In movement a force is one of these:
 - the bias, which `bias` tracks;
 - a contact that slides: across the movement, and with Coulomb friction of at most 1 against it;
 - a load: downwards, while the fingers hold something, or where the gripper's state is not reported;
-- a hand: it drives the movement, and does work on the robot, as nothing passive does for long;
+- a hand: it drives the movement, and does work on the robot, as nothing passive does for long. A load works
+  only while it sinks;
 - stray, which is what is left: a cable that pulls, or something that hangs on the tool.
 """
 
@@ -26,9 +27,9 @@ Array = NDArray[np.float64]
 MOVING_M_PER_S = 0.05  # slower says little of a direction
 FREE_M_PER_S = 0.1  # faster than a person presses or inserts, also where the tip is turned about the flange
 DRIFT_TIME_S = 10.0  # in which a bias wanders by its scale
-ACROSS = 3  # observations over which a force along the movement is averaged
-POSES = 5  # whose fourth difference bounds what the path between two of them may be
-BETWEEN = 3.0 / 128.0  # error of the cubic through four poses, midway, by the fourth difference
+FORCE_IN_MOTION_N = 1.0  # by which a force in movement varies, at most
+REFERENCE, PUSH_LIMIT = 1.0, 2.0  # of the cumulative sum of a hand's push [standard deviations]
+POSES = 4  # the cubic through them is compared with the movement between the middle two
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
 ARM_EVERY = 3  # observations from one look at the joints to the next
 
@@ -60,14 +61,16 @@ class ArmLimits:
 class CoachingSetup:
     """What a session states, as far as its rules depend on it.
 
-    clean_wrench: the force is declared to be without the hand, and is tared; bias_n [N] scale of what tared
-    free space reads; path_tolerance_m [m] of the program's paths; arm: None where it is not stated.
+    clean_wrench: the force is declared to be without the hand; bias_n [N] scale of what free space reads;
+    path_tolerance_m [m] of the program's paths; arm: None where it is not stated; is_tared: the force has a
+    tare.
     """
 
     clean_wrench: bool
     bias_n: float
     path_tolerance_m: float
     arm: ArmLimits | None = None
+    is_tared: bool = True
 
 
 class ObservedPose(NamedTuple):
@@ -75,6 +78,7 @@ class ObservedPose(NamedTuple):
 
     t: float  # [s]
     position: Vector  # [m] of the flange
+    velocity: Vector  # [m/s] likewise
     force: Vector  # [N] of the environment on the robot, tared
     holding: float  # 1 the fingers hold something, 0 they do not, nan unknown
     joints: Array | None = None  # (n,) [rad]
@@ -95,9 +99,10 @@ NO_ARM = ArmMeasures()
 class Measures(NamedTuple):
     """The values that rules compare with their limits; nan where there is none."""
 
-    hand_n: float = math.nan  # force along the movement, mean over ACROSS observations
+    push: float = math.nan  # cumulative sum of the force that drives the movement [standard deviations]
+    driving_n: float = math.nan  # that force, now
     stray_n: float = math.nan  # force in free movement that is neither contact, load nor hand
-    path_error_m: float = 0.0  # what the poses may miss of the path between them
+    path_error_m: float = 0.0  # what the poses miss of the path between them
     bias_n: float = math.nan
     arm: ArmMeasures = NO_ARM
 
@@ -106,7 +111,7 @@ class MotionState(NamedTuple):
     """What the observations so far leave to those that follow."""
 
     poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
-    along: tuple[float, ...] = (0.0,) * ACROSS  # [N] force along the movement
+    push: float = 0.0  # as in Measures
     drift: DriftState = DriftState()
     arm: ArmMeasures = NO_ARM
     arm_age: int = 0  # observations since the joints were measured
@@ -130,34 +135,36 @@ class Meter:
             state = MotionState((pose,), drift=state.drift, arm=arm)
             return state, Measures(arm=arm)
         poses = (*state.poses[1 - POSES :], pose)
-        path_error_m = _path_error(poses)
+        path_error_m = path_error(poses)
         if not self._setup.clean_wrench:
             return MotionState(poses, arm=arm, arm_age=arm_age), Measures(path_error_m=path_error_m, arm=arm)
-        drift, along, stray_n = self._of_force(state.drift, pose, before)
-        forces = (*state.along[1:], along)
+        drift, push, driving_n, stray_n = self._of_force(state, pose, pose.t - before.t)
         x, y, z = drift.mean
         bias_n = math.sqrt(x * x + y * y + z * z)
-        measured = Measures(sum(forces) / ACROSS, stray_n, path_error_m, bias_n, arm)
-        return MotionState(poses, forces, drift, arm, arm_age), measured
+        measured = Measures(push, driving_n, stray_n, path_error_m, bias_n, arm)
+        return MotionState(poses, push, drift, arm, arm_age), measured
 
     def _of_force(
-        self, drift: DriftState, pose: ObservedPose, before: ObservedPose
-    ) -> tuple[DriftState, float, float]:
-        """The bias after a force, and how much of it is a hand's, and stray [N]."""
-        dt = pose.t - before.t
-        (x, y, z), (x0, y0, z0) = pose.position, before.position
-        dx, dy, dz = x - x0, y - y0, z - z0
-        way = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if way < MOVING_M_PER_S * dt:
-            return self._tracker.wait(drift, dt), 0.0, 0.0
-        drift = self._tracker.advance(drift, pose.force, dt)
-        heading, is_open = (dx / way, dy / way, dz / way), pose.holding == 0.0
-        along, stray_n = _hand_and_stray(pose.force, heading, is_open)
-        if way < FREE_M_PER_S * dt:
-            return drift, along, 0.0
+        self, state: MotionState, pose: ObservedPose, dt: float
+    ) -> tuple[DriftState, float, float, float]:
+        """The bias after a force; a hand's push; how much of the force drives, and is stray [N].
+
+        The push is the cumulative sum (Page 1954) of the driving force beyond the predicted bias.
+        """
+        x, y, z = pose.velocity
+        speed = math.sqrt(x * x + y * y + z * z)
+        predicted = self._tracker.wait(state.drift, dt)
+        if speed < MOVING_M_PER_S:
+            return predicted, 0.0, 0.0, 0.0
+        heading, is_open = (x / speed, y / speed, z / speed), pose.holding == 0.0
+        (fx, fy, fz), (mx, my, mz) = pose.force, predicted.mean
+        driving_n, stray_n = _driving_and_stray(pose.force, heading, is_open)
+        driving, stray = _driving_and_stray((fx - mx, fy - my, fz - mz), heading, is_open)
+        deviation = math.sqrt(predicted.variance + FORCE_IN_MOTION_N * FORCE_IN_MOTION_N)
+        push = min(max(state.push + driving / deviation - REFERENCE, 0.0), 2.0 * PUSH_LIMIT)
+        drift = self._tracker.advance(state.drift, pose.force, dt)
         # A tracked bias may be wrong, and so may that of the tare: what is stray, both show.
-        (fx, fy, fz), (mx, my, mz) = pose.force, drift.mean
-        return drift, along, min(stray_n, _hand_and_stray((fx - mx, fy - my, fz - mz), heading, is_open)[1])
+        return drift, push, driving_n, min(stray_n, stray) if speed >= FREE_M_PER_S else 0.0
 
 
 def _of_arm(arm: ArmLimits, pose: ObservedPose, before: ObservedPose | None) -> ArmMeasures:
@@ -171,25 +178,39 @@ def _of_arm(arm: ArmLimits, pose: ObservedPose, before: ObservedPose | None) -> 
     return ArmMeasures(arm.smallest_singular_value(joints), *arm.nearest(joints, speeds))
 
 
-def _hand_and_stray(force: Vector, heading: Vector, is_open: bool) -> tuple[float, float]:
-    """[N] of a force along the heading, and what neither friction nor a load explains of it.
+def _driving_and_stray(force: Vector, heading: Vector, is_open: bool) -> tuple[float, float]:
+    """[N] of a force that drives along the heading, and what neither friction nor a load explains of it.
 
-    is_open: the fingers hold nothing. Where they may, a sinking weight does work: the level part counts too.
+    is_open: the fingers hold nothing. Where they may, a force that sinks with its load does not drive.
     """
     (x, y, z), (hx, hy, hz) = force, heading
     level = x * hx + y * hy
     along = level + z * hz
     across = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
     weight = -z if is_open and along < across else 0.0
-    return (along if is_open else min(along, level)), max(-along - across, weight, 0.0)
+    sinks = not is_open and z < 0.0 and hz < 0.0
+    return (level if sinks else along), max(-along - across, weight, 0.0)
 
 
-def _path_error(poses: tuple[ObservedPose, ...]) -> float:
-    """[m] what the cubic through four poses misses in its middle; 0 before there are POSES in a row."""
+def path_error(poses: tuple[ObservedPose, ...]) -> float:
+    """[m] by which the cubic through four poses misses the movement, midway; 0 before POSES in a row.
+
+    The movement between two poses is the cubic with their velocities, whose error is nine times smaller.
+    """
     if len(poses) < POSES:
         return 0.0
-    (a, b, c), (d, e, f), (g, h, i), (j, k, m), (n, o, p) = (pose.position for pose in poses)
-    x = a - 4.0 * d + 6.0 * g - 4.0 * j + n
-    y = b - 4.0 * e + 6.0 * h - 4.0 * k + o
-    z = c - 4.0 * f + 6.0 * i - 4.0 * m + p
-    return BETWEEN * math.sqrt(x * x + y * y + z * z)
+    first, before, after, last = poses
+    eighth = (after.t - before.t) / 8.0
+    missed = [
+        eighth * (v - w) - (b + c - a - d) / 16.0
+        for a, b, c, d, v, w in zip(
+            first.position,
+            before.position,
+            after.position,
+            last.position,
+            before.velocity,
+            after.velocity,
+            strict=True,
+        )
+    ]
+    return math.hypot(*missed)

@@ -4,6 +4,8 @@ No limit is tuned. Each follows from what the system states elsewhere:
 
 - A force is beyond the bias where tared free space reads less with probability 0.99: 2.33 scales along a
   direction, 3.37 scales in size (χ with three degrees of freedom).
+- A hand's push is a cumulative sum with reference 1 and limit 2: one observation of three standard
+  deviations, or two of two. The force must drive without the tracked bias too, by the scale of a bias.
 - A path is recorded to within the tolerance of the program's paths.
 - Below a singular value of 0.05 the estimate of the wrench is damped (`robot.kinematics`).
 - `caesura check` refuses postures nearer than 0.05 rad to a joint's end.
@@ -16,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from caesura_service.coaching.coach import Trigger, Words
-from caesura_service.coaching.measures import CoachingSetup, Measures
+from caesura_service.coaching.measures import PUSH_LIMIT, CoachingSetup, Measures
 
 ALONG_SCALES, SIZE_SCALES = 2.33, 3.37  # that 99 % stay below, of one component and of three
 SINGULAR_BELOW = 0.05
@@ -33,6 +35,11 @@ class SignalRule:
     words: Callable[[Measures, CoachingSetup], Words]
 
 
+def _hand_level(m: Measures, setup: CoachingSetup) -> float:
+    """Without a tare the bias is unknown, and may drive as a hand does."""
+    return m.push / PUSH_LIMIT if setup.is_tared and m.driving_n > setup.bias_n else 0.0
+
+
 def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
     """1 at the margin, 2 at the limit, 0 two margins away."""
     return 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
@@ -44,11 +51,10 @@ def _singular_level(m: Measures, _setup: CoachingSetup) -> float:
 
 RULES: tuple[SignalRule, ...] = (
     SignalRule(
-        Trigger("hand_in_wrench"),
-        lambda m, setup: m.hand_n / (ALONG_SCALES * setup.bias_n),
-        lambda m, setup: (
-            f"A hand drives the sensor: {m.hand_n:.0f} N along the movement "
-            f"(limit {ALONG_SCALES * setup.bias_n:.1f} N).",
+        Trigger("hand_in_wrench", confirm=1),
+        _hand_level,
+        lambda m, _setup: (
+            f"A hand drives the sensor: {m.driving_n:.0f} N along the movement.",
             "Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
         ),
     ),

@@ -156,10 +156,12 @@ def observed(observation: Observation) -> ModelInput:
 def _pose(observation: Observation) -> ObservedPose:
     """What coaching sees of an observation."""
     x, y, z = observation.position_base.tolist()
+    vx, vy, vz = observation.velocity_base.tolist()
     fx, fy, fz = observation.force_base.tolist()
     return ObservedPose(
         observation.t,
         (x, y, z),
+        (vx, vy, vz),
         (fx, fy, fz),
         holding(observation),
         observation.joints,
@@ -344,6 +346,7 @@ class SegmentationPipeline:
                 bias_n=TARED_BIAS_N if tared else UNTARED_BIAS_N,
                 path_tolerance_m=self._opening.path_tolerance_m or TOLERANCE_M,
                 arm=self._arm,
+                is_tared=tared,
             )
         )
 

@@ -265,28 +265,28 @@ class Conditioner:
         half, columns = self._filter.half, self._columns
         centres = range(half, min(len(recent) - half, self._taring.last_row + 1 - first))
         fits = [self._fit(recent, i) for i in centres]
-        forces = np.array([row[columns.force] for row, _ in fits]).reshape(-1, 3)
-        speeds = np.array([speed for _, speed in fits])
+        forces = np.array([row[columns.force] for row, _, _ in fits]).reshape(-1, 3)
+        speeds = np.array([speed for _, _, speed in fits])
         torques = None
         if columns.torque is not None:
-            torques = np.array([in_flange(row, columns) for row, _ in fits]).reshape(-1, 3)
+            torques = np.array([in_flange(row, columns) for row, _, _ in fits]).reshape(-1, 3)
         return self._taring.advance(state, first + half, forces, speeds, torques)
 
-    def _fit(self, rows: Array, centre: int) -> tuple[Array, float]:
-        """The filtered flange row in the middle of a window, and the flange's speed [m/s]."""
+    def _fit(self, rows: Array, centre: int) -> tuple[Array, Array, float]:
+        """The filtered flange row in the middle of a window, the flange's velocity, and its speed [m/s]."""
         both = np.empty((2, rows.shape[1]))
         speed = self._arithmetic.fit(rows, centre, self._filter.taps, self._columns.moving, both)
-        return both[0], speed
+        return both[0], both[1, self._columns.position], speed
 
     def _filtered(self, state: _State, anchor: float, first: int, recent: Array) -> list[FilteredRow]:
         """Filter the rows first, first + 1, … where they are on the segmentation grid."""
         half, every = self._filter.half, self._every
         filtered: list[FilteredRow] = []
         for i in range(half + -(first + half) % every, len(recent) - half, every):
-            row, speed = self._fit(recent, i)
+            row, velocity, speed = self._fit(recent, i)
             t = self._resampler.time_of(anchor, first + i)
             after_gap = state.after_gap and not filtered
-            filtered.append(FilteredRow(state.rows + len(filtered), t, row, speed, after_gap))
+            filtered.append(FilteredRow(state.rows + len(filtered), t, row, velocity, speed, after_gap))
         return filtered
 
     def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:

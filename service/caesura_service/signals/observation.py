@@ -31,7 +31,8 @@ class Observation:
     joints: Array | None  # (n,) [rad]
     gripper_width: float | None  # [m]; None without a gripper, from a flag, or before either is clear
     gripper_closed: bool | None  # settled on something or nothing, as known at t
-    speed: float  # [m/s] of the flange
+    velocity_base: Array  # (3,) [m/s] of the flange
+    speed: float  # [m/s] its length
     after_gap: bool  # samples are missing between the observation before and this one
     bias_n: float | None = None  # [N] scale of what free space reads, where it is tracked
     rotation: Array | None = None  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
@@ -44,6 +45,7 @@ class FilteredRow(NamedTuple):
     number: int  # becomes the observation's index
     t: float
     row: Array  # (c,) a flange row
+    velocity: Array  # (3,)
     speed: float
     after_gap: bool
 
@@ -55,6 +57,7 @@ def observation_of(
     row = filtered.row.copy()
     arithmetic.finish(*(tare.bias or UNBIASED), columns.orientation is not None, row)
     row.setflags(write=False)
+    filtered.velocity.setflags(write=False)
     width, closed = row[columns.width :].tolist()
     taken = tare.torque_bias if columns.torque else None
     torque = None if taken is None else tared_torque(row, columns, taken)
@@ -67,6 +70,7 @@ def observation_of(
         joints=row[columns.joints] if columns.joints else None,
         gripper_width=None if math.isnan(width) else width,
         gripper_closed=None if math.isnan(closed) else closed > 0.0,
+        velocity_base=filtered.velocity,
         speed=filtered.speed,
         after_gap=filtered.after_gap,
         torque_base=torque,

@@ -7,10 +7,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from caesura_lab.evaluation import coaching, coaching_faults
 from caesura_lab.evaluation.coaching import (
     CleanResult,
+    CoachingCase,
     CoachingResult,
     FaultResult,
+    PublishedHint,
     as_markdown,
     summarise,
     title,
@@ -19,10 +22,11 @@ from caesura_lab.evaluation.coaching_faults import (
     FAULTS,
     INJECTED,
     CleanDemonstration,
+    Fault,
     NotInjectableError,
     first_unrecorded,
 )
-from caesura_protocol.messages import HintKind
+from caesura_protocol.messages import Hint, HintKind
 from caesura_protocol.recording import Recording
 from caesura_service.robot import load_panda
 
@@ -84,6 +88,72 @@ def test_a_hand_counts_from_when_it_drives_more_than_a_bias_does(taught: CleanDe
     fault = INJECTED["hand"].inject(taught, np.random.default_rng(1))
     reached = 2.5 + 2.33 * 2.3 / 12.0
     assert fault.cause == pytest.approx(reached, abs=0.05)
+
+
+def test_a_hand_begins_before_it_can_be_seen(taught: CleanDemonstration):
+    fault = INJECTED["hand"].inject(taught, np.random.default_rng(1))
+    assert 2.0 < fault.begins < fault.cause
+
+
+def test_an_unclear_corner_turns_by_the_limit_and_dips_until_the_posterior_is_even(
+    monkeypatch: pytest.MonkeyPatch, taught: CleanDemonstration
+):
+    def pace(recording: Recording, t: float) -> float:
+        moved = np.gradient(recording.signals["pos"], recording.t, axis=0)
+        return float(np.linalg.norm(moved[np.searchsorted(recording.t, t)]))
+
+    def probability(recording: Recording, corner: float) -> float:
+        """A boundary below a dip of 0.55, and as good as none above one of 0.65."""
+        dip = pace(recording, corner) / pace(recording, corner - 0.35)
+        return float(np.clip(0.5 + (0.6 - dip) / 0.1, 0.0, 1.0))
+
+    monkeypatch.setattr(coaching_faults, "boundary_probability", probability)
+    fault = INJECTED["unclear corner"].inject(taught, np.random.default_rng(1))
+    assert fault.place == fault.begins == pytest.approx(fault.cause - 0.5)
+    assert 0.4 < probability(fault.recording, fault.begins) < 0.6
+    moved = np.gradient(fault.recording.signals["pos"], fault.recording.t, axis=0)
+    before, after = (moved[np.searchsorted(fault.recording.t, fault.begins + dt)] for dt in (-0.2, 0.2))
+    turn = np.degrees(np.arccos(before @ after / np.linalg.norm(before) / np.linalg.norm(after)))
+    assert 40.0 <= turn <= 50.0
+
+
+def test_a_corner_at_which_the_posterior_is_sure_is_no_fault(
+    monkeypatch: pytest.MonkeyPatch, taught: CleanDemonstration
+):
+    monkeypatch.setattr(coaching_faults, "boundary_probability", lambda _recording, _corner: 0.95)
+    with pytest.raises(NotInjectableError):
+        INJECTED["unclear corner"].inject(taught, np.random.default_rng(1))
+
+
+def test_a_hint_at_another_boundary_does_not_name_the_fault(taught: CleanDemonstration):
+    fault = Fault("uncertain_boundary", taught.recording, 4.5, begins=4.0, place=4.0)
+    hint = Hint(kind="uncertain_boundary", since=4.6, text="Unclear.", advice="Pause.", t0=3.9, tn=3.9)
+    assert fault.is_named_by(hint)
+    assert not fault.is_named_by(hint.model_copy(update={"t0": 3.0}))
+    assert not fault.is_named_by(hint.model_copy(update={"kind": "too_fast"}))
+
+
+@pytest.mark.parametrize(
+    ("published_at", "until", "found"),
+    [
+        (3.0, None, True),  # it stands at the cause
+        (3.0, 3.8, False),  # it was cleared before the cause
+        (1.9, None, False),  # it stood before the fault began
+        (4.5, None, True),
+        (4.6, None, False),  # too late
+    ],
+)
+def test_a_fault_is_found_by_a_hint_of_it_that_is_active_in_time(
+    monkeypatch: pytest.MonkeyPatch,
+    taught: CleanDemonstration,
+    published_at: float,
+    until: float | None,
+    found: bool,
+):
+    hint = Hint(kind="bias_drift", since=published_at, until=until, text="Drift.", advice="Tare.")
+    monkeypatch.setattr(coaching, "published", lambda _recording: [PublishedHint(hint, published_at)])
+    fault = Fault("bias_drift", taught.recording, 4.0, begins=2.0)
+    assert coaching.judged("drift", CoachingCase("curves", 1, ()), fault).found == found
 
 
 def test_a_fault_without_a_place_is_not_injected(taught: CleanDemonstration):

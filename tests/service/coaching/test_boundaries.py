@@ -36,8 +36,18 @@ def test_a_boundary_that_is_sure_or_that_is_none_gives_no_hint():
 def test_an_even_boundary_is_hinted_at_and_cleared_when_it_is_resolved():
     (hint,) = followed({20: {19: 0.2, 20: 0.3}, 30: {19: 0.1, 20: 0.85}})
     assert (hint.kind, hint.t0) == ("uncertain_boundary", 2.0)
-    assert hint.since == 0.1 * (20 + LAG)
+    assert hint.since == 0.1 * (20 + LAG + 1)  # at the second observation at which it is unclear
     assert hint.until == 0.1 * (20 + LAG + LEAST)  # resolved before, and shown so long that it can be read
+
+
+def test_a_boundary_that_resolves_with_the_next_observation_gives_no_hint():
+    assert followed({20: {20: 0.5}, 20 + LAG + 1: {20: 0.9}}) == ()
+
+
+def test_a_boundary_that_is_decided_in_the_end_asks_for_nothing():
+    (hint,) = followed({20: {20: 0.5}, 40: {20: 0.25}})
+    assert hint.kind == "uncertain_boundary"
+    assert hint.until == 0.1 * (20 + WINDOW)  # three to one is no reason to show a part again
 
 
 def test_a_boundary_that_stays_unclear_asks_for_its_part_from_the_last_sure_one():

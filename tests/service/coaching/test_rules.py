@@ -11,11 +11,12 @@ import pytest
 from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias import DriftState, DriftTracker
+from caesura_service.coaching.measures import path_error
 from caesura_service.robot import load_panda
 from caesura_service.signals.tare import TARED_BIAS_N
 
 STEP_S = 0.1
-AT_REST = (0.4, 0.0, 0.3)
+AT_REST, STILL = (0.4, 0.0, 0.3), (0.0, 0.0, 0.0)
 Vector = tuple[float, float, float]
 
 
@@ -23,17 +24,23 @@ def coached(
     positions: Sequence[Vector],
     forces: Iterable[Vector] = (),
     *,
+    velocities: Sequence[Vector] | None = None,
     holding: float = 0.0,
     joints: Iterable[np.ndarray] = (),
     clean: bool = True,
     arm: ArmLimits | None = None,
+    is_tared: bool = True,
 ) -> tuple[Hint, ...]:
     """Every hint of a demonstration; a force or joints that are not given are zero or absent."""
-    coach = SignalCoach(CoachingSetup(clean, TARED_BIAS_N, 0.002, arm))
+    coach = SignalCoach(CoachingSetup(clean, TARED_BIAS_N, 0.002, arm, is_tared))
     forces, joints = [*forces], [*joints]
-    for k, position in enumerate(positions):
-        force = forces[k] if k < len(forces) else (0.0, 0.0, 0.0)
-        coach.observe(ObservedPose(STEP_S * k, position, force, holding, joints[k] if joints else None))
+    velocities = (
+        np.gradient(np.array(positions), STEP_S, axis=0).tolist() if velocities is None else velocities
+    )
+    for k, (position, velocity) in enumerate(zip(positions, velocities, strict=True)):
+        force = forces[k] if k < len(forces) else STILL
+        state = joints[k] if joints else None
+        coach.observe(ObservedPose(STEP_S * k, position, velocity, force, holding, state))
     return coach.log.hints
 
 
@@ -58,17 +65,37 @@ def test_a_force_that_drives_the_movement_is_a_hand_within_half_a_second():
     assert hint.kind == "hand_in_wrench"
     assert hint.since - 1.0 <= 0.4
     assert "12 N" in hint.text
-    assert "5.4 N" in hint.text
+
+
+def test_a_hand_that_pushes_with_little_more_than_a_bias_is_found_once_it_has_pushed_twice():
+    (hint,) = coached(along_x(30), after(10, (2.8, 0.0, 0.0)))
+    assert hint.kind == "hand_in_wrench"
+    assert hint.since == pytest.approx(1.1)
+
+
+def test_a_bias_that_was_there_before_is_no_hand():
+    constant = [(0.06 * k, 0.0, 0.0) for k in range(50)]
+    assert coached(along_x(50), constant) == ()
 
 
 def test_where_the_hand_is_declared_to_be_in_the_wrench_no_force_gives_a_hint():
     assert coached(along_x(30), after(10, (12.0, 0.0, 0.0)), clean=False) == ()
 
 
+def test_without_a_tare_no_force_is_a_hand():
+    assert coached(along_x(30), after(10, (12.0, 0.0, 0.0)), is_tared=False) == ()
+
+
 def test_a_load_that_sinks_in_closed_fingers_is_no_hand():
     sinking = [(0.4, 0.0, 0.9 - 0.02 * k) for k in range(30)]
     assert coached(sinking, after(5, (0.0, 0.0, -9.8)), holding=1.0) == ()
     assert "hand_in_wrench" in kinds(coached(sinking, after(5, (0.0, 0.0, -9.8)), holding=0.0))
+
+
+@pytest.mark.parametrize("holding", [0.0, 1.0, math.nan])
+def test_a_hand_that_lifts_the_tool_is_a_hand_whatever_the_fingers_hold(holding: float):
+    rising = [(0.4, 0.0, 0.3 + 0.02 * k) for k in range(30)]
+    assert "hand_in_wrench" in kinds(coached(rising, after(5, (0.0, 0.0, 9.8)), holding=holding))
 
 
 def test_a_surface_along_which_the_tool_slides_gives_no_hint():
@@ -112,12 +139,29 @@ def test_a_contact_leaves_the_tracked_bias_as_it_is():
     assert state.mean[2] == pytest.approx(0.0, abs=0.5)
 
 
-def test_quick_reversals_are_too_fast_and_a_slow_one_is_not():
-    def back_and_forth(step: float) -> list[Vector]:
-        return [(0.4 + step * (k % 2), 0.0, 0.3) for k in range(20)]
+def shaken(rate_hz: float, count: int = 20) -> tuple[list[Vector], list[Vector]]:
+    """Positions and velocities of a hand that goes 0.1 m to and fro."""
+    t, turns = STEP_S * np.arange(count), 2.0 * math.pi * rate_hz
+    x, v = 0.4 + 0.1 * np.sin(turns * t), 0.1 * turns * np.cos(turns * t)
+    return [(float(one), 0.0, 0.3) for one in x], [(float(one), 0.0, 0.0) for one in v]
 
-    assert kinds(coached(back_and_forth(0.03))) == ["too_fast"]
-    assert coached(back_and_forth(0.001)) == ()
+
+def test_quick_reversals_are_too_fast_and_slow_ones_are_not():
+    positions, velocities = shaken(2.0)
+    assert kinds(coached(positions, velocities=velocities)) == ["too_fast"]
+    positions, velocities = shaken(0.5)
+    assert coached(positions, velocities=velocities) == ()
+
+
+def test_what_the_poses_miss_is_measured_between_them():
+    t = STEP_S * np.arange(4) - 1.5 * STEP_S
+    poses = tuple(
+        ObservedPose(float(one), (float(one**4), 0.0, 0.0), (float(4.0 * one**3), 0.0, 0.0), STILL, 0.0)
+        for one in t
+    )
+    cubic = np.polyval(np.polyfit(t, t**4, 3), 0.0)  # through four poses, midway; the path is at 0 there
+    hermite = -((STEP_S / 2.0) ** 4)  # error of the cubic with two velocities
+    assert path_error(poses) == pytest.approx(abs(cubic - hermite))
 
 
 @pytest.fixture(scope="module")
@@ -149,13 +193,15 @@ def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
 
 
 def test_a_hint_is_raised_once_cleared_when_over_and_not_again_for_a_while():
-    shaken = [(0.4 + 0.03 * (k % 2), 0.0, 0.3) for k in range(20)]
-    calm = [AT_REST] * 20
-    (hint,) = coached([*shaken, *calm, *shaken])
+    def twice(calm: int) -> tuple[Hint, ...]:
+        positions, velocities = shaken(2.0)
+        path = [*positions, *[AT_REST] * calm, *positions]
+        return coached(path, velocities=[*velocities, *[STILL] * calm, *velocities])
+
+    (hint,) = twice(calm=20)
     assert hint.until is not None
     assert hint.since < hint.until <= 3.0
-    again = coached([*shaken, *[AT_REST] * 80, *shaken])
-    assert kinds(again) == ["too_fast", "too_fast"]
+    assert kinds(twice(calm=80)) == ["too_fast", "too_fast"]
 
 
 def test_a_gap_asks_for_its_part_until_some_time_has_passed():
@@ -163,5 +209,5 @@ def test_a_gap_asks_for_its_part_until_some_time_has_passed():
     coach.report_gap(2.0, 2.5)
     (hint,) = coach.log.hints
     assert (hint.kind, hint.since, hint.t0, hint.tn, hint.until) == ("show_again", 2.5, 2.0, 2.5, None)
-    coach.observe(ObservedPose(20.0, AT_REST, (0.0, 0.0, 0.0), math.nan, after_gap=True))
+    coach.observe(ObservedPose(20.0, AT_REST, STILL, STILL, math.nan, after_gap=True))
     assert coach.log.hints[0].until == 20.0

@@ -18,6 +18,7 @@ def observation(index: int, force: float) -> Observation:
         joints=None,
         gripper_width=None,
         gripper_closed=None,
+        velocity_base=np.zeros(3),
         speed=0.0,
         after_gap=False,
     )

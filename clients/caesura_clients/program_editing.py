@@ -112,7 +112,8 @@ def in_words(action: ProgramAction) -> str:
         case InsertApp(after=after, kind=kind):
             words = f"'{app_title(kind)}' inserted {_behind(after)}"
         case ReplacePart(first=first, last=last, session=session):
-            words = f"{_at(first)} to {_at(last)} replaced by session '{session}'"
+            part = _at(first) if first == last else f"{_at(first)} to {_at(last)}"
+            words = f"{part} replaced by session '{session}'"
         case NameProgram(name=name):
             words = f"program named '{name}'"
         case Undo() | Redo():

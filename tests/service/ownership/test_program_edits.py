@@ -370,3 +370,29 @@ def test_a_part_or_a_session_that_is_not_there_is_refused(tmp_path: Path):
         gone = replace(registry, PART.model_copy(update={"last": nowhere}))
         assert isinstance(gone, ProtocolError)
         assert "at 100.00 to 101.00 s is no longer in the program" in gone.message
+
+
+def test_a_part_that_a_correction_takes_away_is_listed_and_is_back_with_it(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry, closed=True)
+        teach_again(registry)
+
+        def corrected(action: Action, revision: int) -> None:
+            command = Edit(session=NAME, revision=revision, author="Bo", action=action)
+            while isinstance(answered := ask(registry, command), ProtocolError):
+                assert answered.code == "overloaded", "a closed session is rebuilt first"
+                registry.rebuild_step()
+
+        corrected(Insert(t=0.8), 0)
+        short = edited_program(registry).apps[1]
+        there = AppReference(kind=short.kind, t0=short.t0, tn=short.tn)
+        assert isinstance(replace(registry, ReplacePart(first=there, last=there, session=AGAIN)), Ack)
+        replaced = tuple(edited_program(registry).apps)
+        corrected(Undo(), 1)
+        without = edited_program(registry)
+        (listed,) = without.edits
+        assert (listed.state, "no longer in the program" in str(listed.reason)) == ("not_applied", True)
+        assert any("(replace_part) is not applied" in note for note in without.notes)
+        assert all(one.added is None for one in without.apps)
+        corrected(Redo(), 2)
+        assert tuple(edited_program(registry).apps) == replaced

@@ -87,6 +87,11 @@ EXCUSED: tuple[tuple[str, str, str], ...] = (
         "Edit",
         "the codec names a record by its class, and journals hold the record as the command Edit",
     ),
+    (
+        "service/caesura_service/journal/edits.py",
+        "EditProgram",
+        "as Edit: journals hold the record as the command EditProgram",
+    ),
 )
 
 

@@ -65,6 +65,7 @@ from caesura_protocol.messages import (
     Refusal,
     Relabel,
     Remove,
+    ReplacePart,
     ScrewMotion,
     Segment,
     Segments,
@@ -212,12 +213,10 @@ def examples() -> dict[str, Message]:
         DeleteApp(app=reference),
         DuplicateApp(app=reference),
         InsertApp(after=reference, kind="gripper_move", gripper_width=0.03125),
+        ReplacePart(first=reference, last=reference, session=f"{SESSION}-again"),
         NameProgram(name="pick and place"),
     )
     edit_program = EditProgram(session=SESSION, revision=1, author="Ann", action=program_actions[0])
-    program_edit = ProgramEdit(
-        number=2, author="Ann", at=1767225600.25, action=program_actions[0], state="applied"
-    )
     change = AppChange(field="speed", author="Ann", edit=2)
     app = App(
         kind="transport",
@@ -248,6 +247,18 @@ def examples() -> dict[str, Message]:
         text="A hand drives the sensor: 8 N along the movement (limit 5.4 N).",
         advice="Hold the robot behind the sensor, or state wrench source flange_sensor_with_hand.",
     )
+    program_edit = ProgramEdit(
+        number=2, author="Ann", at=1767225600.25, action=program_actions[0], state="applied"
+    )
+    part_edit = ProgramEdit(
+        number=3,
+        author="Ann",
+        at=1767225601.25,
+        action=program_actions[5],
+        state="not_applied",
+        reason="the app 'carry' at 0.00 to 3.50 s is no longer in the program",
+        apps=(app,),
+    )
     again = Hint(
         kind="show_again",
         since=5.25,
@@ -267,8 +278,8 @@ def examples() -> dict[str, Message]:
         gaps=(gap,),
         wrench=wrench,
         force_limit_n=10.0,
-        edit_revision=2,
-        edits=(program_edit,),
+        edit_revision=3,
+        edits=(program_edit, part_edit),
     )
     opening = Open(
         session=SESSION,

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from caesura_clients import query
 from caesura_clients.editing import send
 from caesura_protocol.app_kinds import app_title
+from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import (
     Ack,
     App,
@@ -22,16 +23,43 @@ from caesura_protocol.messages import (
     InsertApp,
     MoveApp,
     NameProgram,
+    Program,
     ProgramAction,
     Redo,
+    ReplacePart,
     Undo,
 )
 from caesura_protocol.transport.network import Transport
+
+HALF = 0.5  # of the time of an app
 
 
 def reference(app: App) -> AppReference:
     """The name of an app in an edit."""
     return AppReference(kind=app.kind, t0=app.t0, tn=app.tn, added=app.added)
+
+
+def part_between(program: Program, t0: float, tn: float) -> tuple[AppReference, AppReference]:
+    """The first and the last app of the part that was taught between two times [s].
+
+    An app belongs to it where at least half of its time lies between them. Raises CaesuraError where none
+    does, and where other apps stand among these in the program.
+    """
+    inside = [i for i, app in enumerate(program.apps) if _share_within(app, t0, tn) >= HALF]
+    between = f"between {t0:g} and {tn:g} s"
+    if not inside:
+        raise CaesuraError(f"no app has half of its time {between}: name the part by the numbers of its apps")
+    first, last = inside[0], inside[-1]
+    if len(inside) <= last - first:
+        raise CaesuraError(f"the apps {between} do not follow each other: name the part by their numbers")
+    return reference(program.apps[first]), reference(program.apps[last])
+
+
+def _share_within(app: App, t0: float, tn: float) -> float:
+    """The share of an app's time that lies between two times; 1 for an app that takes no time there."""
+    if app.tn <= app.t0:
+        return float(t0 <= app.t0 <= tn)
+    return (min(app.tn, tn) - max(app.t0, t0)) / (app.tn - app.t0)
 
 
 def edit_program(
@@ -64,6 +92,7 @@ FIELD_WORDS: Mapping[str, str] = {
     "gripper_width": "gripper width",
     "place": "place in the program",
     "added": "added",
+    "taught_again": "taught again",
 }
 
 
@@ -82,6 +111,9 @@ def in_words(action: ProgramAction) -> str:
             words = f"{_at(app)} {action.do}d"
         case InsertApp(after=after, kind=kind):
             words = f"'{app_title(kind)}' inserted {_behind(after)}"
+        case ReplacePart(first=first, last=last, session=session):
+            part = _at(first) if first == last else f"{_at(first)} to {_at(last)}"
+            words = f"{part} replaced by session '{session}'"
         case NameProgram(name=name):
             words = f"program named '{name}'"
         case Undo() | Redo():

@@ -29,6 +29,9 @@ MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
+MAX_PART_APPS = 100  # that one edit puts in the place of a part
+MAX_TAUGHT_AGAIN = 300  # apps of a program that its edits hold, those that are undone included
+MAX_PART_BYTES = 1 << 19  # of the apps that one edit puts in the place of a part
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
 MAX_HINTS = 64  # that a message lists
 
@@ -98,7 +101,7 @@ AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 AppField = Literal["name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"]
-ChangedField = AppField | Literal["place", "added"]
+ChangedField = AppField | Literal["place", "added", "taught_again"]
 EditState = Literal["applied", "not_applied", "undone"]
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
@@ -346,6 +349,18 @@ class InsertApp(Message):
     gripper_width: Amount | None = None  # [m]
 
 
+class ReplacePart(Message):
+    """The apps from `first` to `last` are replaced by those of another session of the station.
+
+    The service takes the apps as they are at the edit. What becomes of that session changes nothing.
+    """
+
+    do: Literal["replace_part"] = "replace_part"
+    first: AppReference  # where it begins, the first new app begins
+    last: AppReference
+    session: Name  # closed, with apps, of the same robot and wrench source
+
+
 class NameProgram(Message):
     """The program is called this."""
 
@@ -354,10 +369,11 @@ class NameProgram(Message):
 
 
 ProgramChange = Annotated[
-    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | NameProgram, Field(discriminator="do")
+    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | ReplacePart | NameProgram,
+    Field(discriminator="do"),
 ]
 ProgramAction = Annotated[
-    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | NameProgram | Undo | Redo,
+    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | ReplacePart | NameProgram | Undo | Redo,
     Field(discriminator="do"),
 ]
 
@@ -713,7 +729,7 @@ class App(Message):
     note: Note | None = None
     speed: SpeedFactor | None = None  # a factor of the taught speed; None: as taught
     added: Count | None = None  # the number of the edit that added it; None: it was taught
-    changes: Annotated[Listed[AppChange], Field(max_length=9)] = ()  # what people set, a field once
+    changes: Annotated[Listed[AppChange], Field(max_length=10)] = ()  # what people set, a field once
 
 
 class ProgramEdit(Message):
@@ -725,6 +741,9 @@ class ProgramEdit(Message):
     action: ProgramChange
     state: EditState
     reason: str | None = None  # why it is not applied
+    apps: Annotated[
+        Listed[App], Field(max_length=MAX_PART_APPS)
+    ] = ()  # of `replace_part`: as they were taught
 
 
 class Program(Message):

@@ -25,6 +25,7 @@ from caesura_protocol.rotations import align_signs, turned_along, turning_of
 
 Array = NDArray[np.float64]
 
+TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)  # of a path, where no other is asked for
 NAMED_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 POWERS = 6  # of a share of a leg, from 0 on
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot

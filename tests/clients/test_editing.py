@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from click.testing import Result
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect, editing, query
@@ -23,13 +24,23 @@ from caesura_clients.cli.edit import nearest_named, parse
 from caesura_clients.cli.pedal import marking
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.messages import Edit, Insert, LimitForce, Move, NamePhase, Undo
+from caesura_protocol.messages import (
+    Edit,
+    Insert,
+    LimitForce,
+    Move,
+    NamePhase,
+    Program,
+    ReplacePart,
+    Undo,
+)
 from caesura_protocol.recording import Recording
 from clients.conftest import free_port
 from clients.examples import LiveSource, snapshot
 from clients.fake_service import eventually
 from clients.test_bridge import QUICK
 from clients.test_with_service import serving
+from harness.programs import app
 
 pytest.importorskip("caesura_service.commands")
 
@@ -332,3 +343,67 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
 def test_a_value_that_cannot_be_read_is_named_with_what_is_expected(typed: str, message: str):
     with pytest.raises(CaesuraError, match=message):
         edit_program_command.parse(["insert", "0", "grasp", typed], snapshot(1).program)
+
+
+# --- a part that was taught again -------------------------------------------------------------------------
+
+
+def with_times(*times: tuple[float, float]) -> Program:
+    apps = tuple(app("cartesian_motion", t0, tn) for t0, tn in times)
+    return snapshot(1).program.model_copy(update={"apps": apps})
+
+
+def test_a_part_is_named_by_the_numbers_of_its_apps_or_by_times():
+    program = with_times((0.0, 2.0), (2.0, 3.0), (3.0, 6.0), (6.0, 7.0))
+    part = edit_program_command.Part
+    by_number = edit_program_command.parse(["replace", "2", "3"], program, part(session="s2"))
+    assert isinstance(by_number, ReplacePart)
+    assert (by_number.first.t0, by_number.last.t0, by_number.session) == (2.0, 3.0, "s2")
+    by_time = edit_program_command.parse(["replace"], program, part(1.5, 4.5, "s2"))
+    assert by_time == by_number, "half of an app has to lie between the times"
+
+
+@pytest.mark.parametrize(
+    ("words", "part", "message"),
+    [
+        (["replace", "1", "1"], (), "expected: replace FIRST LAST --with SESSION"),
+        (["replace", "1"], (None, None, "s2"), "the part is not clear"),
+        (["replace"], (1.0, None, "s2"), "the part is not clear"),
+        (["replace", "1", "2"], (1.0, 2.0, "s2"), "the part is not clear"),
+        (["replace", "1", "9"], (None, None, "s2"), "there is no app '9'"),
+        (["replace"], (40.0, 50.0, "s2"), "no app has half of its time between 40 and 50 s"),
+        (["replace"], (0.0, 3.0, "s2"), "do not follow each other"),
+        (["replace", "1", "1"], (None, None, "S 2"), "session is 'S 2'"),
+        (["delete", "1"], (None, None, "s2"), "--from, --to and --with belong to replace, not to delete"),
+    ],
+)
+def test_a_part_that_is_not_clear_is_refused(words: list[str], part: tuple, message: str):
+    program = with_times((0.0, 1.0), (5.0, 6.0), (2.0, 3.0))
+    with pytest.raises(CaesuraError, match=message):
+        edit_program_command.parse(words, program, edit_program_command.Part(*part))
+
+
+def test_a_part_is_taught_again_from_the_command_line(endpoint: str, caesura: Caesura):
+    first, second = taught(caesura, "cell-10"), taught(caesura, "cell-10")
+    before = caesura.snapshot("cell-10", first).program.apps
+    new = caesura.snapshot("cell-10", second).program.apps
+    command = typer.Typer()
+    register(command)
+
+    def edit(*words: str) -> Result:
+        options = ["--author", "Ann", "--connect", endpoint]
+        return CliRunner().invoke(command, ["edit-program", "cell-10", first, *words, *options])
+
+    grasp = next(one for one in before if one.kind == "grasp")
+    between = ["--from", str(grasp.t0), "--to", str(grasp.tn)]
+    done = edit("replace", *between, "--with", second)
+    assert done.exit_code == 0, done.output
+    assert f"replaced by session '{second}'" in done.output
+    shown = caesura.snapshot("cell-10", first).program.apps
+    assert [one.kind for one in shown if one.added] == [one.kind for one in new]
+    assert [one for one in shown if one.added is None] == [one for one in before if one != grasp]
+    assert edit("undo").exit_code == 0
+    assert caesura.snapshot("cell-10", first).program.apps == before
+    refused = edit("replace", "1", "1", "--with", first)
+    assert refused.exit_code == 1
+    assert "replaces no part of itself" in refused.output.replace("\n", " ")

@@ -339,3 +339,49 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
     assert page.locator(".exports a[download]").count() == 0
     assert visitor.errors == []
     visitor.close()
+
+
+def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, browser: Browser):
+    stage.teach("cell-again", guided(), session="first", pace="fast")
+    stage.wait("cell-again")
+    stage.teach("cell-again", guided(1), session="second", pace="fast")
+    stage.wait("cell-again")
+    visitor = Visitor(browser)
+    page, apps = visitor.page, visitor.page.locator(".app")
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{stage.dashboard.url}/sessions/cell-again/first")
+    expect(apps.first).to_be_visible()
+    said = page.locator(".program-said")
+    with stage.reader() as caesura:
+        taught = caesura.snapshot("cell-again", "first").program.apps
+        second = caesura.snapshot("cell-again", "second").program.apps
+        expect(apps).to_have_count(len(taught))
+
+        card = apps.nth(1)
+        card.get_by_text("Edit", exact=True).click()
+        card.locator(".part-last").select_option("2")
+        offered = card.locator(".part-session option").all_inner_texts()
+        assert offered == ["choose", f"second, {len(second)} apps"]
+        card.locator(".part-session").select_option("second")
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture("part-taught-again-desktop")
+            assert visitor.barriers(*rules) == []
+        card.locator(".replace-part").click()
+        expect(said).to_contain_text("replaced by session 'second'")
+        expect(apps).to_have_count(len(taught) - 1 + len(second))
+        expect(card.locator(".marks")).to_contain_text("taught again by Ann")
+        expect(card.locator(".findings")).to_contain_text("from where the app before it ends")
+        visitor.picture("part-replaced-desktop")
+        page.locator(".edits summary").click()
+        expect(page.locator(".edits li")).to_contain_text("– Ann, applied")
+        shown = caesura.snapshot("cell-again", "first").program.apps
+        assert [one for one in shown if one.added is None] == [taught[0], *taught[2:]]
+
+        page.get_by_role("button", name="Undo edit").click()
+        expect(apps).to_have_count(len(taught))
+        assert caesura.snapshot("cell-again", "first").program.apps == taught
+    assert visitor.errors == []
+    visitor.close()

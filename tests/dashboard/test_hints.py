@@ -47,6 +47,16 @@ def test_the_newest_active_hint_comes_first_and_none_of_a_session_that_is_over(u
     assert banner_of(replace(closed, hints=(old,))) == banner_of(None) == {"hints": []}
 
 
+def test_a_part_to_show_again_links_to_the_program_in_which_it_is_replaced(update):
+    part = hint("show_again", 5.2, "Nothing was recorded.", "Show the part again.")
+    (shown,) = banner_of(replace(update("motion"), hints=(part.model_copy(update={"t0": 5.0, "tn": 5.2}),)))[
+        "hints"
+    ]
+    session = update("motion")
+    assert shown["href"] == f"/sessions/{session.station}/{session.session}"
+    assert shown["link"] == "Replace the apps of 5.0 to 5.2 s: Edit, Teach again"
+
+
 @needs_chromium
 def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared():
     hand = hint("hand_in_wrench", 3.0, HAND, "Hold the robot behind the sensor.")

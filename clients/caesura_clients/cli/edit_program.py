@@ -15,7 +15,7 @@ from rich.text import Text
 from caesura_clients.cli.options import Config, Connect, connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, program_view
 from caesura_clients.program_editing import edit_program as send_edit
-from caesura_clients.program_editing import in_words, reference
+from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
@@ -69,6 +69,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "delete": ("app",),
     "duplicate": ("app",),
     "insert": ("after", "kind"),
+    "replace": ("first", "last"),
     "name": ("name",),
     "undo": (),
     "redo": (),
@@ -89,6 +90,7 @@ def edit_program(
         typer.Argument(
             help=f"{USAGE}. APP: its number in the table; AFTER: likewise, 0 for the beginning. "
             f"Values of change: {', '.join(CHANGES)}; of insert: {', '.join(INSERTED)}. "
+            "The part of replace: its first and last app, or --from and --to. "
             "Lengths \\[mm], force \\[N], speed as a factor. Without an action the edits are listed."
         ),
     ] = None,
@@ -97,6 +99,13 @@ def edit_program(
     ] = None,
     revision: Annotated[
         int | None, typer.Option(min=0, help="Edits that the program had when it was seen; default: now.")
+    ] = None,
+    begins: Annotated[
+        float | None, typer.Option("--from", help="Of replace: the part begins here \\[s].")
+    ] = None,
+    ends: Annotated[float | None, typer.Option("--to", help="Of replace: the part ends here \\[s].")] = None,
+    replacing: Annotated[
+        str | None, typer.Option("--with", help="Of replace: the session that takes the place of the part.")
     ] = None,
     endpoint: Connect = None,
     config: Config = None,
@@ -109,7 +118,7 @@ def edit_program(
             if not action:
                 Console().print(program_view(program), edits_table(program))
                 return
-            wanted = parse(action, program)
+            wanted = parse(action, program, Part(begins, ends, replacing))
             seen = program.edit_revision if revision is None else revision
             send_edit(
                 caesura.transport,
@@ -142,22 +151,57 @@ def edits_table(program: Program) -> Table:
     return table
 
 
-def parse(words: Sequence[str], program: Program) -> ProgramAction:
+class Part(NamedTuple):
+    """What options state of `replace`: from and to which time [s], and the session that takes the place."""
+
+    t0: float | None = None
+    tn: float | None = None
+    session: str | None = None
+
+
+NO_PART = Part()
+
+
+def parse(words: Sequence[str], program: Program, part: Part = NO_PART) -> ProgramAction:
     """An action as it is typed. Raises CaesuraError, which names what there is."""
     do, *rest = words
+    if do == "replace":
+        return _replacement(rest, program, part)
+    if part != NO_PART:
+        raise CaesuraError(f"--from, --to and --with belong to replace, not to {do}")
     names = WORDS.get(do)
     if names is None or len(rest) < len(names) or (do not in VALUES and len(rest) > len(names)):
         raise CaesuraError(f"{' '.join(words)!r} is no edit, expected one of: {USAGE}")
     given: dict[str, Any] = dict(zip(names, rest, strict=False))
     for name in ("app", "after"):
         if name in given:
-            given[name] = _reference(program, given[name], first=name == "after")
+            begins = name == "after" and given[name] == "0"
+            given[name] = None if begins else _reference(program, given[name])
     if given.get("kind", "grasp") not in APP_KINDS:
         raise CaesuraError(f"{given['kind']!r} is no kind of app, expected one of: {', '.join(APP_KINDS)}")
     for text in rest[len(names) :]:
         given |= _value(text, VALUES[do])
+    return _action({"do": do, **given})
+
+
+def _replacement(numbers: Sequence[str], program: Program, part: Part) -> ProgramAction:
+    """A part by the numbers of its first and last app, or by times. Raises CaesuraError."""
+    t0, tn, session = part
+    if session is None or len(numbers) != (2 if t0 is None else 0) or (t0 is None) != (tn is None):
+        raise CaesuraError(
+            "the part is not clear, expected: replace FIRST LAST --with SESSION, or "
+            "replace --from T1 --to T2 --with SESSION"
+        )
+    if t0 is not None and tn is not None:
+        first, last = part_between(program, t0, tn)
+    else:
+        first, last = (_reference(program, number) for number in numbers)
+    return _action({"do": "replace_part", "first": first, "last": last, "session": session})
+
+
+def _action(fields: Mapping[str, Any]) -> ProgramAction:
     try:
-        return _ACTION.validate_python({"do": do, **given})
+        return _ACTION.validate_python(fields)
     except ValidationError as error:
         raise CaesuraError(first_finding(error, named=lambda place: str(place[-1]))) from error
 
@@ -174,11 +218,9 @@ def _value(text: str, values: Mapping[str, _Value]) -> dict[str, Any]:
         raise CaesuraError(f"{name} is {typed!r}, expected {value.expected}") from error
 
 
-def _reference(program: Program, number: str, *, first: bool) -> AppReference | None:
-    """The app of a number in the table; None for 0. Raises CaesuraError, which names the apps."""
-    index = int(number) - 1 if number.isdecimal() else -2
-    if first and index == -1:
-        return None
+def _reference(program: Program, number: str) -> AppReference:
+    """The app of a number in the table. Raises CaesuraError, which names the apps."""
+    index = int(number) - 1 if number.isdecimal() else -1
     if not 0 <= index < len(program.apps):
         there = ", ".join(app_name(i, app.kind) for i, app in enumerate(program.apps)) or "none"
         raise CaesuraError(f"there is no app {number!r}; apps of the program: {there}")

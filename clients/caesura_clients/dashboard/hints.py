@@ -5,10 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from caesura_clients.results import Update
+from caesura_protocol.messages import Hint
 
 
 def banner_of(update: Update | None) -> dict[str, Any]:
     """The payload of the banner; no hint without a session, and none of one that is over."""
     active = [] if update is None or update.closed else [one for one in update.hints if one.until is None]
     newest_first = sorted(active, key=lambda hint: -hint.since)
-    return {"hints": [{"kind": one.kind, "text": one.text, "advice": one.advice} for one in newest_first]}
+    return {"hints": [_shown(one, update) for one in newest_first if update is not None]}
+
+
+def _shown(hint: Hint, update: Update) -> dict[str, Any]:
+    """A hint, and of a part to show again where it is replaced."""
+    shown = {"kind": hint.kind, "text": hint.text, "advice": hint.advice}
+    if hint.kind != "show_again" or hint.t0 is None or hint.tn is None:
+        return shown
+    part = f"the apps of {hint.t0:.1f} to {hint.tn:.1f} s: Edit, Teach again"
+    return shown | {"href": f"/sessions/{update.station}/{update.session}", "link": f"Replace {part}"}

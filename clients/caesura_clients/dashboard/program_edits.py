@@ -18,7 +18,7 @@ from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program
-from caesura_protocol.programs.app_times import may_retime
+from caesura_protocol.programs.app_times import PLACED, may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS, formats_of
@@ -109,7 +109,7 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
         "note": app.note or "",
         "values": {name: read(app) for name, has, read in _VALUES if has(app)},
         "changes": [_change(mark) for mark in app.changes],
-        "set": [mark.field for mark in app.changes if mark.field not in {"place", "added"}],
+        "set": [mark.field for mark in app.changes if mark.field not in PLACED],
         "earlier": _behind(apps, index - 2) if index > 0 else None,
         "later": _behind(apps, index + 1) if index + 1 < len(apps) else None,
     }

@@ -16,6 +16,27 @@ def sessions(world: DashboardState) -> list[dict[str, Any]]:
     return [_row(update) for update in newest]
 
 
+OFFERED = 50  # sessions that may take the place of a part
+
+
+def taught_again(world: DashboardState, station: str, session: str) -> list[list[str]]:
+    """The closed sessions of a station that have apps, the newest first, beside this one: (name, words)."""
+    known = {**world.stored, **world.updates}
+    others = [
+        one
+        for (where, name), one in known.items()
+        if where == station and name != session and one.closed and one.program.apps
+    ]
+    newest = sorted(others, key=_age, reverse=True)
+    return [[one.session, _in_words(one)] for one in newest[:OFFERED] if not one.status.description.deleted]
+
+
+def _in_words(update: Update) -> str:
+    """A session as an operator chooses it."""
+    task, count = update.status.description.task, len(update.program.apps)
+    return ", ".join(filter(None, [update.session, task, f"{count} app{'' if count == 1 else 's'}"]))
+
+
 def _age(update: Update) -> tuple[float, str, str]:
     """Its time of day where that is known; names sort by time too."""
     return update.status.opened or 0.0, update.session, update.station

@@ -11,14 +11,17 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit
+from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart
 from caesura_protocol.paths import turn_of
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres
 EVEN_S = 1e-6  # by which two times may differ and be the same
 
+PLACED = frozenset({"place", "added", "taught_again"})  # marks of an app that stands where it was not taught
+
 A = TypeVar("A", bound=App)
+Taught = tuple[int | None, float]  # the edit that added an app, and when it began [s]
 
 
 def may_retime(app: App) -> bool:
@@ -26,6 +29,11 @@ def may_retime(app: App) -> bool:
     if not APP_KINDS[app.kind].travels or app.path is None or app.target is None or app.screw is not None:
         return False
     return app.path.length_m > TURNED_M * turn_of(app)
+
+
+def is_taught_again(app: App) -> bool:
+    """Whether an app comes from another session, in the place of a part."""
+    return any(mark.field == "taught_again" for mark in app.changes)
 
 
 def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) -> AppPath:
@@ -74,32 +82,42 @@ def edited_times(
 
     A pause stays where its two apps followed each other when they were taught; elsewhere there is none.
     """
-    deleted = [
-        edit.action.app.t0 for edit in edits if edit.state == "applied" and isinstance(edit.action, DeleteApp)
-    ]
+    deleted = [place for edit in edits if edit.state == "applied" for place in _left_out(edit)]
     if not deleted and not any(map(_is_elsewhere, apps)):
         return None
-    taught = [*deleted, *(app.t0 for app in apps if app.added is None)]
+    taught = [*deleted, *((app.added, app.t0) for app in apps)]
     made: list[App] = []
     missing: list[Gap] = []
     for index, app in enumerate(apps):
         t0 = made[-1].tn + _pause_s(apps[index - 1], app, taught) if made else min(one.t0 for one in apps)
         shifted = earlier(app, math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S)
         made.append(shifted if app.speed is None else scaled(shifted, app.speed))
-        missing += _gaps_within(app, made[-1], gaps)
+        missing += () if is_taught_again(app) else _gaps_within(app, made[-1], gaps)
     return EditedTimes(tuple(made), tuple(missing))
 
 
 def _is_elsewhere(app: App) -> bool:
     """Whether an edit changed its place or its speed."""
-    return app.speed is not None or any(mark.field in {"place", "added"} for mark in app.changes)
+    return app.speed is not None or any(mark.field in PLACED for mark in app.changes)
 
 
-def _pause_s(before: App, app: App, taught: Sequence[float]) -> float:
+def _left_out(edit: ProgramEdit) -> list[Taught]:
+    """The apps that an edit names and takes away."""
+    match edit.action:
+        case DeleteApp(app=app):
+            return [(app.added, app.t0)]
+        case ReplacePart(first=first, last=last):
+            return [(first.added, first.t0), (last.added, last.t0)]
+        case _:
+            return []
+
+
+def _pause_s(before: App, app: App, taught: Sequence[Taught]) -> float:
     """The pause [s] that was taught between two apps; 0 where another one began in between."""
-    if before.added is not None or app.added is not None or app.t0 < before.tn:
+    if before.added != app.added or app.t0 < before.tn:
         return 0.0
-    between = any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in taught if t != before.t0)
+    starts = [t for added, t in taught if added == app.added and t != before.t0]
+    between = any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in starts)
     return 0.0 if between else app.t0 - before.tn
 
 

@@ -1,6 +1,6 @@
 """The journal: the ordered records of a session, whose replay rebuilds it bit for bit."""
 
-from caesura_service.journal.edits import Edit, Resolution
+from caesura_service.journal.edits import Edit, EditProgram, Resolution
 from caesura_service.journal.journal import (
     Copy,
     Journal,
@@ -30,6 +30,7 @@ __all__ = [
     "BatchSource",
     "Copy",
     "Edit",
+    "EditProgram",
     "FileBatches",
     "Journal",
     "JournalBatches",

@@ -8,7 +8,7 @@ collects edits without filtering in between. Only edits that were carried out ar
 from __future__ import annotations
 
 from caesura_protocol import messages
-from caesura_protocol.messages import Message
+from caesura_protocol.messages import App, Message
 
 Run = tuple[int, int]  # observations: the first one, and the one behind the last
 
@@ -34,3 +34,12 @@ class Edit(messages.Edit):
     def is_resolved(self) -> bool:
         """Whether the record has its resolved form; records of older journals do not."""
         return self.version is not None
+
+
+class EditProgram(messages.EditProgram):
+    """A recorded edit of the program. The apps that it puts in place are in the record itself.
+
+    So the session that they were taught in may be edited, corrected or deleted later.
+    """
+
+    apps: tuple[App, ...] = ()  # of `replace_part`

@@ -13,14 +13,13 @@ from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
     Close,
     Describe,
-    EditProgram,
     Error,
     Open,
     SampleBatch,
     Snapshot,
 )
 from caesura_service.journal.checksums import checksum, is_intact
-from caesura_service.journal.edits import Edit
+from caesura_service.journal.edits import Edit, EditProgram
 from caesura_service.journal.journal import Copy, JournalDamagedError, Key, Outcome, Record, Recordable
 from caesura_service.journal.schema import (
     SELECT_EPOCH,

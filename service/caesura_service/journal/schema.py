@@ -22,7 +22,7 @@ from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7  # with version 7 an edit of the program may hold apps
 LOCK_SUFFIX = ".lock"
 CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(Edit), encoding_of(Describe)
 EDIT_PROGRAM = encoding_of(EditProgram)

@@ -29,9 +29,13 @@ from caesura_protocol.messages import (
     Heartbeat,
     JournalReport,
     Open,
+    Program,
+    ReplacePart,
     SampleBatch,
 )
+from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.journal import Journal, JournalError, Key, PeerJournals
+from caesura_service.ownership.replacement import apps_for
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
@@ -50,7 +54,7 @@ from caesura_service.publishing.events import (
     StationTakenOver,
     TakeoverFailed,
 )
-from caesura_service.publishing.session_state import SessionCounters, status_of
+from caesura_service.publishing.session_state import SessionCounters, program_of, status_of
 from caesura_service.segmentation.time_slices import Slices
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
@@ -179,6 +183,8 @@ class Registry:
                 if not session.has_pipeline and _needs_rebuilding(command, session):
                     owner = self.ownership.owner(station, now)
                     return [Reply(self._rebuilder.request(station, session, owner))]
+                if isinstance(command, EditProgram):
+                    command = self._with_apps(station, session, command)
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
             # A refusal of these concerns the editor and not the session's bridge.
@@ -349,6 +355,19 @@ class Registry:
         if gone:
             self._update_index()
         return [SessionDeleted(*key, why) for key, why in gone.items()]
+
+    def _with_apps(self, station: str, session: Session, command: EditProgram) -> EditProgram:
+        """Return the edit with the apps that it puts in the place of a part. Raises as `apps_for`."""
+        if not isinstance(command.action, ReplacePart):
+            return command
+        apps = apps_for(program_of(session.state), self._program(station, command.action.session))
+        return AppliedProgramEdit(**vars(command), apps=apps)
+
+    def _program(self, station: str, name: str) -> Program:
+        """Return the program of a session, also of one that is no longer held. Raises ProtocolError."""
+        held = self._find_session(station, name)
+        stored = self.stored.program(station, name) if held is None else program_of(held.state)
+        return stored or program_of(self._require_session(station, name).state)
 
     def _count_rejection(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self.counters = self.counters.with_refusal(error)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from caesura_protocol.keys import StoredPage
-from caesura_protocol.messages import Snapshot
+from caesura_protocol.messages import Program, Snapshot
 from caesura_service.journal import Journal, Key
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.program import log_of, with_edits
@@ -43,6 +43,11 @@ class StoredSessions:
                 return
             if (outcome := self._journal.outcome(*one.key)) is not None:
                 yield _edited(outcome.snapshot)
+
+    def program(self, station: str, session: str) -> Program | None:
+        """The program of an outcome, with its edits; None without one. Raises JournalError."""
+        outcome = self._journal.outcome(station, session)
+        return None if outcome is None else _edited(outcome.snapshot).program
 
 
 def _edited(snapshot: Snapshot) -> Snapshot:

@@ -5,6 +5,8 @@ Rules
   kind whose time is most nearly the same, if half of both times is common.
 - Edits are applied one after the other. One whose app is gone is listed as not applied, with the reason.
 - A field of an app has the value of its last edit. Apps that are taught later follow in their own order.
+- Apps that were taught again are part of their edit, at constant times: the first one begins where the part
+  began when it was replaced.
 - Undo takes the last edit back, redo makes it once more, and a new edit ends what could be made once more.
 """
 
@@ -17,8 +19,10 @@ from typing import Any, NamedTuple, get_args
 
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import (
     MAX_PROGRAM_EDITS,
+    MAX_TAUGHT_AGAIN,
     App,
     AppChange,
     AppField,
@@ -34,10 +38,11 @@ from caesura_protocol.messages import (
     Program,
     ProgramEdit,
     Redo,
+    ReplacePart,
     Undo,
     Vector,
 )
-from caesura_protocol.programs.app_times import may_retime
+from caesura_protocol.programs.app_times import earlier, is_taught_again, may_retime
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
 NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
@@ -60,16 +65,16 @@ class EditLog(NamedTuple):
         taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
         return (*self.active, *taken_back)
 
-    def takes(self, command: EditProgram) -> bool:
+    def takes(self, command: EditProgram, apps: Sequence[App] = ()) -> bool:
         """Whether a command is the next of this log; one of an instance with other edits may be none."""
         try:
-            self.after(command, 0.0)
+            self.after(command, 0.0, apps)
         except ProtocolError:
             return False
         return command.revision == self.revision
 
-    def after(self, command: EditProgram, at: float) -> EditLog:
-        """With one edit more, whatever it applies to. at: time of day [s].
+    def after(self, command: EditProgram, at: float, apps: Sequence[App] = ()) -> EditLog:
+        """With one edit more, whatever it applies to. at: time of day [s]; apps: those of a `ReplacePart`.
 
         Raises ProtocolError where there is nothing to undo or redo, or no room.
         """
@@ -86,7 +91,13 @@ class EditLog(NamedTuple):
         if len(active) >= MAX_PROGRAM_EDITS:
             why = "the program has too many edits: undo some"
             raise ProtocolError("conflict", why, value=len(active) + 1, limit=MAX_PROGRAM_EDITS)
-        made = ProgramEdit(number=number, author=command.author, at=at, action=action, state="applied")
+        held = len(apps) + sum(len(edit.apps) for edit in active)
+        if held > MAX_TAUGHT_AGAIN:
+            why = "the edits of the program hold too many apps that were taught again: undo some"
+            raise ProtocolError("conflict", why, value=held, limit=MAX_TAUGHT_AGAIN)
+        made = ProgramEdit(
+            number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
+        )
         return EditLog((*active, made), (), number)
 
 
@@ -223,13 +234,33 @@ class _Draft:
                 index = self._behind(insert.after)
                 made = self._new(insert, index, edit.number)
                 self.items.insert(index, _item(made).marked(edit, "added"))
+            case ReplacePart() as replace:
+                self._replace(replace, edit)
             case NameProgram(name=name):
                 self.name = name
 
+    def _replace(self, part: ReplacePart, edit: ProgramEdit) -> None:
+        """Put the apps of an edit in the place of a part."""
+        first, last = self._place(part.first), self._place(part.last)
+        if last < first:
+            raise _NotApplicableError("the last app of the part comes before the first one")
+        if not edit.apps:
+            raise _NotApplicableError(f"session {part.session} has no apps")
+        self._deleted += [(item.inferred, edit) for item in self.items[first : last + 1]]
+        later_s = part.first.t0 - edit.apps[0].t0
+        self.items[first : last + 1] = [self._taught_again(app, later_s, edit) for app in edit.apps]
+
+    def _taught_again(self, app: App, later_s: float, edit: ProgramEdit) -> _Item:
+        """An app of another session, at times of this one and within the force limit of its cell."""
+        limited = app if self._force_limit_n is None else with_force_limit(app, self._force_limit_n)
+        mark = AppChange(field="taught_again", author=edit.author, edit=edit.number)
+        changes = {"segments": (), "added": edit.number, "changes": (mark,)}
+        return _item(earlier(limited, -later_s).model_copy(update=changes))
+
     def _place(self, wanted: AppReference) -> int:
         """The index of the app that is meant. Raises _NotApplicableError."""
-        key = _key(wanted)
-        same = [index for index, item in enumerate(self.items) if item.key == key]
+        keys = _keys(wanted)
+        same = [index for index, item in enumerate(self.items) if item.key in keys]
         likeness = [(_common(wanted, self.items[index].inferred), index) for index in same] or [
             (_likeness(wanted, self.items[index].inferred), index) for index in self._near(wanted)
         ]
@@ -248,7 +279,10 @@ class _Draft:
         deleted = [(_likeness(wanted, app), edit.number) for app, edit in self._deleted]
         likeness, number = max(deleted, default=(0.0, 0))
         if likeness >= LEAST_COMMON:
-            return f"{what} was deleted by edit {number}"
+            replaced = any(
+                edit.number == number and edit.action.do == "replace_part" for _, edit in self._deleted
+            )
+            return f"{what} was {'replaced' if replaced else 'deleted'} by edit {number}"
         if wanted.added is not None:
             return f"{what} that edit {wanted.added} added is not in the program"
         apps = [self.items[index].inferred for index in self._near(wanted)]
@@ -332,14 +366,23 @@ class _Draft:
         return app
 
 
-def _key(app: App | AppReference) -> tuple[object, ...]:
-    """The same for an app and a reference that surely means it."""
-    return (app.kind, app.t0) if app.added is None else (app.added,)
+def _key(app: App) -> tuple[object, ...]:
+    """What distinguishes an app from others: one edit may have put several in place."""
+    if app.added is None:
+        return (app.kind, app.t0)
+    return (app.added, app.kind, app.t0) if is_taught_again(app) else (app.added,)
+
+
+def _keys(wanted: AppReference) -> tuple[tuple[object, ...], ...]:
+    """The keys of an app that a reference surely means."""
+    if wanted.added is None:
+        return ((wanted.kind, wanted.t0),)
+    return (wanted.added,), (wanted.added, wanted.kind, wanted.t0)
 
 
 def _likeness(wanted: AppReference, app: App) -> float:
     """How nearly an app is the one that is meant, from 0 to 1."""
-    if _key(wanted) == _key(app):
+    if _key(app) in _keys(wanted):
         return 1.0
     if wanted.kind != app.kind or wanted.added is not None or app.added is not None:
         return 0.0

@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
-from caesura_protocol.paths import Curve, estimated_slopes, unit
+from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD, Curve, estimated_slopes, unit
 from caesura_protocol.rotations import align_signs, angles
 
 Array = NDArray[np.float64]
 PosesBetween = Callable[[float, float], tuple[Array, Array]]
 
-TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)
 MOST_TURN_RAD = math.radians(100.0)
 TURN_RAD = math.radians(5.0)  # a turn in a rest from which on it is a movement
 BETWEEN = 3  # looks from one observation to the next

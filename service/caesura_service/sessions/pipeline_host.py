@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Action, Description, EditProgram, Open, Redo, Undo
+from caesura_protocol.messages import Action, App, Description, EditProgram, Open, Redo, Undo
 from caesura_service.journal import Edit
+from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.program import check_applies
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
@@ -155,7 +156,7 @@ class PipelineHost:
 
     def check_program_edit(self, command: EditProgram, at: float) -> None:
         """Check that an edit applies to the program of now. Raises ProtocolError. at: time of day [s]."""
-        log = self.state.program_edits.after(command, at)
+        log = self.state.program_edits.after(command, at, replacing_apps(command))
         if not isinstance(command.action, Undo | Redo):
             check_applies(inferred_program_of(self.state), log)
 
@@ -164,7 +165,7 @@ class PipelineHost:
 
         One of the journal may no longer apply; the program then lists it with the reason.
         """
-        log = self.state.program_edits.after(command, at)
+        log = self.state.program_edits.after(command, at, replacing_apps(command))
         self.state, published = messages.apply_program_edit(self.state, log, command.author, at)
         self._program_t, self._program_pending = observed_until_s(self.state.view), False
         return published
@@ -328,6 +329,11 @@ class PipelineHost:
 
     def _transition(self, event: LifecycleEvent) -> None:
         self.state = self.state._replace(lifecycle=next_state(self.lifecycle, event))
+
+
+def replacing_apps(command: EditProgram) -> tuple[App, ...]:
+    """The apps that a recorded edit puts in the place of a part."""
+    return command.apps if isinstance(command, AppliedProgramEdit) else ()
 
 
 def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> bool:

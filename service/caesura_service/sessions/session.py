@@ -42,7 +42,7 @@ from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
-from caesura_service.sessions.pipeline_host import PipelineHost
+from caesura_service.sessions.pipeline_host import PipelineHost, replacing_apps
 from caesura_service.sessions.session_journal import SessionJournal
 
 
@@ -376,7 +376,7 @@ class Session:
                 self.receive(close, record.at)
             case Describe() as description:
                 self.receive(description, record.at)
-            case EditProgram() as command if self.state.program_edits.takes(command):
+            case EditProgram() as command if self.state.program_edits.takes(command, replacing_apps(command)):
                 self._journal.append(command, record.at)
                 self._host.edit_program(command, record.at)
             case AppliedEdit() as edit if edit.revision == self.revision:

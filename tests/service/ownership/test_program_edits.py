@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import (
@@ -25,6 +26,7 @@ from caesura_protocol.messages import (
     Program,
     ProgramAction,
     Redo,
+    ReplacePart,
     Undo,
 )
 from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
@@ -241,3 +243,156 @@ def test_a_session_that_is_no_longer_held_has_its_edits(tmp_path: Path):
     with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:
         (found,) = StoredSessions(journal, lambda: newer).page(lambda _: True, StoredPage())
     assert (found.program.apps, found.program.edits) == (tuple(before.apps), before.edits)
+
+
+# --- a part that was taught again -------------------------------------------------------------------------
+
+AGAIN = "s2"
+PART = ReplacePart(first=FIRST, last=FIRST, session=AGAIN)
+
+
+def teach_again(registry: Registry, *, close: bool = True, count: int = 10, **stated: Any) -> None:
+    commands = [opening(AGAIN, **stated), *([closing(count - 1, AGAIN)] if close else [])]
+    assert isinstance(answer(registry.handle_command(STATION, commands[0], OPENED + 20.0)), Ack)
+    for one in batches(count, AGAIN):
+        registry.handle_samples(STATION, one, OPENED + 20.0)
+    for command in commands[1:]:
+        assert isinstance(answer(registry.handle_command(STATION, command, OPENED + 30.0)), Ack)
+
+
+def edited_program(registry: Registry) -> Program:
+    (state,) = [one for one in registry.index.all_states() if one.session == NAME]
+    return program_of(state)
+
+
+def replace(registry: Registry, part: ReplacePart = PART) -> Ack | ProtocolError:
+    revision = edited_program(registry).edit_revision
+    command = EditProgram(session=NAME, revision=revision, author="Ann", action=part)
+    return ask(registry, command)
+
+
+def bare(program: Program) -> Program:
+    """Without what a new owner changes."""
+    return program.model_copy(update={"instance": "", "epoch": 0, "apps": tuple(program.apps)})
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_a_part_taught_again_survives_a_restart_and_the_deletion_of_its_session(
+    tmp_path: Path, is_closed: bool
+):
+    path = tmp_path / "a.sqlite"
+    with registry_on(path) as registry:
+        taught(registry, closed=is_closed)
+        before = tuple(edited_program(registry).apps)
+        teach_again(registry)
+        assert isinstance(replace(registry), Ack)
+        shown = edited_program(registry)
+        new = [one for one in shown.apps if one.added == 1]
+        assert len(new) >= 2
+        assert [one for one in shown.apps if one.added is None] == list(before[1:])
+    with SqliteJournal(path, JournalSettings()) as journal:
+        journal.delete(STATION, AGAIN)
+    with registry_on(path) as registry:
+        assert bare(edited_program(registry)) == bare(shown)
+        undo = EditProgram(session=NAME, revision=1, author="Bo", action=Undo())
+        assert isinstance(ask(registry, undo), Ack)
+        assert tuple(edited_program(registry).apps) == before
+        redo = EditProgram(session=NAME, revision=2, author="Bo", action=Redo())
+        assert isinstance(ask(registry, redo), Ack)
+        assert tuple(edited_program(registry).apps) == tuple(shown.apps)
+
+
+def test_a_closed_session_is_rebuilt_from_its_records_with_the_part_bit_for_bit(tmp_path: Path):
+    path = tmp_path / "a.sqlite"
+    with registry_on(path) as registry:
+        taught(registry, closed=True)
+        teach_again(registry)
+        assert isinstance(replace(registry), Ack)
+        shown = edited_program(registry)
+    with sqlite3.connect(path) as database:
+        database.execute("DELETE FROM outcomes")
+    with registry_on(path) as registry:
+        assert encode(bare(edited_program(registry))) == encode(bare(shown))
+
+
+def test_another_instance_takes_the_part_over(tmp_path: Path):
+    first, second = tmp_path / "a.sqlite", tmp_path / "b.sqlite"
+    with registry_on(first) as a:
+        taught(a)
+        with registry_on(second, peers=PeerJournals(second)) as b:
+            assert not list(edited_program(b).edits)
+            teach_again(a)
+            assert isinstance(replace(a), Ack)
+            assert list(b.take_over(STATION, OPENED + 90.0))
+            assert edited_program(b).apps == edited_program(a).apps
+
+
+def test_a_session_that_is_no_longer_held_can_take_the_place_of_a_part(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        teach_again(registry)
+        taught(registry)
+        del registry._stations[STATION][AGAIN]
+        registry._update_index()
+        assert isinstance(replace(registry), Ack)
+
+
+@pytest.mark.parametrize(
+    ("stated", "close", "reason"),
+    [
+        ({}, False, "session s2 is still open: stop it first"),
+        ({"wrench_source": "none"}, True, "session s2 has another wrench source than the program"),
+        ({"count": 0}, True, "session s2 has no apps"),
+    ],
+)
+def test_a_session_that_cannot_take_the_place_is_refused_with_the_reason(
+    tmp_path: Path, stated: dict[str, Any], close: bool, reason: str
+):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry)
+        teach_again(registry, close=close, **stated)
+        refused = replace(registry)
+        assert isinstance(refused, ProtocolError)
+        assert (refused.code, refused.message) == ("conflict", reason)
+        assert edited_program(registry).edit_revision == 0
+
+
+def test_a_part_or_a_session_that_is_not_there_is_refused(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry)
+        unknown = replace(registry)
+        assert isinstance(unknown, ProtocolError)
+        assert (unknown.code, unknown.value) == ("unknown_session", AGAIN)
+        itself = replace(registry, PART.model_copy(update={"session": NAME}))
+        assert isinstance(itself, ProtocolError)
+        assert "replaces no part of itself" in itself.message
+        teach_again(registry)
+        nowhere = AppReference(kind="grasp", t0=100.0, tn=101.0)
+        gone = replace(registry, PART.model_copy(update={"last": nowhere}))
+        assert isinstance(gone, ProtocolError)
+        assert "at 100.00 to 101.00 s is no longer in the program" in gone.message
+
+
+def test_a_part_that_a_correction_takes_away_is_listed_and_is_back_with_it(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry, closed=True)
+        teach_again(registry)
+
+        def corrected(action: Action, revision: int) -> None:
+            command = Edit(session=NAME, revision=revision, author="Bo", action=action)
+            while isinstance(answered := ask(registry, command), ProtocolError):
+                assert answered.code == "overloaded", "a closed session is rebuilt first"
+                registry.rebuild_step()
+
+        corrected(Insert(t=0.8), 0)
+        short = edited_program(registry).apps[1]
+        there = AppReference(kind=short.kind, t0=short.t0, tn=short.tn)
+        assert isinstance(replace(registry, ReplacePart(first=there, last=there, session=AGAIN)), Ack)
+        replaced = tuple(edited_program(registry).apps)
+        corrected(Undo(), 1)
+        without = edited_program(registry)
+        (listed,) = without.edits
+        assert (listed.state, "no longer in the program" in str(listed.reason)) == ("not_applied", True)
+        assert any("(replace_part) is not applied" in note for note in without.notes)
+        assert all(one.added is None for one in without.apps)
+        corrected(Redo(), 2)
+        assert tuple(edited_program(registry).apps) == replaced

@@ -21,6 +21,7 @@ from caesura_clients.dashboard.elements import (
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
+from caesura_clients.dashboard.sessions import taught_again
 from caesura_clients.dashboard.simulation import SPEEDS
 from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted
 from caesura_clients.results import Update
@@ -102,7 +103,8 @@ class SessionPage:
         """In words, made anew only where it changed: a long one takes its time."""
         if program is not self._timeline_of:
             self._timeline_of, self._timeline = program, timeline(program)
-        self._program.show(self._timeline)
+        sessions = taught_again(self._gateway.world, program.station, program.session)
+        self._program.show({**self._timeline, "sessions": sessions})
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""

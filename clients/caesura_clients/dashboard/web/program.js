@@ -49,7 +49,7 @@ export default {
           <ul v-if="app.findings.length" class="findings" aria-label="Findings">
             <li v-for="[severity, reason] in app.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
           </ul>
-          <app-edit v-if="editable" :app="app" :kinds="program.kinds" :busy="busy" @edit="say"></app-edit>
+          <app-edit v-if="editable" :app="app" :apps="program.apps" :sessions="program.sessions" :kinds="program.kinds" :busy="busy" @edit="say"></app-edit>
         </li>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>

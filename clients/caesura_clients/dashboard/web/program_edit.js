@@ -8,9 +8,9 @@ const FIELDS = {
 };
 
 export default {
-  props: { app: Object, kinds: Array, busy: Boolean },
+  props: { app: Object, apps: Array, sessions: Array, kinds: Array, busy: Boolean },
   emits: ["edit"],
-  data: () => ({ open: false, draft: null, kind: "" }),
+  data: () => ({ open: false, draft: null, kind: "", last: 0, session: "" }),
   template: `
     <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
       <summary :aria-label="'Edit app ' + app.number">Edit</summary>
@@ -34,10 +34,26 @@ export default {
       <div v-if="open" class="row"><label>New app behind it <select v-model="kind"><option value="">choose</option>
         <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
         <button class="insert-app" :disabled="busy || !kind" :aria-label="'Insert behind app ' + app.number" @click="insert">Add</button></div>
+      <fieldset v-if="open" class="again"><legend>Teach again</legend>
+        <p v-if="!sessions.length">Teach the part in a session of its own at this station. Then it can be chosen here.</p>
+        <template v-else>
+          <label>To app <select class="part-last" v-model.number="last">
+            <option v-for="one in following" :key="one.number" :value="one.number">{{ one.number }} · {{ one.name || one.title }}</option></select></label>
+          <label>Replace by session <select class="part-session" v-model="session"><option value="">choose</option>
+            <option v-for="[name, words] in sessions" :key="name" :value="name">{{ words }}</option></select></label>
+          <button class="replace-part" :disabled="busy || !session || !lastApp" :aria-label="'Replace app ' + app.number + ' to ' + last"
+            @click="replace">Replace</button>
+        </template></fieldset>
     </details>`,
   computed: {
     numbers() {
       return Object.entries(FIELDS).filter(([name]) => name in this.app.values);
+    },
+    following() {
+      return this.apps.filter(({ number }) => number >= this.app.number);
+    },
+    lastApp() {
+      return this.following.find(({ number }) => number === this.last);
     },
     changed() {
       return Object.keys(this.changes()).length > 0;
@@ -46,7 +62,7 @@ export default {
   methods: {
     toggled(open) {
       this.open = open;
-      if (open) this.draft = this.start(this.app);
+      if (open) Object.assign(this, { draft: this.start(this.app), last: this.app.number, session: "" });
     },
     start({ name, note, values }) {
       return { name, note, ...values, target: values.target && [...values.target] };
@@ -76,6 +92,9 @@ export default {
     },
     insert() {
       this.say({ do: "insert", after: this.app.reference, kind: this.kind });
+    },
+    replace() {
+      this.say({ do: "replace_part", first: this.app.reference, last: this.lastApp.reference, session: this.session });
     },
     say(action) {
       this.$emit("edit", action);

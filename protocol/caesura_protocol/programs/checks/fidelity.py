@@ -15,6 +15,7 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
@@ -22,6 +23,7 @@ from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
 SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
+TAUGHT_APART = "a part was taught again, and what leads from one to the other is in no app"
 STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less
 
 
@@ -46,13 +48,17 @@ def fidelity_findings(
         found += _wrench_findings(quality.wrench)
         found += _missing_paths(apps)
     pose: ViaPoint | None = None
+    part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
     for index, app in enumerate(apps):
         before = apps[index - 1] if index else None
-        reasons = [*_path_deviation(app), *_motion_before(before, pose, app, safety), *_force_limits(app)]
+        part = _part_of(app)
+        missed = _seam(pose, app) if part != taught_in else _motion_before(before, pose, app, safety)
+        reasons = [*_path_deviation(app), *missed, *_force_limits(app)]
         if quality is not None:
             reasons += _gaps_within(app, quality.gaps)
         found += [Finding("warning", index, app.kind, *reason) for reason in reasons]
-        pose = _pose_after(app, pose)
+        if app.target is not None:
+            pose, taught_in = _pose_after(app, pose), part
     return found
 
 
@@ -100,6 +106,45 @@ def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: 
     if turned > STEPPED_RAD:
         degrees = math.degrees(turned)
         yield (f"rotation of {degrees:.0f}° taught at {when} is in no app", turned, STEPPED_RAD)
+
+
+def _part_of(app: App) -> int | None:
+    """The edit by which its part was taught again; None for what the session taught."""
+    return next((mark.edit for mark in app.changes if mark.field == "taught_again"), None)
+
+
+def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
+    """Find that a part which was taught again does not meet its neighbour."""
+    start = _start_of(app)
+    if pose is None or start is None:
+        return
+    tolerance_m = TOLERANCE_M if app.path is None else app.path.tolerance_m
+    off = math.dist(start.position, pose.position)
+    if off > tolerance_m * (1.0 + EVEN):
+        yield (
+            f"begins {1000 * off:.1f} mm from where the app before it ends: {TAUGHT_APART}",
+            off,
+            tolerance_m,
+        )
+    tolerance_rad = TOLERANCE_RAD if app.path is None else app.path.tolerance_rad
+    turned = _orientation_change(pose, start)
+    if turned > tolerance_rad * (1.0 + EVEN):
+        degrees = math.degrees(turned)
+        yield (
+            f"begins turned by {degrees:.1f}° from the app before it: {TAUGHT_APART}",
+            turned,
+            tolerance_rad,
+        )
+
+
+def _start_of(app: App) -> ViaPoint | None:
+    """Where an app begins: its path does, and one that neither travels nor presses is at its target."""
+    if app.path is not None:
+        return app.path.start
+    facts = APP_KINDS[app.kind]
+    if app.target is None or facts.travels or facts.presses:
+        return None
+    return ViaPoint(t=app.t0, position=app.target, orientation=app.orientation)
 
 
 def _force_limits(app: App) -> Iterator[Reason]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from caesura_clients.dashboard.program_edits import ProgramDesk, parse
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, Program
 from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.robots import grippers
 from harness.programs import pick_and_place, press
 
 
@@ -42,6 +44,37 @@ def test_marks_name_the_author_and_the_taught_value():
         "target by Bo (taught 100, 200, 300 mm)",
         "place in the program by Bo",
     ]
+
+
+@pytest.mark.parametrize(
+    ("apps", "robot", "offered"),
+    [
+        (pick_and_place(), "ur5e", True),
+        (pick_and_place(), None, True),
+        (pick_and_place(), "arm-of-a-package", True),
+        (pick_and_place(), "panda", False),  # its own hand
+        (press(), "ur5e", False),  # grasps nothing
+    ],
+)
+def test_a_gripper_is_asked_for_where_something_is_gripped_and_none_is_known(apps, robot, offered):
+    found = timeline(program(*apps, robot=robot))["grippers"]
+    assert bool(found) == offered
+    assert all(name in grippers() and title for name, title in found)
+
+
+def test_an_export_states_the_gripper_that_was_chosen():
+    pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+    from caesura_clients.dashboard.server import _exported  # noqa: PLC0415
+
+    update = SimpleNamespace(program=program(*pick_and_place(), robot="ur5e"), phases=())
+    world = SimpleNamespace(update=lambda station, session: update)
+    site = SimpleNamespace(gateway=SimpleNamespace(world=world))
+    refused = _exported(site, "cell-1", "s1", "urscript", None)
+    assert (refused.status_code, b"no gripper is stated" in refused.body) == (409, True)
+    written = _exported(site, "cell-1", "s1", "urscript", "robotiq_2f_85")
+    assert (written.status_code, b"rq_" in written.body or b"socket" in written.body) == (200, True)
+    unknown = _exported(site, "cell-1", "s1", "urscript", "claw")
+    assert (unknown.status_code, b"gripper 'claw' is not known" in unknown.body) == (409, True)
 
 
 def test_findings_stand_at_their_app_once_the_program_is_complete():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,7 @@ from caesura_protocol.programs.app_times import PLACED, may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS, formats_of
+from caesura_protocol.robots import grippers, robot_description
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
@@ -87,7 +89,18 @@ def editing_of(program: Program) -> dict[str, Any]:
             [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
             for name in _formats_of(program.robot)
         ],
+        "grippers": _grippers_of(program),
     }
+
+
+def _grippers_of(program: Program) -> list[list[str]]:
+    """Name and title of the grippers that an export may state; empty where it is known."""
+    if not any(app.kind in {"grasp", "gripper_move"} for app in program.apps):
+        return []
+    with suppress(CaesuraError):  # a robot that is not known here
+        if program.robot is not None and robot_description(program.robot).gripper is not None:
+            return []
+    return [[name, one.title] for name, one in grippers().items()]
 
 
 @cache

@@ -24,6 +24,7 @@ from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS
+from caesura_protocol.programs.gripping import with_gripper
 
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
@@ -165,8 +166,9 @@ def declare_files(site: Site) -> None:
         return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
 
     @app.get("/programs/{station}/{session}/{name}")
-    async def _program(station: str, session: str, name: str) -> Response:
-        return await asyncio.to_thread(_exported, site, _checked(station), _checked(session), name)
+    async def _program(station: str, session: str, name: str, gripper: str | None = None) -> Response:
+        named = _checked(station), _checked(session)
+        return await asyncio.to_thread(_exported, site, *named, name, gripper)
 
     @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
     async def _upload(upload: str, name: str, request: Request) -> Response:
@@ -185,14 +187,15 @@ def _signals(site: Site, station: str, session: str, parameters: str) -> Respons
     return Response(content, media_type="application/octet-stream", headers={"cache-control": "no-store"})
 
 
-def _exported(site: Site, station: str, session: str, name: str) -> Response:
+def _exported(site: Site, station: str, session: str, name: str, gripper: str | None) -> Response:
     """The program of a session as a file in a format; a refusal as text that says why."""
     update = site.gateway.world.update(station, session)
     if update is None or name not in WRITERS:
         why = f"no program {station}/{session} in format {name!r}; formats: {', '.join(WRITERS)}"
         return PlainTextResponse(why, status_code=404)
     try:
-        content = WRITERS[name].write(document(update.program, phases=update.phases))
+        program = with_gripper(document(update.program, phases=update.phases), gripper)
+        content = WRITERS[name].write(program)
     except (ValueError, CaesuraError) as error:
         return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
     file = f'attachment; filename="{station}-{session}{WRITERS[name].suffix}"'

@@ -10,7 +10,7 @@ export default {
   components: { AppEdit, ProgramPath },
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate"],
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "" }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "" }),
   template: `
     <section aria-labelledby="program-title">
       <h2 id="program-title">Program <small v-if="program">{{ program.name }} version <span class="version">{{ program.version }}</span>{{
@@ -22,7 +22,9 @@ export default {
           <button class="undo-edit" :disabled="busy || !program.undoable" @click="say({ do: 'undo' })">Undo edit</button>
           <button class="redo-edit" :disabled="busy || !program.redoable" @click="say({ do: 'redo' })">Redo edit</button>
         </template>
-        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="href">{{ title }}</a></span>
+        <label v-if="program.grippers.length">Gripper <select class="gripper" v-model="gripper"><option value="">not stated</option>
+          <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>
+        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a></span>
         <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
       </div>
       <ul v-if="program && program.notes.length" class="notes" aria-label="Notes">
@@ -71,6 +73,9 @@ export default {
       if (!this.program || payload.name !== this.program.name || payload.session !== this.program.session) this.name = payload.name;
       if (this.program && payload.session !== this.program.session) this.message = "";
       this.program = payload;
+    },
+    exported(href) {
+      return this.gripper && this.program.grippers.length ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;
     },
     simulated(found) {
       this.$refs.path?.simulated(found);

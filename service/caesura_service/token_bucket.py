@@ -60,7 +60,9 @@ class RateLimit:
                 bucket = self._full
             filled = self._filled(bucket, now)
             left = [tokens - each for tokens, each in zip(filled, (cost, *further), strict=True)]
-            lacks = next((index for index, tokens in enumerate(left) if tokens < 0.0), None)
+            lacks = None
+            if min(left) < 0.0:
+                lacks = next(index for index, tokens in enumerate(left) if tokens < 0.0)
             self._buckets[sender] = bucket if lacks is not None else _Bucket(left, now)
         return lacks
 
@@ -76,7 +78,9 @@ class RateLimit:
     def is_spent(self, sender: str) -> bool:
         """Return whether a rate has no tokens left."""
         bucket = self._buckets.get(sender)
-        return bucket is not None and min(self._filled(bucket, self._clock())) <= 0.0
+        if bucket is None or min(bucket.tokens) > 0.0:  # more come back with time
+            return False
+        return min(self._filled(bucket, self._clock())) <= 0.0
 
     def used(self, sender: str) -> list[float]:
         """Return the tokens of each rate that are missing to a full bucket."""

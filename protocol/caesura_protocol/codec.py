@@ -208,6 +208,20 @@ def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
     Raises ProtocolError `malformed` where the size does not fit, the first column is not `t`, or a value
     is not finite (named with its row and column).
     """
+    matrix = matrix_of(batch)
+    if not math.isfinite(np.vdot(matrix, matrix)) and not np.isfinite(matrix).all():
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        raise ProtocolError(
+            "malformed",
+            f"sample {row} of batch {batch.seq}: {batch.columns[column]} is not finite",
+            value=str(matrix[row, column]),
+            expected="finite numbers",
+        )
+    return matrix
+
+
+def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
+    """Unpack as `unpack_samples` does, values unchecked. Raises ProtocolError likewise."""
     if batch.columns[0] != "t":
         raise ProtocolError("malformed", "first column is not t", value=batch.columns[0], expected="t")
     cells = batch.n * len(batch.columns)
@@ -220,14 +234,6 @@ def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
             expected=[4 * cells, 8 * cells],
         )
     matrix = np.frombuffer(batch.samples, dtype=dtype).reshape(batch.n, -1).astype(np.float64)
-    if not math.isfinite(np.vdot(matrix, matrix)) and not np.isfinite(matrix).all():
-        row, column = np.argwhere(~np.isfinite(matrix))[0]
-        raise ProtocolError(
-            "malformed",
-            f"sample {row} of batch {batch.seq}: {batch.columns[column]} is not finite",
-            value=str(matrix[row, column]),
-            expected="finite numbers",
-        )
     matrix[:, 0] += batch.t0
     return matrix
 
@@ -280,6 +286,7 @@ __all__ = [
     "encode",
     "encode_error",
     "encoding_of",
+    "matrix_of",
     "pack_samples",
     "signals_of",
     "unpack_samples",

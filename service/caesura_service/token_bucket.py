@@ -21,11 +21,7 @@ class Rate(NamedTuple):
 LOG_RATE = Rate(0.1, 1.0)  # log lines about a station, or about what it caused
 
 
-class _Bucket(NamedTuple):
-    """The tokens of each rate that a sender had left at a time."""
-
-    tokens: Sequence[float]
-    at: float  # [s]
+_Bucket = tuple[Sequence[float], float]  # tokens of each rate that a sender had left, and at what time [s]
 
 
 class RateLimit:
@@ -42,7 +38,7 @@ class RateLimit:
         self._senders = senders
         self._clock = clock
         self._buckets: dict[str, _Bucket] = {}  # the sender that sent last stands last
-        self._full = _Bucket([rate.burst for rate in rates], -inf)
+        self._full: _Bucket = [rate.burst for rate in rates], -inf
         self._lock = threading.Lock()
 
     def allows(self, sender: str, cost: float = 1.0, *further: float) -> bool:
@@ -60,8 +56,10 @@ class RateLimit:
                 bucket = self._full
             filled = self._filled(bucket, now)
             left = [tokens - each for tokens, each in zip(filled, (cost, *further), strict=True)]
-            lacks = next((index for index, tokens in enumerate(left) if tokens < 0.0), None)
-            self._buckets[sender] = bucket if lacks is not None else _Bucket(left, now)
+            lacks = None
+            if min(left) < 0.0:
+                lacks = next(index for index, tokens in enumerate(left) if tokens < 0.0)
+            self._buckets[sender] = bucket if lacks is not None else (left, now)
         return lacks
 
     def charge(self, sender: str, cost: float) -> None:
@@ -69,14 +67,16 @@ class RateLimit:
         with self._lock:
             now = self._clock()
             (tokens,) = self._filled(self._buckets.pop(sender, self._full), now)
-            self._buckets[sender] = _Bucket([tokens - cost], now)
+            self._buckets[sender] = [tokens - cost], now
             if len(self._buckets) > self._senders:
                 del self._buckets[next(iter(self._buckets))]
 
     def is_spent(self, sender: str) -> bool:
         """Return whether a rate has no tokens left."""
         bucket = self._buckets.get(sender)
-        return bucket is not None and min(self._filled(bucket, self._clock())) <= 0.0
+        if bucket is None or min(bucket[0]) > 0.0:  # more come back with time
+            return False
+        return min(self._filled(bucket, self._clock())) <= 0.0
 
     def used(self, sender: str) -> list[float]:
         """Return the tokens of each rate that are missing to a full bucket."""
@@ -90,10 +90,11 @@ class RateLimit:
 
     def _filled(self, bucket: _Bucket, now: float) -> list[float]:
         """Return the tokens of each rate at a time, at most its burst. now: [s]."""
-        passed_s = now - bucket.at
+        before, at = bucket
+        passed_s = now - at
         return [
             by_now if (by_now := tokens + passed_s * per_s) < burst else burst
-            for (per_s, burst), tokens in zip(self.rates, bucket.tokens, strict=True)
+            for (per_s, burst), tokens in zip(self.rates, before, strict=True)
         ]
 
     def _has_room(self, now: float) -> bool:
@@ -101,7 +102,7 @@ class RateLimit:
         if len(self._buckets) < self._senders:
             return True
         oldest = next(iter(self._buckets))
-        if self._filled(self._buckets[oldest], now) != self._full.tokens:
+        if self._filled(self._buckets[oldest], now) != self._full[0]:
             return False
         del self._buckets[oldest]
         return True

@@ -46,7 +46,7 @@ PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
     "gripper": ((GripperTracker, "advance"),),
     "filtering": ((Conditioner, "_fit"), (SavitzkyGolay, "tail")),
     "tare": ((TareEstimator, "advance"),),
-    "observations": ((conditioning, "observation_of"),),
+    "observations": tuple((conditioning, name) for name in ("tared_row", "turned_to", "observation_of")),
 }
 
 

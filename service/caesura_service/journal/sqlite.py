@@ -490,10 +490,10 @@ class SqliteJournal:
     def _write(self, rows: Sequence[RecordRow]) -> None:
         """Insert rows; one that is there already is skipped and counts once."""
         execute = self._database.execute
-        opened: dict[Key, tuple[str, str, float, float]] = {}
+        opened: dict[Key, float] = {}
         for row in rows:
-            opened.setdefault(row.key, (*row.key, row.at, row.at))
-        for sessions in _chunks([*opened.values()]):
+            opened.setdefault(row[:2], row.at)
+        for sessions in _chunks([(*key, at, at) for key, at in opened.items()]):
             execute(insert_sessions(len(sessions)), [*chain.from_iterable(sessions)])
         (before,) = execute(SELECT_LAST).fetchone()
         for some in _chunks(rows):
@@ -507,10 +507,11 @@ class SqliteJournal:
         self._wake.set()
 
     def _succeed(self, rows: list[RecordRow]) -> None:
-        with self._guard:
+        size, keys = sum(row.size for row in rows), {row[:2] for row in rows}
+        with self._guard:  # for which the worker waits
             del self._waiting[: len(rows)]
-            self._waiting_bytes -= sum(row.size for row in rows)
-            self._known |= {row.key for row in rows}
+            self._waiting_bytes -= size
+            self._known |= keys
             if self._error is not None:
                 logger.warning("journal %s is written again", self.path)
             self._error = None

@@ -83,23 +83,30 @@ def apply_view(
     state: SessionState, view: PipelineView, counters: SessionCounters
 ) -> tuple[SessionState, list[Publish]]:
     """Replace the view; publish what differs from the old one."""
-    old, state = state.view, state._replace(view=view, counters=counters)
-    outputs: list[Publish] = []
-    if (first := first_difference(old.changepoints, view.changepoints)) is not None:
-        state = _advance_seq(state, "changepoints")
-        outputs.append(Publish(changepoints_of(state, first)))
+    old = state.view
+    first_changepoint = first_difference(old.changepoints, view.changepoints)
     first = first_difference(old.segments, view.segments)
     first_phase = first_difference(old.phases, view.phases)
-    if first is not None or first_phase is not None:
-        state = _advance_seq(state, "segments")
+    changed: dict[Stream, bool] = {
+        "changepoints": first_changepoint is not None,
+        "segments": first is not None or first_phase is not None,
+        "posterior": _posterior_key(view) != _posterior_key(old),
+        "hints": view.hints != old.hints,
+    }
+    last_seq = {**state.last_seq}
+    for stream, has_changed in changed.items():
+        last_seq[stream] += has_changed
+    state = state._replace(view=view, counters=counters, last_seq=last_seq)
+    outputs: list[Publish] = []
+    if changed["changepoints"]:
+        outputs.append(Publish(changepoints_of(state, first_changepoint or 0)))
+    if changed["segments"]:
         first = len(view.segments) if first is None else first
         first_phase = len(view.phases) if first_phase is None else first_phase
         outputs.append(Publish(segments_of(state, first, first_phase)))
-    if _posterior_key(view) != _posterior_key(old):
-        state = _advance_seq(state, "posterior")
+    if changed["posterior"]:
         outputs.append(Publish(posterior_of(state)))
-    if view.hints != old.hints:
-        state = _advance_seq(state, "hints")
+    if changed["hints"]:
         outputs.append(Publish(hints_of(state)))
     return state, outputs
 

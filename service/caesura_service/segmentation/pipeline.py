@@ -410,14 +410,15 @@ class SegmentationPipeline:
     def _newest(self) -> dict[str, Any]:
         """What every observation changes of a view."""
         online = self._division.online
+        starts = online.starts.tolist()
         return {
             "t": self._history.t_last,
             "samples": self._conditioner.samples,
             "repeats": self._conditioner.repeats,
             "observations": online.count,
-            "posterior_starts": tuple(map(self._division.places.__getitem__, online.starts.tolist())),
+            "posterior_starts": tuple(map(self._division.places.__getitem__, starts)),
             "posterior_probabilities": tuple(online.posterior.tolist()),
-            "hypotheses": online.starts.size,
+            "hypotheses": len(starts),
             "capped": online.capped,
             "hints": all_hints(self._coach.log, self._boundary_coach.log),
         }

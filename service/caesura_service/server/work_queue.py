@@ -171,7 +171,7 @@ class WorkQueue(Generic[T]):
 
     def get(self, timeout_s: float) -> T | None:
         """Return the next item; None after the timeout [s] or a call of `wake`."""
-        with self._arrived:
+        with self._lock:
             self._end_turn()
             if not self._turns and not self._woken:
                 self._arrived.wait(timeout_s)

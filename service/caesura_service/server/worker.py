@@ -55,9 +55,11 @@ from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
 Given = TypeVarTuple("Given")
+StationArrival = SamplesReceived | ReplayFinished | CommandReceived
 
 TICK_S = 0.1  # between two looks at what is still missing
 AT_ONCE = 16  # arrivals before a look at everything else, unless there is something else to do
+EVENTS = LivelinessChanged, RouterLinkChanged, Watching  # of the network, not of a station
 TAKEOVER = "/taking"  # the lane in which stations are taken over; no station's name
 
 
@@ -90,8 +92,9 @@ class Worker(BackgroundThread):
     def _run(self) -> None:
         due = self._clock() + TICK_S
         while not self._stopped.is_set():
-            self._schedule_chores()
-            self._process_some(AT_ONCE, min(TICK_S, self._station_manager.idle_s()))
+            idle_s = self._station_manager.idle_s()
+            self._schedule_chores(takes_over=idle_s <= 0.0)
+            self._process_some(AT_ONCE, min(TICK_S, idle_s))
             if self._queue.revision != self._queue_revision:
                 self._run_guarded(self._publish_overload)
             if (now := self._clock()) >= due:
@@ -99,12 +102,9 @@ class Worker(BackgroundThread):
                 self._run_guarded(self._emit_step, self._registry.tick, now)
         self._registry.slices.stop()
 
-    def _schedule_chores(self) -> None:
+    def _schedule_chores(self, *, takes_over: bool) -> None:
         """Enqueue takeovers and rebuilds like arrivals."""
-        for lane, is_due in (
-            (TAKEOVER, self._station_manager.idle_s() <= 0.0),
-            (REBUILDING, self._registry.is_rebuilding),
-        ):
+        for lane, is_due in ((TAKEOVER, takes_over), (REBUILDING, self._registry.is_rebuilding)):
             if is_due and lane not in self._chores:
                 self._chores.add(lane)
                 self._queue.put_unbounded(Unfinished(lane), lane)
@@ -115,43 +115,39 @@ class Worker(BackgroundThread):
             if (arrival := self._queue.get(patience_s)) is None:
                 return
             began = time.perf_counter()
-            if (lane := self._run_slice(arrival)) is not None:
-                self._queue.put_back(Unfinished(lane))
-            self._charge(arrival, time.perf_counter() - began)
+            if isinstance(arrival, EVENTS):
+                self._run_guarded(self._station_manager.handle_event, arrival)
+                self._queue.charge(time.perf_counter() - began)
+            else:
+                lane = _lane_of(arrival)
+                if not self._run_slice(arrival, lane):
+                    self._queue.put_back(Unfinished(lane))
+                self._charge(lane, time.perf_counter() - began)
             if self._chores or not len(self._queue):
                 return
 
-    def _charge(self, arrival: Arrival, took_s: float) -> None:
+    def _charge(self, lane: str, took_s: float) -> None:
         """Charge the time of an arrival [s] to its lane and its station's budget."""
         self._queue.charge(took_s)
-        if isinstance(arrival, SamplesReceived | ReplayFinished | CommandReceived | Unfinished):
-            lane = _lane_of(arrival)
-            self._budgets.charge_work(lane, took_s)
-            self._registry.record_work(lane, took_s)
+        self._budgets.charge_work(lane, took_s)
+        self._registry.record_work(lane, took_s)
 
-    def _run_slice(self, arrival: Arrival) -> str | None:
-        """Run a slice of an arrival's work; return its lane where work is left."""
+    def _run_slice(self, arrival: StationArrival | Unfinished, lane: str) -> bool:
+        """Run a slice of an arrival's work; return whether that was all of it."""
         slices = self._registry.slices
-        match arrival:
-            case LivelinessChanged() | RouterLinkChanged() | Watching():
-                self._run_guarded(self._station_manager.handle_event, arrival)
-                return None
-            case Unfinished(lane) if lane == TAKEOVER:
-                self._run_guarded(self._emit_step, self._station_manager.step)
-                done = True
-            case Unfinished(lane) if lane == REBUILDING and not slices.is_under_way(lane):
-                done = slices.begin(
-                    lane, partial(self._run_guarded, self._emit_step, self._registry.rebuild_step)
-                )
-            case Unfinished(lane):
-                done = slices.go_on(lane)
-            case _:
-                lane = _lane_of(arrival)
-                done = slices.begin(lane, partial(self._run_guarded, self._process, arrival))
-        if not done:
-            return lane
-        self._chores.discard(lane)
-        return None
+        if not isinstance(arrival, Unfinished):
+            done = slices.begin(lane, partial(self._run_guarded, self._process, arrival))
+        elif lane == TAKEOVER:
+            self._run_guarded(self._emit_step, self._station_manager.step)
+            done = True
+        elif lane == REBUILDING and not slices.is_under_way(lane):
+            rebuild = partial(self._run_guarded, self._emit_step, self._registry.rebuild_step)
+            done = slices.begin(lane, rebuild)
+        else:
+            done = slices.go_on(lane)
+        if done:
+            self._chores.discard(lane)
+        return done
 
     def _emit_step(self, step: Callable[[*Given], Iterable[Output]], *given: *Given) -> None:
         self.emit(step(*given))
@@ -181,7 +177,7 @@ class Worker(BackgroundThread):
             if self._log_rate.allows(_log_key(*given)):
                 logger.exception("an arrival was lost to an error of the service")
 
-    def _process(self, arrival: SamplesReceived | ReplayFinished | CommandReceived) -> None:
+    def _process(self, arrival: StationArrival) -> None:
         self.messages += 1
         match arrival:
             case SamplesReceived(content, station):
@@ -265,13 +261,13 @@ def _log_key(*given: object) -> str:
     return next((one.content.key for one in given if isinstance(one, SamplesReceived | CommandReceived)), "")
 
 
-def _lane_of(arrival: SamplesReceived | ReplayFinished | CommandReceived | Unfinished) -> str:
+def _lane_of(arrival: StationArrival | Unfinished) -> str:
     """Return the lane in which an arrival was enqueued."""
     match arrival:
-        case Unfinished(lane):
-            return lane
         case SamplesReceived(_, station):
             return station or UNKNOWN
+        case Unfinished(lane):
+            return lane
         case ReplayFinished(replay):
             return replay.request.station
         case CommandReceived(content):

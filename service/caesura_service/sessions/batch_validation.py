@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.codec import unpack_samples
+from caesura_protocol.codec import matrix_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.plausibility import likely_time_unit
@@ -27,9 +27,13 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
         raise ProtocolError(
             "malformed", "columns differ from those of the opening", value=batch.columns, expected=columns
         )
-    matrix = unpack_samples(batch)
+    matrix = matrix_of(batch)
+    is_small = np.vdot(matrix, matrix) <= limits.value**2  # as nearly always: no value is above it
+    if not is_small:
+        matrix = unpack_samples(batch)  # raises where a value is no number
     _check_times(batch.seq, matrix[:, 0], limits)
-    _check_values(batch, matrix, limits)
+    if not is_small:
+        _check_values(batch, matrix, limits)
     return matrix
 
 
@@ -49,8 +53,6 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
 
 def _check_values(batch: SampleBatch, matrix: NDArray[np.float64], limits: Limits) -> None:
     """Squares of absurd values leave no digits for the others, and then no number."""
-    if np.vdot(matrix, matrix) <= limits.value**2:
-        return  # as nearly always: none can be above it where all of them together are not
     sizes = np.abs(matrix[:, 1:])
     if sizes.max() > limits.value:
         row, column = np.unravel_index(int(sizes.argmax()), sizes.shape)

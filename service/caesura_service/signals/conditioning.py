@@ -12,7 +12,7 @@ What comes out does not depend on how the samples were cut into pushes, bit for 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -20,19 +20,27 @@ from numpy.typing import NDArray
 
 from caesura_service.constants import GRID_HZ
 from caesura_service.signals.backend import Backend, best
-from caesura_service.signals.bias import ORIGIN, TRACKED_BIAS_N, BiasState, BiasTracker
+from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.layout import SampleLayout
-from caesura_service.signals.observation import FilteredRow, Observation, observation_of
-from caesura_service.signals.rotation import rotation_between
+from caesura_service.signals.observation import (
+    FilteredRow,
+    Observation,
+    Turned,
+    observation_of,
+    tared_row,
+    turned_to,
+)
 from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
 from caesura_service.signals.torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]
+
+_TARED, _UNTARED = BiasTracker(TRACKED_BIAS_N), BiasTracker(UNTARED_BIAS_N)
 
 
 @dataclass(frozen=True)
@@ -100,8 +108,7 @@ class _State(NamedTuple):
     after_gap: bool = False
     rows: int = 0  # of the segmentation grid
     bias: BiasState = BiasState()
-    orientation: Array | None = None  # of the last observation
-    rotation: tuple[float, float, float] = ORIGIN  # [rad] that observations have turned by so far
+    turned: Turned = Turned()  # by the last observation
 
 
 class Conditioner:
@@ -126,6 +133,7 @@ class Conditioner:
         self._columns = columns_of(layout)
         self._filter, self._every = self.parameters.filter, self.parameters.decimation
         self._taring = self.parameters.taring(layout.source)
+        self._tracks_bias = layout.source.bias != "tare"
         self._resampler = Resampler(
             self.parameters.grid_hz,
             self.parameters.gap_limit_s,
@@ -294,39 +302,16 @@ class Conditioner:
         tare = state.tare.tare
         if tare is None or not state.waiting:
             return state, ()
-        known = self._columns, tare, self._arithmetic
-        observations = tuple(observation_of(filtered, *known) for filtered in state.waiting)
-        state, observations = _turned(state, observations)
-        if self.layout.source.bias == "tare":
-            return state._replace(waiting=()), observations
-        bias, tracked = self._track(state.bias, observations, tared=tare.bias is not None)
-        return state._replace(waiting=(), bias=bias), tracked
-
-    def _track(
-        self, bias: BiasState, observations: tuple[Observation, ...], *, tared: bool
-    ) -> tuple[BiasState, tuple[Observation, ...]]:
-        """Take the tracked bias off the force of each observation, as it was known before."""
-        tracker = BiasTracker(TRACKED_BIAS_N if tared else UNTARED_BIAS_N)
-        tracked = []
-        for observation in observations:
-            mean, scale = tracker.estimate(bias)
-            bias = tracker.advance(bias, observation.force_base)
-            force = observation.force_base - mean
-            force.setflags(write=False)
-            tracked.append(replace(observation, force_base=force, bias_n=scale))
-        return bias, tuple(tracked)
-
-
-def _turned(state: _State, observations: tuple[Observation, ...]) -> tuple[_State, tuple[Observation, ...]]:
-    """Add to each observation the sum of the rotations so far, where its orientation is known."""
-    before, total, turned = state.orientation, np.array(state.rotation), []
-    for observation in observations:
-        after = observation.orientation
-        if after is None:
-            return state, observations
-        total = total if before is None else total + rotation_between(before, after)
-        total.setflags(write=False)
-        turned.append(replace(observation, rotation=total))
-        before = after
-    x, y, z = total.tolist()
-    return state._replace(orientation=before, rotation=(x, y, z)), tuple(turned)
+        turned, bias, observations = state.turned, state.bias, []
+        for filtered in state.waiting:
+            row = tared_row(filtered.row, self._columns, tare, self._arithmetic)
+            if self._columns.orientation is not None:
+                turned = turned_to(turned, row[self._columns.orientation])
+            force, scale = row[self._columns.force], None
+            if self._tracks_bias:
+                tracker = _TARED if tare.bias is not None else _UNTARED
+                mean, scale = tracker.estimate(bias)
+                bias, force = tracker.advance(bias, force), force - mean
+                force.setflags(write=False)
+            observations.append(observation_of(filtered, row, self._columns, tare, turned, force, scale))
+        return state._replace(waiting=(), turned=turned, bias=bias), tuple(observations)

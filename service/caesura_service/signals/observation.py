@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from caesura_service.signals.backend import Backend
 from caesura_service.signals.flange import FlangeColumns
+from caesura_service.signals.rotation import rotation_between
 from caesura_service.signals.tare import Tare
 from caesura_service.signals.torque import tared_torque
 
@@ -50,28 +51,62 @@ class FilteredRow(NamedTuple):
     after_gap: bool
 
 
-def observation_of(
-    filtered: FilteredRow, columns: FlangeColumns, tare: Tare, arithmetic: Backend
-) -> Observation:
-    """Tare a filtered flange row and put its parts under their names."""
-    row = filtered.row.copy()
+class Turned(NamedTuple):
+    """The orientation (4,) of an observation, None before the first one, and the sum of rotations [rad]."""
+
+    orientation: Array | None = None
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def turned_to(before: Turned, orientation: Array) -> Turned:
+    """Add the rotation to the orientation (4,) of the next observation."""
+    if before.orientation is None:
+        return Turned(orientation, before.rotation)
+    (x, y, z), (dx, dy, dz) = before.rotation, rotation_between(before.orientation, orientation).tolist()
+    return Turned(orientation, (x + dx, y + dy, z + dz))
+
+
+def tared_row(filtered: Array, columns: FlangeColumns, tare: Tare, arithmetic: Backend) -> Array:
+    """Return a filtered flange row (c,) less its tare, read-only."""
+    row = filtered.copy()
     arithmetic.finish(*(tare.bias or UNBIASED), columns.orientation is not None, row)
     row.setflags(write=False)
+    return row
+
+
+def observation_of(
+    filtered: FilteredRow,
+    row: Array,
+    columns: FlangeColumns,
+    tare: Tare,
+    turned: Turned,
+    force: Array,
+    bias_n: float | None,
+) -> Observation:
+    """Put the parts of a tared flange row (c,) under their names.
+
+    force: (3,) [N] less its tracked bias, of scale bias_n [N]; None where none is tracked.
+    """
     filtered.velocity.setflags(write=False)
     width, closed = row[columns.width :].tolist()
     taken = tare.torque_bias if columns.torque else None
-    torque = None if taken is None else tared_torque(row, columns, taken)
+    rotation = None
+    if columns.orientation is not None:
+        rotation = np.array(turned.rotation)
+        rotation.setflags(write=False)
     return Observation(
         index=filtered.number,
         t=filtered.t,
         position_base=row[columns.position],
-        force_base=row[columns.force],
-        orientation=row[columns.orientation] if columns.orientation else None,
+        force_base=force,
+        orientation=turned.orientation,
         joints=row[columns.joints] if columns.joints else None,
         gripper_width=None if math.isnan(width) else width,
         gripper_closed=None if math.isnan(closed) else closed > 0.0,
         velocity_base=filtered.velocity,
         speed=filtered.speed,
         after_gap=filtered.after_gap,
-        torque_base=torque,
+        bias_n=bias_n,
+        rotation=rotation,
+        torque_base=None if taken is None else tared_torque(row, columns, taken),
     )

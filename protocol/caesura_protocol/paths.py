@@ -14,6 +14,7 @@ points are those with which they were passed; what is not stated is estimated fr
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)  # of a path, where no other is asked for
 NAMED_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 POWERS = 6  # of a share of a leg, from 0 on
+_EXPONENTS = np.arange(float(POWERS))
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
 
@@ -89,7 +91,7 @@ class Curve:
         if t >= self.t[-1]:
             last = self.velocities[-1]
             return self.values[-1] + (t - self.t[-1]) * last, last, np.zeros_like(last)
-        leg = max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)
+        leg = max(bisect_right(self.t.tolist(), t) - 1, 0)
         seconds = float(self.t[leg + 1] - self.t[leg])
         s = max(t - float(self.t[leg]), 0.0) / seconds
         value, velocity, acceleration = _powers(np.array(s)) @ self.coefficients[leg]
@@ -209,9 +211,9 @@ def _powers_of_parts(parts: int) -> Array:
 
 def _powers(s: Array) -> Array:
     """(…, 3, 6): powers of shares s of a leg, their first and their second derivatives."""
-    share = np.asarray(s)[..., None]
-    powers = share ** np.arange(6)
-    slopes, bends = np.zeros_like(powers), np.zeros_like(powers)
-    slopes[..., 1:] = np.arange(1, 6) * powers[..., :5]
-    bends[..., 2:] = np.arange(2, 6) * np.arange(1, 5) * powers[..., :4]
-    return np.stack([powers, slopes, bends], axis=-2)
+    powers = np.asarray(s)[..., None] ** _EXPONENTS
+    found = np.zeros((*powers.shape[:-1], 3, POWERS))
+    found[..., 0, :] = powers
+    found[..., 1, 1:] = _EXPONENTS[1:] * powers[..., :5]
+    found[..., 2, 2:] = _EXPONENTS[2:] * _EXPONENTS[1:5] * powers[..., :4]
+    return found

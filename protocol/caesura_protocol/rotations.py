@@ -83,8 +83,15 @@ def cross(one: Array, other: Array) -> Array:
 
 def _imaginary(change: Array, quaternion: Array) -> Array:
     """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
-    product: Array = quaternion[3] * change[:3] - change[3] * quaternion[:3]
-    return 2.0 * (product + cross(quaternion[:3], change[:3]))
+    cx, cy, cz, cw = change.tolist()
+    qx, qy, qz, qw = quaternion.tolist()
+    return 2.0 * np.array(
+        [
+            (qw * cx - cw * qx) + (qy * cz - qz * cy),
+            (qw * cy - cw * qy) + (qz * cx - qx * cz),
+            (qw * cz - cw * qz) + (qx * cy - qy * cx),
+        ]
+    )
 
 
 def turned_along(quaternions: Array) -> Array:

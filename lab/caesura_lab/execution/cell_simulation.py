@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from caesura_lab.execution.cell import Cell
 from caesura_lab.teacher.fingertip_contact import Surface
@@ -50,14 +49,14 @@ class CellSimulation:
     def tick(self, flange: Array, dt: float) -> None:
         """Simulate the fingers for one tick of dt [s]. flange: (3,) [m]."""
         step = self._speed * dt
-        self.width_m += float(np.clip(self._goal_m - self.width_m, -step, step))
+        self.width_m += min(max(self._goal_m - self.width_m, -step), step)
         graspable = self._object
         if graspable is None:
             return
         if self.held_kg and self.width_m > graspable.width_m + SETTLED_M:
             x, y, z = flange.tolist()
             self._object, self.held_kg = GraspableObject((x, y, z), graspable.width_m, graspable.kg), 0.0
-        near = self.held_kg > 0.0 or bool(np.linalg.norm(flange - graspable.place) <= GRIP_REACH_M)
+        near = self.held_kg > 0.0 or math.dist(flange.tolist(), graspable.place) <= GRIP_REACH_M
         if near and self._goal_m < graspable.width_m and self.width_m <= graspable.width_m:
             self.width_m = self._goal_m = graspable.width_m
             self.held_kg = graspable.kg

@@ -6,10 +6,10 @@ limits in the time that it takes to brake.
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Sequence
 
 from caesura_lab.execution.simulated_arm import ArmMeasurement, SimulatedArm
-from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.programs.safety import STOP_SHARE, Safety
 
 EDGE_M = 0.002  # before the edge of the workspace
@@ -26,32 +26,38 @@ class SafetyMonitor:
 
     def __init__(self, arm: SimulatedArm, safety: Safety) -> None:
         self._safety = safety
-        self._low = np.array(safety.workspace_low) + EDGE_M
-        self._high = np.array(safety.workspace_high) - EDGE_M
-        self._lower, self._upper = arm.lower + JOINT_MARGIN_RAD, arm.upper - JOINT_MARGIN_RAD
-        self._joint_speeds = STOP_SHARE * arm.joint_speeds
+        self._low = [low + EDGE_M for low in safety.workspace_low]
+        self._high = [high - EDGE_M for high in safety.workspace_high]
+        self._lower = (arm.lower + JOINT_MARGIN_RAD).tolist()
+        self._upper = (arm.upper - JOINT_MARGIN_RAD).tolist()
+        self._fastest = (STOP_SHARE * arm.joint_speeds).tolist()
+        self._slowest = [-speed for speed in self._fastest]
 
     def check_measurement(self, measured: ArmMeasurement) -> None:
         """Check one measurement. Raises RobotStopped where a limit is reached."""
-        self._check_norm(
-            "speed", float(np.linalg.norm(measured.twist[:3])), self._safety.speed_m_per_s, "m/s"
-        )
-        self._check_norm(
-            "turn", float(np.linalg.norm(measured.twist[3:])), self._safety.turn_rad_per_s, "rad/s"
-        )
-        self._check_norm("force", float(np.linalg.norm(measured.force)), self._safety.felt_force_n, "N")
-        ahead = measured.position + BRAKING_S * measured.twist[:3]
-        self._check_interval("position", ahead, self._low, self._high, "m")
-        self._check_interval("joint", measured.q + BRAKING_S * measured.v, self._lower, self._upper, "rad")
-        self._check_interval("joint speed", measured.v, -self._joint_speeds, self._joint_speeds, "rad/s")
+        twist, v = measured.twist.tolist(), measured.v.tolist()
+        self._check_norm("speed", twist[:3], self._safety.speed_m_per_s, "m/s")
+        self._check_norm("turn", twist[3:], self._safety.turn_rad_per_s, "rad/s")
+        self._check_norm("force", measured.force.tolist(), self._safety.felt_force_n, "N")
+        place, q = measured.position.tolist(), measured.q.tolist()
+        self._check_interval("position", _ahead(place, twist[:3]), self._low, self._high, "m")
+        self._check_interval("joint", _ahead(q, v), self._lower, self._upper, "rad")
+        self._check_interval("joint speed", v, self._slowest, self._fastest, "rad/s")
 
-    def _check_norm(self, what: str, value: float, limit: float, unit: str) -> None:
+    def _check_norm(self, what: str, vector: Sequence[float], limit: float, unit: str) -> None:
+        value = math.hypot(*vector)
         if value > STOP_SHARE * limit:
             raise RobotStopped(f"{what} {value:.3g} {unit} reaches the limit of {limit:g} {unit}")
 
-    def _check_interval(self, what: str, values: Array, low: Array, high: Array, unit: str) -> None:
-        out = (values < low) | (values > high)
-        if out.any():
-            i = int(np.argmax(out))
-            span = f"{low[i]:.3f} to {high[i]:.3f} {unit}"
-            raise RobotStopped(f"{what} {i + 1}: {values[i]:.3f} {unit} reaches its limits, {span}")
+    def _check_interval(
+        self, what: str, values: Sequence[float], low: Sequence[float], high: Sequence[float], unit: str
+    ) -> None:
+        for i, (value, least, most) in enumerate(zip(values, low, high, strict=True)):
+            if not least <= value <= most:
+                span = f"{least:.3f} to {most:.3f} {unit}"
+                raise RobotStopped(f"{what} {i + 1}: {value:.3f} {unit} reaches its limits, {span}")
+
+
+def _ahead(values: Sequence[float], rates: Sequence[float]) -> list[float]:
+    """Values after the time that it takes to brake."""
+    return [value + BRAKING_S * rate for value, rate in zip(values, rates, strict=True)]

@@ -8,26 +8,31 @@ direction in which a force is controlled there is no stiffness.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.teacher.guided_arm import (
-    FALL,
     SimulationTrace,
     at_flange,
+    lever_along,
+    loaded_mass,
     start_posture,
     tip_jacobian,
     tip_motion,
+    turn_error,
     velocity_change,
+    with_inertia,
+    with_weight,
 )
-from caesura_lab.teacher.motion_profiles import Array
+from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S
-from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
 from caesura_protocol.paths import Curve
-from caesura_protocol.rotations import cross, turning_of
+from caesura_protocol.rotations import turning_of
 from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot
 
@@ -39,6 +44,13 @@ FRICTION_EASED, EASED_RAD_PER_S = 0.7, 0.02  # share of the joints' friction tha
 LOOK_S, LEAST_SINGULAR = 0.02, 0.02  # between two looks at joint speeds; of the largest singular value
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
 _LEAST_MOBILITY = LEAST_MOBILITY * np.eye(6)
+_NOTHING = np.zeros(3)
+_NOTHING.setflags(write=False)
+
+
+def _nothing() -> Array:
+    """Zeros (3,) that every setpoint shares: a setpoint is made at every tick."""
+    return _NOTHING
 
 
 @dataclass
@@ -52,12 +64,12 @@ class Setpoint:
 
     position: Array
     rotation: Array
-    velocity: Array = field(default_factory=lambda: np.zeros(3))
-    acceleration: Array = field(default_factory=lambda: np.zeros(3))
-    push: Array = field(default_factory=lambda: np.zeros(3))
-    along: Array = field(default_factory=lambda: np.zeros(3))
-    turning: Array = field(default_factory=lambda: np.zeros(3))
-    angular_acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    velocity: Array = field(default_factory=_nothing)
+    acceleration: Array = field(default_factory=_nothing)
+    push: Array = field(default_factory=_nothing)
+    along: Array = field(default_factory=_nothing)
+    turning: Array = field(default_factory=_nothing)
+    angular_acceleration: Array = field(default_factory=_nothing)
 
     @property
     def still(self) -> Setpoint:
@@ -65,8 +77,7 @@ class Setpoint:
         return Setpoint(self.position, self.rotation, push=self.push, along=self.along)
 
 
-@dataclass(frozen=True)
-class ArmMeasurement:
+class ArmMeasurement(NamedTuple):
     """The arm after a tick: position (3,) [m], rotation (3, 3) and twist (6,) of the flange, force (3,) [N]
     that it feels, without the load that is set; joints and their speeds (n,). torque: (3,) [Nm] that it
     feels about the flange, of the same force and of what resists its turning.
@@ -78,7 +89,7 @@ class ArmMeasurement:
     force: Array
     q: Array
     v: Array
-    torque: Array = field(default_factory=lambda: np.zeros(3))
+    torque: Array
 
 
 class SimulatedArm:
@@ -91,10 +102,11 @@ class SimulatedArm:
         self._q, rotation = start_posture(robot, world.start)
         self._home = self._q
         self._v = np.zeros(robot.joints)
-        self._rows: list[Array] = []
+        self._eased_nm = FRICTION_EASED * self._friction_nm
+        self._rows: list[list[float]] = []
         self.load_kg = 0.0  # that is set in the controller
         self.measured = ArmMeasurement(
-            np.array(world.start), rotation, np.zeros(6), np.zeros(3), self._q, self._v
+            np.array(world.start), rotation, np.zeros(6), _NOTHING, self._q, self._v, _NOTHING
         )
         self.lower, self.upper = robot.lower_limits, robot.upper_limits
         self.joint_speeds = robot.velocity_limits
@@ -106,36 +118,42 @@ class SimulatedArm:
 
     def tick(self, setpoint: Setpoint) -> ArmMeasurement:
         """Simulate one tick under a setpoint; return the measurement."""
-        arm = self._robot.hand_dynamics(self._q)
-        twist = arm.jacobian @ self._v
-        lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
-        held_kg = self.world.held_kg
-        spin = float(twist[3:] @ arm.rotation_base[:, 2])
-        tip = tip_motion(arm.position_base, twist, lever)
-        contact, torque_nm, _ = self._contact(*tip, spin, DT, GRAVITY * held_kg)
-        turning = torque_nm * arm.rotation_base[:, 2]
+        q, v, held_kg = self._q, self._v, self.world.held_kg
+        arm = self._robot.hand_dynamics(q)
+        flange_twist = arm.jacobian @ v
+        twist = flange_twist.tolist()
+        axis = arm.rotation_base[:, 2]
+        lever = lever_along(axis)
+        spin = float(flange_twist[3:] @ axis)
+        tip, tip_velocity = tip_motion(arm.position_base, twist, lever)
+        contact, torque_nm, _ = self._contact(tip, tip_velocity, spin, DT, GRAVITY * held_kg)
+        turning = (torque_nm * axis).tolist()
         wrench = self._wrench(setpoint, arm, twist, lever)
-        outside = contact + held_kg * FALL
-        posture = POSTURE_NM_PER_RAD * (self._home - self._q) - POSTURE_NMS_PER_RAD * self._v
-        eased = FRICTION_EASED * self._friction_nm * self._v / (np.abs(self._v) + EASED_RAD_PER_S)
+        outside = with_weight(contact, held_kg)
+        posture = POSTURE_NM_PER_RAD * (self._home - q) - POSTURE_NMS_PER_RAD * v
+        eased = self._eased_nm * v / (np.abs(v) + EASED_RAD_PER_S)
         task = arm.jacobian.T @ np.linalg.solve(arm.jacobian @ arm.jacobian.T, arm.jacobian @ posture)
-        given = wrench + at_flange(outside, lever)
+        given = np.array(wrench) + at_flange(outside, lever)
         given[3:] += turning
-        change = velocity_change(
-            arm, self._v, given, self._friction_nm, held_kg, lever, posture - task + eased
+        at_tip = tip_jacobian(arm.jacobian, lever) if held_kg > 0.0 else None
+        change = velocity_change(arm, v, given, self._friction_nm, held_kg, at_tip, posture - task + eased)
+        if at_tip is not None:
+            outside = with_inertia(outside, held_kg, at_tip, change)
+        environment = turned(at_flange(outside, lever), turning)
+        self._rows.append(
+            [*q.tolist(), *v.tolist(), *twist, *environment, *wrench, *contact, self.world.width_m, held_kg]
         )
-        if held_kg > 0.0:
-            outside = outside - held_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
-        environment = at_flange(outside, lever)
-        environment[3:] += turning
-        row = np.concatenate([self._q, self._v, twist, environment, wrench, contact])
-        self._rows.append(np.append(row, (self.world.width_m, held_kg)))
-        self._v = self._v + change
-        self._q = self._q + DT * self._v
-        pressed = outside + np.array([0.0, 0.0, GRAVITY * self.load_kg])
-        torque = turning + cross(lever, pressed)
+        self._v = v + change
+        self._q = q + DT * self._v
+        felt = turned(at_flange(with_weight(outside, -self.load_kg), lever), turning)
         self.measured = ArmMeasurement(
-            arm.position_base, arm.rotation_base, twist, pressed, self._q, self._v, torque
+            arm.position_base,
+            arm.rotation_base,
+            flange_twist,
+            np.array(felt[:3]),
+            self._q,
+            self._v,
+            np.array(felt[3:]),
         )
         self.world.tick(arm.position_base, DT)
         return self.measured
@@ -163,26 +181,54 @@ class SimulatedArm:
         t = np.arange(len(rows)) / TICKS_PER_S
         return SimulationTrace(t, q, v, twist, environment, hand, contact, rest[:, 0], rest[:, 1])
 
-    def _wrench(self, want: Setpoint, arm: HandDynamics, twist: Array, lever: Array) -> Array:
+    def _wrench(self, want: Setpoint, arm: HandDynamics, twist: list[float], lever: Vector) -> list[float]:
         """Return the controller's wrench on the flange (6,) [N, Nm]."""
-        ahead = self._inertia(arm, lever) @ np.concatenate([want.acceleration, want.angular_acceleration])
-        force = STIFFNESS_N_PER_M * (want.position - arm.position_base)
-        force += DAMPING_NS_PER_M * (want.velocity - twist[:3]) + ahead[:3]
+        ahead = self._feed_forward(want, arm, lever)
+        force = np.array(
+            [
+                STIFFNESS_N_PER_M * (meant - place) + (DAMPING_NS_PER_M * (speed - rate) + added)
+                for meant, place, speed, rate, added in zip(
+                    want.position.tolist(),
+                    arm.position_base.tolist(),
+                    want.velocity.tolist(),
+                    twist[:3],
+                    ahead[:3],
+                    strict=True,
+                )
+            ]
+        )
         if want.along.any():
-            force -= want.along * (want.along @ force + PRESS_DAMPING_NS_PER_M * (want.along @ twist[:3]))
-        force += want.push
-        force[2] += GRAVITY * self.load_kg
-        turn = want.rotation @ arm.rotation_base.T
-        error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        torque = TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (want.turning - twist[3:]) + ahead[3:]
-        return np.concatenate([force, torque])
+            speed = want.along @ np.array(twist[:3])
+            force -= want.along * (want.along @ force + PRESS_DAMPING_NS_PER_M * speed)
+        fx, fy, fz = (force + want.push).tolist()
+        torque = [
+            TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (speed - rate) + added
+            for error, speed, rate, added in zip(
+                turn_error(want.rotation, arm.rotation_base),
+                want.turning.tolist(),
+                twist[3:],
+                ahead[3:],
+                strict=True,
+            )
+        ]
+        return [fx, fy, fz + GRAVITY * self.load_kg, *torque]
 
-    def _inertia(self, arm: HandDynamics, lever: Array) -> Array:
-        """Inertia (6, 6) of the arm at its flange, with the load that is set."""
-        mass = arm.mass_matrix
-        if self.load_kg > 0.0:
-            at_tip = tip_jacobian(arm.jacobian, lever)
-            mass = mass + self.load_kg * at_tip.T @ at_tip
-        jacobian = arm.jacobian
-        mobility = jacobian @ np.linalg.solve(mass, jacobian.T)
-        return np.asarray(np.linalg.inv(mobility + _LEAST_MOBILITY))
+    def _feed_forward(self, want: Setpoint, arm: HandDynamics, lever: Vector) -> list[float]:
+        """Wrench (6,) that accelerates the arm, with the load that is set, as a setpoint asks for."""
+        if not (want.acceleration.any() or want.angular_acceleration.any()):
+            return [0.0] * 6
+        at_tip = tip_jacobian(arm.jacobian, lever) if self.load_kg > 0.0 else None
+        mass = loaded_mass(arm, self.load_kg, at_tip)
+        mobility = arm.jacobian @ np.linalg.solve(mass, arm.jacobian.T)
+        inertia = np.linalg.inv(mobility + _LEAST_MOBILITY)
+        ahead: list[float] = (
+            inertia @ np.concatenate([want.acceleration, want.angular_acceleration])
+        ).tolist()
+        return ahead
+
+
+def turned(wrench: tuple[float, ...], turning: Sequence[float]) -> list[float]:
+    """Add a moment (3,) [Nm] to a wrench (6,)."""
+    fx, fy, fz, mx, my, mz = wrench
+    tx, ty, tz = turning
+    return [fx, fy, fz, mx + tx, my + ty, mz + tz]

@@ -67,8 +67,9 @@ class SkillController:
             force_n = self._pressed_n if force_n is None else force_n
             self.press(min(force_n, self.safety.most_force_n), seconds)
             return
+        still = self.setpoint.still
         for _ in range(round(seconds / DT)):
-            self.tick(self.setpoint.still)
+            self.tick(still)
 
     def pause(self, seconds: float, following: App | None) -> None:
         """Hold between two apps; the time in which a contact is released is part of it.
@@ -179,13 +180,8 @@ class SkillController:
                 break
             self._pressed_n = want
             wrong = 0.0 if slowed_n else want + float(along @ measured.force)
-            self._correction_n = float(
-                np.clip(
-                    self._correction_n + FORCE_GAIN_PER_S * DT * wrong,
-                    -FORCE_CORRECTION_N,
-                    FORCE_CORRECTION_N,
-                )
-            )
+            corrected = self._correction_n + FORCE_GAIN_PER_S * DT * wrong
+            self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
             if sunk > self.safety.search_m:
                 raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")

@@ -12,6 +12,7 @@ of 1 ms, and it is what lets a guided Panda rest within micrometres while a hand
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,7 +25,6 @@ from caesura_lab.teacher.shapes import contact_with
 from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot
 
-FALL = np.array([0.0, 0.0, -GRAVITY])
 DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
 STRIBECK_RAD_PER_S = 0.01  # joint speed over which stiction falls to sliding friction
@@ -72,7 +72,7 @@ class GuidedArmSimulation:
         rate_per_s = plan.person.force_rate_per_s
         self._hand_force = None if rate_per_s is None else HandForceController(plan.aims, rate_per_s, DT)
         self._friction_nm = plan.person.joint_friction * robot.friction_nm
-        self._damping = plan.person.guiding_damping * DAMPING
+        self._damping = (plan.person.guiding_damping * DAMPING).tolist()
         self._stiction = plan.person.stiction
         start = plan.scenario.start
         self._q, self._orientation = start_posture(robot, start)
@@ -106,60 +106,78 @@ class GuidedArmSimulation:
     def _step(self, tick: int, row: Array) -> None:
         """Write the state and its wrenches into the row, then advance one tick."""
         arm = self._robot.hand_dynamics(self._q)
-        twist = arm.jacobian @ self._v
-        lever = FINGERS_BELOW_FLANGE_M * arm.rotation_base[:, 2]
+        flange_twist = arm.jacobian @ self._v
+        twist = flange_twist.tolist()
+        axis = arm.rotation_base[:, 2]
+        lever = lever_along(axis)
         hand = self._hand_wrench(tick, arm, twist)
         load_kg = float(self._plan.load_kg[tick])
-        tip = tip_motion(arm.position_base, twist, lever)
-        spin = float(twist[3:] @ arm.rotation_base[:, 2])
-        contact, torque_nm, normal_n = self._contact(*tip, spin, DT, GRAVITY * load_kg)
+        tip, tip_velocity = tip_motion(arm.position_base, twist, lever)
+        spin = float(flange_twist[3:] @ axis)
+        contact, torque_nm, normal_n = self._contact(tip, tip_velocity, spin, DT, GRAVITY * load_kg)
         self._adapt_hand(tick, load_kg, normal_n, torque_nm)
-        outside = contact + load_kg * FALL
-        turning = torque_nm * arm.rotation_base[:, 2]
+        outside = with_weight(contact, load_kg)
         environment = at_flange(outside, lever)
-        flange_wrench = hand + environment - self._damping * twist
-        flange_wrench[3:] += turning
+        wrenches = zip(hand, environment, self._damping, twist, strict=True)
+        flange_wrench = np.array([h + e - damping * rate for h, e, damping, rate in wrenches])
+        if torque_nm:
+            flange_wrench[3:] += torque_nm * axis
         friction_nm = self._friction_nm
         if self._stiction != 1.0:
             friction_nm = joint_friction(self._v, friction_nm, self._stiction)
-        change = velocity_change(arm, self._v, flange_wrench, friction_nm, load_kg, lever)
-        if load_kg > 0.0:
-            outside = outside - load_kg / DT * (tip_jacobian(arm.jacobian, lever) @ change)
-            environment = at_flange(outside, lever)
+        at_tip = tip_jacobian(arm.jacobian, lever) if load_kg > 0.0 else None
+        change = velocity_change(arm, self._v, flange_wrench, friction_nm, load_kg, at_tip)
+        if at_tip is not None:
+            environment = at_flange(with_inertia(outside, load_kg, at_tip, change), lever)
         joints = self._robot.joints
         row[:joints], row[joints : 2 * joints], rest = self._q, self._v, row[2 * joints :]
-        rest[:6], rest[6:12], rest[12:18] = twist, environment, hand
-        rest[9:12] += turning
-        rest[18:21], rest[21:24], rest[24] = contact, tip[1], normal_n
+        rest[:] = *twist, *environment, *hand, *contact, *tip_velocity, normal_n
+        if torque_nm:
+            rest[9:12] += torque_nm * axis
         self._v = self._v + change
         self._q = self._q + DT * self._v
 
-    def _hand_wrench(self, tick: int, arm: HandDynamics, twist: Array) -> Array:
+    def _hand_wrench(self, tick: int, arm: HandDynamics, twist: list[float]) -> list[float]:
         """Return the hand's wrench on the flange (6,): stiffness about its set place, and added forces."""
         plan, person, hand_force = self._plan, self._plan.person, self._hand_force
-        place = hand_force.position_share if hand_force else 1.0
-        wrench = np.empty(6)
-        wrench[:3] = person.stiffness_n_per_m * (place * (plan.position[tick] - arm.position_base))
-        wrench[:3] += person.damping_ns_per_m * (place * (plan.velocity[tick] - twist[:3])) + plan.force[tick]
-        rotation = self._orientation
-        rate = twist[3:]
+        share = hand_force.position_share if hand_force else 1.0
+        stiffness, damping = person.stiffness_n_per_m, person.damping_ns_per_m
+        fx, fy, fz = [
+            stiffness * (share * (meant - place)) + (damping * (share * (speed - rate)) + added)
+            for meant, place, speed, rate, added in zip(
+                plan.position[tick].tolist(),
+                arm.position_base.tolist(),
+                plan.velocity[tick].tolist(),
+                twist[:3],
+                plan.force[tick].tolist(),
+                strict=True,
+            )
+        ]
+        rotation, rates = self._orientation, twist[3:]
         stiffness, damping = HAND_TURN_STIFFNESS, HAND_TURN_DAMPING
         if plan.turns is None:
-            wrench[2] += self._weight_n - self._press_n
+            fz += self._weight_n - self._press_n
         else:
             toward = plan.turns.rotation[tick]
-            rotation, rate = toward @ rotation, rate - plan.turns.rate[tick]
+            rotation = toward @ rotation
+            rates = [rate - meant for rate, meant in zip(rates, plan.turns.rate[tick].tolist(), strict=True)]
             stiffness, damping = FIRM_TURN_STIFFNESS, FIRM_TURN_DAMPING
-            wrench[2] += self._weight_n
-            wrench[:3] -= self._press_n * toward[:, 2]
+            px, py, pz = (self._press_n * toward[:, 2]).tolist()
+            fx, fy, fz = fx - px, fy - py, fz + self._weight_n - pz
         if hand_force:
-            wrench[:3] += hand_force.force_at(tick) - (1.0 - place) * plan.feed_forward[tick]
-        turn = rotation @ arm.rotation_base.T
-        error = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        wrench[3:] = stiffness * error - damping * rate + plan.torque[tick]
+            ax, ay, az = hand_force.force_at(tick)
+            lx, ly, lz = plan.feed_forward[tick].tolist()
+            left = 1.0 - share
+            fx, fy, fz = fx + (ax - left * lx), fy + (ay - left * ly), fz + (az - left * lz)
+        errors = turn_error(rotation, arm.rotation_base)
+        moments = [
+            stiffness * error - damping * rate + added
+            for error, rate, added in zip(errors, rates, plan.torque[tick].tolist(), strict=True)
+        ]
         if self._torque_nm:
-            wrench[3:] += self._torque_nm * arm.rotation_base[:, 2]
-        return wrench
+            axis = arm.rotation_base[:, 2].tolist()
+            moments = [moment + self._torque_nm * part for moment, part in zip(moments, axis, strict=True)]
+        return [fx, fy, fz, *moments]
 
     def _adapt_hand(self, tick: int, load_kg: float, normal_n: float, torque_nm: float) -> None:
         """Adapt the hand to the load, the normal force and the torque of this tick.
@@ -205,42 +223,74 @@ def velocity_change(
     flange_wrench: Array,
     friction_nm: Array,
     load_kg: float,
-    lever: Array,
-    torques: Array | float = 0.0,
+    at_tip: Array | None,
+    torques: Array | None = None,
 ) -> Array:
     """Change of joint velocity v (n,) in one tick under a wrench (6,) at the flange and torques (n,) [Nm].
 
-    friction_nm: (n,) Coulomb friction of the joints; a load at the end of the lever (3,) adds its mass.
+    friction_nm: (n,) Coulomb friction of the joints; at_tip: (3, n) Jacobian where a load adds its mass.
     """
-    mass = arm.mass_matrix
-    if load_kg > 0.0:
-        at_tip = tip_jacobian(arm.jacobian, lever)
-        mass = mass + load_kg * at_tip.T @ at_tip
     resistance: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
-    impulse: Array = DT * (arm.jacobian.T @ flange_wrench + torques - resistance * v)
-    damped = np.array(mass, order="C")
-    damped.ravel()[:: len(mass) + 1] += DT * resistance  # its diagonal, in a third of the time of np.diag
-    return np.asarray(np.linalg.solve(damped, impulse), dtype=np.float64)
+    driving = arm.jacobian.T @ flange_wrench
+    if torques is not None:
+        driving += torques
+    damped = loaded_mass(arm, load_kg, at_tip)
+    damped.ravel()[:: len(v) + 1] += DT * resistance  # its diagonal, in a third of the time of np.diag
+    return np.asarray(np.linalg.solve(damped, DT * (driving - resistance * v)), dtype=np.float64)
 
 
-def tip_motion(position: Array, twist: Array, lever: Array) -> tuple[list[float], Vector]:
+def loaded_mass(arm: HandDynamics, load_kg: float, at_tip: Array | None) -> Array:
+    """Mass matrix (n, n) with a load, if any, at the end of the Jacobian at_tip (3, n); a new array."""
+    if at_tip is None:
+        return arm.mass_matrix.copy()
+    return np.asarray(arm.mass_matrix + load_kg * at_tip.T @ at_tip)
+
+
+def lever_along(axis: Array) -> Vector:
+    """Lever [m] from the flange to the fingertips, along the tool's axis (3,)."""
+    x, y, z = axis.tolist()
+    return FINGERS_BELOW_FLANGE_M * x, FINGERS_BELOW_FLANGE_M * y, FINGERS_BELOW_FLANGE_M * z
+
+
+def tip_motion(position: Array, twist: Sequence[float], lever: Vector) -> tuple[Vector, Vector]:
     """Position and velocity of the fingertips, as plain numbers: faster than arrays of three."""
-    vx, vy, vz, wx, wy, wz = twist.tolist()
-    lx, ly, lz = lever.tolist()
+    x, y, z = position.tolist()
+    vx, vy, vz, wx, wy, wz = twist
+    lx, ly, lz = lever
     velocity = (vx + wy * lz - wz * ly, vy + wz * lx - wx * lz, vz + wx * ly - wy * lx)
-    return (position + lever).tolist(), velocity
+    return (x + lx, y + ly, z + lz), velocity
 
 
-def at_flange(force: Array, lever: Array) -> Array:
+def with_weight(force: Vector, kg: float) -> Vector:
+    """Add the weight of a mass to a force [N]."""
+    x, y, z = force
+    return x, y, z - kg * GRAVITY
+
+
+def with_inertia(force: Vector, kg: float, jacobian: Array, change: Array) -> Vector:
+    """Take from a force [N] what accelerates a mass at a Jacobian (3, n), by a change of joint velocity."""
+    fx, fy, fz = force
+    dx, dy, dz = (jacobian @ change).tolist()
+    rate = kg / DT
+    return fx - rate * dx, fy - rate * dy, fz - rate * dz
+
+
+def at_flange(force: Vector, lever: Vector) -> tuple[float, ...]:
     """Wrench (6,) at the flange of a force (3,) at the end of a lever (3,)."""
-    fx, fy, fz = force.tolist()
-    lx, ly, lz = lever.tolist()
-    return np.array([fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx])
+    fx, fy, fz = force
+    lx, ly, lz = lever
+    return fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx
 
 
-def tip_jacobian(jacobian: Array, lever: Array) -> Array:
+def turn_error(meant: Array, rotation: Array) -> Vector:
+    """Rotation vector [rad] from one rotation (3, 3) to another, for small angles."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (meant @ rotation.T).tolist()
+    return 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+
+
+def tip_jacobian(jacobian: Array, lever: Vector) -> Array:
     """Velocity of the fingertips per joint velocity, (3, n)."""
-    x, y, z = lever.tolist()
+    x, y, z = lever
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     at_tip: Array = jacobian[:3] - cross @ jacobian[3:]
     return at_tip

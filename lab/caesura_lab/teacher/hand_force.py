@@ -14,7 +14,7 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_lab.teacher.motion_profiles import Array
+from caesura_lab.teacher.motion_profiles import Array, Vector
 
 SWITCH_S = 0.03  # in which a hand goes over from place to force and back, as fast as its muscles
 
@@ -81,10 +81,10 @@ class HandForceController:
         self.force_n = 0.0
         self.position_share = 1.0
 
-    def force_at(self, tick: int) -> Array:
-        """Return the force of the hand on the flange at a tick, (3,) [N]."""
-        x, y = self._profile.aside[tick]
-        return self.force_n * np.array([x, y, -1.0])
+    def force_at(self, tick: int) -> Vector:
+        """Return the force [N] of the hand on the flange at a tick."""
+        x, y = self._profile.aside[tick].tolist()
+        return self.force_n * x, self.force_n * y, -self.force_n
 
     def update(self, tick: int, normal_n: float) -> None:
         """Advance by a tick in which a surface pushed back with a normal force [N]."""

@@ -94,15 +94,15 @@ SHAPED = (Screw, Hole, HorizontalCylinder)
 class ContactWrench(NamedTuple):
     """Wrench of a contact on a tool.
 
-    Force (3,) [N] at its tip, torque [Nm] about its axis, normal force [N].
+    Force [N] at its tip, torque [Nm] about its axis, normal force [N].
     """
 
-    force: Array
+    force: Vector
     torque_nm: float
     normal_n: float
 
 
-NO_CONTACT = ContactWrench(np.zeros(3), 0.0, 0.0)
+NO_CONTACT = ContactWrench((0.0, 0.0, 0.0), 0.0, 0.0)
 Contact = Callable[[Sequence[float], Sequence[float], float, float, float], ContactWrench]
 
 
@@ -119,8 +119,8 @@ def contact_with(surfaces: Sequence[Surface]) -> Contact:
         position: Sequence[float], velocity: Sequence[float], spin: float, dt: float, load_n: float
     ) -> ContactWrench:
         del spin
-        force = np.array(level.force(position, velocity, dt, load_n))
-        return ContactWrench(force, 0.0, float(force[2]))
+        force = level.force(position, velocity, dt, load_n)
+        return ContactWrench(force, 0.0, force[2])
 
     return wrench_at
 
@@ -166,7 +166,8 @@ class ShapedContact:
             if load_n > 0.0:
                 force += self._wall_force(surface, x, y, velocity)
         torque_nm = self._screw_torque(surface, spin, dt) if isinstance(surface, Screw) else 0.0
-        return ContactWrench(force, torque_nm, normal_n)
+        fx, fy, fz = force.tolist()
+        return ContactWrench((fx, fy, fz), torque_nm, normal_n)
 
     def _end_contact(self) -> ContactWrench:
         self._stretch, self._lead_rad = np.zeros(3), 0.0

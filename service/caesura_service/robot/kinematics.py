@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -47,8 +48,7 @@ class FlangePose:
     orientation_base: Array
 
 
-@dataclass(frozen=True)
-class HandDynamics:
+class HandDynamics(NamedTuple):
     """What one step of a simulation needs to know at the flange.
 
     position_base: (3,) [m]; rotation_base: (3, 3) flange to base; jacobian: (6, n), linear rows first, base

@@ -184,7 +184,7 @@ def test_the_guard_stops_what_is_too_fast_all_the_same(row: int, said: str, robo
     twist = np.zeros(6)
     twist[row] = 0.6 if row < 3 else 2.4
     with pytest.raises(RobotStopped, match=said):
-        SafetyMonitor(controller, DEFAULT).check_measurement(replace(controller.measured, twist=twist))
+        SafetyMonitor(controller, DEFAULT).check_measurement(controller.measured._replace(twist=twist))
 
 
 def test_what_is_met_too_hard_stops_it(robot: Robot) -> None:

@@ -75,7 +75,7 @@ def test_the_walls_of_a_hole_push_a_peg_back_and_leave_empty_fingers_alone() -> 
 def test_a_barrel_pushes_along_its_normal(lean: float) -> None:
     y, z = 0.1 + 0.199 * sin(lean), 0.3 - 0.2 + 0.199 * cos(lean)
     felt = ShapedContact([BARREL]).wrench_at((0.0, y, z), STILL, 0.0, DT, 0.0)
-    assert_allclose(felt.force, felt.normal_n * (0.0 * felt.force + [0.0, sin(lean), cos(lean)]), atol=1e-9)
+    assert_allclose(felt.force, felt.normal_n * np.array([0.0, sin(lean), cos(lean)]), atol=1e-9)
     assert felt.normal_n == pytest.approx(BARREL.static_force(0.001))
 
 
@@ -85,5 +85,5 @@ def test_friction_on_a_barrel_is_along_it_and_never_more_than_its_share() -> Non
     place = (0.0, 0.1 + 0.199 * sin(lean), 0.1 + 0.199 * cos(lean))
     for _ in range(50):
         felt = touch.wrench_at(place, along, 0.0, DT, 0.0)
-    friction = felt.force - felt.normal_n * (0.0 * felt.force + [0.0, sin(lean), cos(lean)])
+    friction = np.array(felt.force) - felt.normal_n * np.array([0.0, sin(lean), cos(lean)])
     assert_allclose(friction, -BARREL.friction * felt.normal_n * (0.0 * friction + along) / 0.1, atol=1e-6)

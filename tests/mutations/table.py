@@ -181,8 +181,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an edit is lost at a restart",
         f"{SESSIONS}/session.py",
-        "    self._host.replay_edit(edit, record.at)\n                    case Open()",
-        "    pass\n                    case Open()",
+        "    self._host.replay_edit(edit, record.at)\n                    case EditProgram()",
+        "    pass\n                    case EditProgram()",
         (
             "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),

@@ -11,7 +11,7 @@ export default {
   props: { rows: Array, speeds: Array },
   emits: ["simulate"],
   data: () => ({
-    turn: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
+    angles: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
     run: null, follows: false, speed: "taught", said: "", stopped: false, busy: false,
   }),
   template: `
@@ -23,7 +23,7 @@ export default {
         <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
           <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
         <button class="simulate" :disabled="busy" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button></span>
-        <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="turnTo(!follows)">Simulated run</button>
+        <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
@@ -50,7 +50,7 @@ export default {
       return `${this.shown.toFixed(1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
     },
   },
-  watch: { rows: "changed", run: "draw", follows: "draw", turn: "draw", zoom: "draw", t: "draw" },
+  watch: { rows: "changed", run: "draw", follows: "draw", angles: "draw", zoom: "draw", t: "draw" },
   mounted() {
     this.observers = [new ResizeObserver(() => this.draw()), new MutationObserver(() => this.draw())];
     this.observers[0].observe(this.$refs.canvas);
@@ -65,13 +65,13 @@ export default {
   },
   methods: {
     isView(name) {
-      return VIEWS[name].every((angle, i) => Math.abs(angle - this.turn[i]) < 1e-6);
+      return VIEWS[name].every((angle, i) => Math.abs(angle - this.angles[i]) < 1e-6);
     },
     look(name) {
-      Object.assign(this, { turn: VIEWS[name], zoom: 1 });
+      Object.assign(this, { angles: VIEWS[name], zoom: 1 });
     },
     rotate(around, over) {
-      this.turn = [this.turn[0] + around, between(-Math.PI / 2, Math.PI / 2, this.turn[1] + over)];
+      this.angles = [this.angles[0] + around, between(-Math.PI / 2, Math.PI / 2, this.angles[1] + over)];
     },
     grasp(event) {
       this.held = [event.clientX, event.clientY];
@@ -100,16 +100,16 @@ export default {
       Object.assign(this, { busy: false, said, stopped, run: null });
       if (this.asked !== JSON.stringify(this.rows)) this.said = "The program has changed meanwhile: simulate it again.";
       else if (points.length) this.run = Object.freeze(points);
-      this.turnTo(this.run !== null);
+      this.followRun(this.run !== null);
     },
     changed(now, before) { // a run of another program is none of this one
       if (JSON.stringify(now) !== JSON.stringify(before)) {
-        this.turnTo(false);
+        this.followRun(false);
         Object.assign(this, { run: null, said: this.run ? "The program has changed: simulate it again." : this.said, stopped: false });
       }
       this.draw();
     },
-    turnTo(follows) {
+    followRun(follows) {
       if (this.playing) this.play();
       Object.assign(this, { follows, t: null });
     },
@@ -148,7 +148,7 @@ export default {
       });
     },
     directions() { // of the picture's right and up, in the base frame
-      const [around, over] = this.turn, [s, c] = [Math.sin(around), Math.cos(around)];
+      const [around, over] = this.angles, [s, c] = [Math.sin(around), Math.cos(around)];
       return [[-s, c, 0], [-c * Math.sin(over), -s * Math.sin(over), Math.cos(over)]];
     },
     projection(width, height) { // as large as the picture allows

@@ -1,4 +1,4 @@
-"""100,000 hostile inputs, driven by hypothesis: into the codec, and in sequences into a registry."""
+"""Hostile inputs by the thousand, driven by hypothesis: into the codec, and in sequences into a registry."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from caesura_service.segmentation.pipeline import make_pipeline
 from faults.suite.outcome import Row
 from harness.hostile import Hostile, Target, read_everything
 
-INPUTS = {"codec": 45_000, "registry": 50_000, "registry, real models": 5_000}
+INPUTS = {"codec": 45_000, "registry": 50_000, "registry, real models": 10_000}
 SEQUENCE = 50
-GROWTH_MB = 64  # of the process over all of it, after the first tenth
+GROWTH_MB = 64  # of the process over the second half: in the first, presets and robots are loaded, once each
 UNHURRIED = settings(
     deadline=None,
     database=None,
@@ -50,7 +50,7 @@ def fuzz(directory: Path) -> Row:
     }
     for way, inputs in INPUTS.items():
         examples = inputs // SEQUENCE
-        seen = driven(ways[way], examples // 10)
+        seen = driven(ways[way], examples // 2)
         before = resident_mb()
         seen += driven(ways[way], examples - seen)
         grown_mb.append(resident_mb() - before)

@@ -86,6 +86,6 @@ def hostile(what: str, directory: Path, scale: Scale = FULL, share: float = 1.0)
         and len(log) < LOG_BYTES
         and "Traceback" not in log
         and not seen["restarts"]
-        and seen["heard"] >= len(done.found)
+        and seen["received"] >= len(done.found)
     )
     return done.row(note=note, met=met)

@@ -7,10 +7,15 @@ import pytest
 
 from caesura_clients.dashboard.program_path import COLOURS, PARTS, program_path
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, AppChange, Program
 from caesura_protocol.paths import curve_of
+from caesura_protocol.programs.document import document
 from clients.examples import example
 from harness.programs import app, pick_and_place, press
+
+
+def program(*apps: App) -> Program:
+    return example(Program).model_copy(update={"apps": apps, "edits": (), "gaps": ()})
 
 
 def test_every_kind_of_app_has_a_colour():
@@ -19,7 +24,7 @@ def test_every_kind_of_app_has_a_colour():
 
 def test_points_lie_on_the_curve_that_the_robot_follows():
     one = example(App).model_copy(update={"speed": None})
-    (row,) = program_path([one])
+    (row,) = program_path(program(one))
     curve = curve_of(one)
     assert len(row["points"]) == PARTS * (len(curve.t) - 1) + 1
     for t, *place in row["points"]:
@@ -30,14 +35,14 @@ def test_points_lie_on_the_curve_that_the_robot_follows():
 
 
 def test_a_program_as_taught_has_the_times_of_its_teaching():
-    rows = program_path(pick_and_place())
+    rows = program_path(program(*pick_and_place()))
     assert [(row["points"][0][0], row["points"][-1][0]) for row in rows] == [
         (one.t0, one.tn) for one in pick_and_place()
     ]
 
 
 def test_what_stays_has_its_place_and_what_travels_without_a_path_leads_straight_to_its_target():
-    rows = program_path(press())
+    rows = program_path(program(*press()))
     approach, pressed, retract = rows
     assert approach["points"] == [
         [0.8, -20.0, -520.0, 190.0],
@@ -48,25 +53,30 @@ def test_what_stays_has_its_place_and_what_travels_without_a_path_leads_straight
     assert (pressed["kind"], pressed["force"]) == ("contact", [0.0, 0.0, -10.0])
 
 
-def test_apps_run_one_after_the_other_at_the_speeds_that_people_set():
+def test_times_are_those_of_the_document_where_order_or_speed_were_changed():
     first, second = (
-        app("cartesian_motion", 1.0, 2.0, (0.1, 0.0, 0.0)),
-        app("cartesian_motion", 3.0, 5.0, (0.2, 0.0, 0.0)),
+        app("cartesian_motion", t0, tn, (x, 0.0, 0.0)) for t0, tn, x in ((1.0, 2.0, 0.1), (3.0, 5.0, 0.2))
     )
-    spans = lambda apps: [(row["points"][0][0], row["points"][-1][0]) for row in program_path(apps)]  # noqa: E731
-    assert spans([first, second]) == [(1.0, 2.0), (3.0, 5.0)]
-    assert spans([first.model_copy(update={"speed": 0.5}), second]) == [(1.0, 3.0), (4.0, 6.0)]
-    assert spans([second, first]) == [(3.0, 5.0), (5.0, 6.0)]  # exchanged: no pause lies between them
+    slow = first.model_copy(update={"speed": 0.5})
+    moved = second.model_copy(update={"changes": (AppChange(field="place", author="Ann", edit=1),)})
+    for apps in ([first, second], [slow, second], [moved, first]):
+        edited = program(*apps)
+        rows = program_path(edited)
+        spans = [(row["points"][0][0], row["points"][-1][0]) for row in rows]
+        assert spans == [
+            (pytest.approx(one.t0, abs=0.01), pytest.approx(one.tn, abs=0.01))
+            for one in document(edited).apps
+        ]
 
 
 def test_an_app_without_a_place_has_no_row():
     closing = app("gripper_move", 0.0, 1.0, gripper_width=0.0)
-    assert program_path([closing]) == []
-    assert [row["number"] for row in program_path([*press(), closing])] == [1, 2, 3, 4]
-    assert program_path([]) == []
+    assert program_path(program(closing)) == []
+    assert [row["number"] for row in program_path(program(*press(), closing))] == [1, 2, 3, 4]
+    assert program_path(program()) == []
 
 
 def test_the_newest_apps_begin_where_those_before_them_end():
-    rows = program_path(press(), first=2)
+    rows = program_path(program(*press()), first=2)
     assert [row["number"] for row in rows] == [3]
     assert rows[0]["points"][0] == [4.2, -20.0, -520.0, 165.0]

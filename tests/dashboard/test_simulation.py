@@ -28,6 +28,11 @@ def test_a_speed_that_is_none_is_refused():
         simulator.run(program(*press()), "warp")
 
 
+def test_a_program_that_would_take_too_long_is_refused_with_the_limit():
+    with Simulator() as simulator, pytest.raises(EditRefused, match="has 201 apps, at most 200"):
+        simulator.run(program(*press() * 67), "taught")
+
+
 def test_what_the_command_refuses_is_said_in_its_words():
     with (
         Simulator() as simulator,

@@ -116,7 +116,7 @@ def edit_program(
         with connected(endpoint, config) as caesura:
             program = caesura.snapshot(station, session).program
             if not action:
-                Console().print(program_view(program), edits_table(program))
+                Console().print(program_view(program), edits_table(program) if program.edits else "no edits")
                 return
             wanted = parse(action, program, Part(begins, ends, replacing))
             seen = program.edit_revision if revision is None else revision

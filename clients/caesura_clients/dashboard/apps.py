@@ -30,7 +30,7 @@ def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
         "edited": program.edited,
         "notes": list(program.notes),
         "before": before,
-        "path": program_path(program.apps, before),
+        "path": program_path(program, before),
         "apps": [
             card(index + 1, program.apps[index])
             | app_editing(program.apps, index)

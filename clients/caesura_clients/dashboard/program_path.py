@@ -1,11 +1,10 @@
 """The path of a task program as points in time and space, for the drawing in three dimensions.
 
 An app's row is {number, words, kind, points, via, force}. A point is [t, x, y, z]: time of the program [s]
-and base frame [mm]. Apps are run one after the other, with the taught pauses and the speeds that people set:
-times are those of the teaching where the program is as it was taught. Points lie on the path that the robot
-follows (`paths.curve_of`), so they keep the app's tolerance to what was taught. Without a path an app leads
-straight to its target, and one that stays has its place at its beginning and at its end. An app whose place
-is not known has no row.
+and base frame [mm]. Times are those of the program's document (`programs.app_times`): of the teaching, unless
+people changed order or speed. Points lie on the path that the robot follows (`paths.curve_of`), so they keep
+the app's tolerance to what was taught. Without a path an app leads straight to its target, and one that stays
+has its place at its beginning and at its end. An app whose place is not known has no row.
 """
 
 from __future__ import annotations
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_title
-from caesura_protocol.messages import App, Vector
+from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.paths import curve_of
+from caesura_protocol.programs.app_times import edited_times
 
 Array = NDArray[np.float64]
 
@@ -42,16 +42,15 @@ class _Drawn(NamedTuple):
     via: list[list[float]]
 
 
-def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
+def program_path(program: Program, first: int = 0) -> list[dict[str, Any]]:
     """The rows of the apps from number `first` on, counted from 0."""
+    times = edited_times(program.apps, (), program.edits)
+    apps = program.apps if times is None else times.apps
     rows: list[dict[str, Any]] = []
     place = _target_before(apps, first)
-    clock = last = apps[first].t0 if first < len(apps) else 0.0  # [s] of the program; of the teaching
     for index in range(first, len(apps)):
         app = apps[index]
-        begin = clock + max(0.0, app.t0 - last)
-        clock, last = begin + (app.tn - app.t0) / (app.speed or 1.0), app.tn
-        drawn = _drawn(app, place, begin)
+        drawn = _drawn(app, place)
         place = app.target or place
         if drawn.points:
             rows.append({"number": index + 1} | _look(app) | drawn._asdict())
@@ -71,13 +70,12 @@ def _target_before(apps: Sequence[App], first: int) -> Vector | None:
     return next((app.target for app in reversed(apps[:first]) if app.target is not None), None)
 
 
-def _drawn(app: App, place: Vector | None, begin: float) -> _Drawn:
-    """Points and via points of an app that begins at a time [s]. place: where the app before it ended [m]."""
+def _drawn(app: App, place: Vector | None) -> _Drawn:
+    """Points and via points of an app. place: where the app before it ended [m]."""
 
     def rows(t: Array, values: Array) -> list[list[float]]:
-        times = begin + (t - app.t0) / (app.speed or 1.0)
         table: list[list[float]] = (
-            np.column_stack([times.round(2), (MM * values[:, :3]).round(1)]) + 0.0
+            np.column_stack([t.round(2), (MM * values[:, :3]).round(1)]) + 0.0
         ).tolist()
         return table
 

@@ -26,6 +26,7 @@ from caesura_protocol.programs.formats import WRITERS
 
 SPEEDS = ("taught", "optimal")
 LONGEST_S = 180.0  # of a simulation
+MOST_APPS = 200  # a minute or so of a simulation
 POINTS = 600  # of a run that are sent
 MM = 1000.0
 
@@ -53,6 +54,9 @@ class Simulator:
         """
         if speed not in SPEEDS:
             raise EditRefused(f"Not simulated: speed {speed[:20]!r}, expected {' or '.join(SPEEDS)}.")
+        if len(program.apps) > MOST_APPS:
+            many = f"the program has {len(program.apps)} apps, at most {MOST_APPS} are simulated here"
+            raise EditRefused(f"Not simulated: {many}.")
         if not self._one.acquire(blocking=False):
             raise EditRefused(
                 "Not simulated: another simulation is under way on this dashboard; wait for it."

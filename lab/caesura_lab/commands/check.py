@@ -128,7 +128,6 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
     try:
         if scenario is None:
             cell = cell_as_taught(program.apps, person, seed)
-            typer.echo(taught_cell_in_words(cell), err=True)
         else:
             cell = SimulatedCell(_scenario(scenario, program), person, seed)
         quality = DemonstrationQuality(timing=program.timing)
@@ -143,6 +142,8 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
             done.recording.save(out)
         except OSError as error:
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+    if scenario is None:
+        typer.echo(taught_cell_in_words(cell), err=True)
     if program.robot is None:
         typer.echo("robot not stated: simulated on a Panda", err=True)
     seconds = float(done.trace.t[-1])

@@ -8,11 +8,13 @@ cell lets it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from caesura_lab.execution.cell_simulation import GRIP_REACH_M
 from caesura_lab.execution.executor import SimulatedCell
 from caesura_lab.execution.skills import COMPLIANT_M
 from caesura_lab.teacher.fingertip_contact import Surface
@@ -27,6 +29,7 @@ from caesura_protocol.rotations import matrix_of
 
 AROUND_M = 0.02  # of a surface beyond what is touched of it
 LEVEL_COSINE = 0.94  # of 20°: a force that leans further is not that of a level surface
+NEED = "name the cell with --scenario"
 DOWN = (1.0, 0.0, 0.0, 0.0)  # fingers down, where a program states no orientation
 
 
@@ -46,8 +49,7 @@ def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) 
     Raises CaesuraError where the program needs more than level surfaces and one object.
     """
     start = _start(apps)
-    contacts = list(_contacts(apps))
-    grasps = [(i, app) for i, app in enumerate(apps) if app.kind == "grasp"]
+    contacts, grasps = list(_contacts(apps)), _grasps(apps)
     steps = tuple(Step("grasp", 0.0, to=_place(apps, i)) for i, _ in grasps[:1])
     surfaces = tuple(map(_surface, contacts))
     scenario = Scenario("as taught", "what the program touches", start, steps, surfaces)
@@ -59,9 +61,9 @@ def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) 
 def taught_cell_in_words(cell: SimulatedCell) -> str:
     """What stands in a cell as taught."""
     count = len(cell.scenario.surfaces)
-    surfaces = f"{count or 'no'} level surface{'' if count == 1 else 's'}"
-    held = "" if not cell.scenario.steps else ", one object"
-    return f"cell as taught: {surfaces}{held}, nothing else; friction and stiffness are assumed"
+    standing = [f"{count} level surface{'' if count == 1 else 's'}"] if count else []
+    standing += ["one object"] if cell.scenario.steps else []
+    return f"cell as taught: {', '.join([*standing, 'nothing else'])}; friction and stiffness are assumed"
 
 
 def _start(apps: Sequence[App]) -> Vector:
@@ -78,6 +80,23 @@ def _place(apps: Sequence[App], index: int) -> Vector:
     """The target of an app, or of the last one before it that has one [m]."""
     targets = [app.target for app in apps[: index + 1] if app.target is not None]
     return targets[-1] if targets else _start(apps)
+
+
+def _grasps(apps: Sequence[App]) -> list[tuple[int, App]]:
+    """The grasps with their numbers. Raises CaesuraError for one of another object than the first."""
+    grasps: list[tuple[int, App]] = []
+    left: Vector | None = None  # [m] where the object was let go
+    for index, app in enumerate(apps):
+        if app.kind == "gripper_move" and grasps:
+            left = _place(apps, index)
+        if app.kind != "grasp":
+            continue
+        if left is not None and math.dist(left, _place(apps, index)) > GRIP_REACH_M:
+            raise CaesuraError(
+                f"{app_name(index, app.kind)} grips a second object; a cell as taught has one: {NEED}"
+            )
+        grasps.append((index, app))
+    return grasps
 
 
 def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
@@ -104,16 +123,15 @@ def _contacts(apps: Sequence[App]) -> Iterator[_Contact]:
 
 def _check(index: int, app: App) -> None:
     """Raises CaesuraError for what a level surface cannot do."""
-    need = "name the cell with --scenario"
     if app.screw is not None and APP_KINDS[app.kind].presses:
-        raise CaesuraError(f"{app_name(index, app.kind)} turns in contact, which only a cell has: {need}")
+        raise CaesuraError(f"{app_name(index, app.kind)} turns in contact, which only a cell has: {NEED}")
     if app.force is None:
         return
     size = float(np.linalg.norm(app.force))
     if size > 0.0 and -app.force[2] < LEVEL_COSINE * size:
         toward = ", ".join(f"{value:.1f}" for value in app.force)
         raise CaesuraError(
-            f"{app_name(index, app.kind)} exerts ({toward}) N; surfaces of a cell as taught are level: {need}"
+            f"{app_name(index, app.kind)} exerts ({toward}) N; surfaces of a cell as taught are level: {NEED}"
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_PART_APPS, MAX_PART_BYTES, App, Program
+from caesura_protocol.programs.app_times import edited_times
 
 
 def apps_for(program: Program, taught_again: Program) -> tuple[App, ...]:
@@ -12,12 +13,12 @@ def apps_for(program: Program, taught_again: Program) -> tuple[App, ...]:
 
     Raises ProtocolError `conflict` or `too_large`, with the reason.
     """
-    name, apps = taught_again.session, tuple(taught_again.apps)
+    name, apps = taught_again.session, _one_after_the_other(taught_again)
     for fails, reason in (
         (name == program.session, "replaces no part of itself: teach the part in a session of its own"),
         (not taught_again.complete, "is still open: stop it first"),
         (not apps, "has no apps"),
-        (_has_gaps(taught_again, apps), "lost samples within its apps: teach the part once more"),
+        (_has_gaps(taught_again), "lost samples within its apps: teach the part once more"),
     ):
         if fails:
             raise ProtocolError("conflict", f"session {name} {reason}", value=name)
@@ -30,6 +31,14 @@ def apps_for(program: Program, taught_again: Program) -> tuple[App, ...]:
             raise ProtocolError("conflict", why, value=of_part, expected=of_program)
     _check_size(name, apps)
     return apps
+
+
+def _one_after_the_other(program: Program) -> tuple[App, ...]:
+    """Return the apps at the times at which they are run, with the speeds that people set in them."""
+    times = edited_times(program.apps, (), program.edits)
+    if times is None:
+        return tuple(program.apps)
+    return tuple(app.model_copy(update={"speed": None}) for app in times.apps)
 
 
 def _check_size(name: str, apps: tuple[App, ...]) -> None:
@@ -45,8 +54,8 @@ def _check_size(name: str, apps: tuple[App, ...]) -> None:
             raise ProtocolError("too_large", f"session {name} {why}", value=value, limit=limit)
 
 
-def _has_gaps(program: Program, apps: tuple[App, ...]) -> bool:
-    return any(gap.t0 < app.tn and app.t0 < gap.tn for gap in program.gaps for app in apps)
+def _has_gaps(program: Program) -> bool:
+    return any(gap.t0 < app.tn and app.t0 < gap.tn for gap in program.gaps for app in program.apps)
 
 
 def _wrench_source(program: Program) -> str | None:

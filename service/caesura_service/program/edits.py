@@ -247,7 +247,8 @@ class _Draft:
         if not edit.apps:
             raise _NotApplicableError(f"session {part.session} has no apps")
         self._deleted += [(item.inferred, edit) for item in self.items[first : last + 1]]
-        later_s = part.first.t0 - edit.apps[0].t0
+        begins = self.items[first].inferred  # an app that an edit added is named by that edit, at any time
+        later_s = (part.first.t0 if begins.added is None else begins.t0) - edit.apps[0].t0
         self.items[first : last + 1] = [self._taught_again(app, later_s, edit) for app in edit.apps]
 
     def _taught_again(self, app: App, later_s: float, edit: ProgramEdit) -> _Item:

@@ -57,7 +57,7 @@ def test_a_program_in_free_space_has_nothing_around_it():
     cell = cell_as_taught([app("cartesian_motion", 0.0, 1.0, (0.4, 0.0, 0.4))])
     assert cell.scenario.surfaces == ()
     assert cell.scenario.start == (0.4, 0.0, 0.4)
-    assert taught_cell_in_words(cell).startswith("cell as taught: no level surfaces, nothing else")
+    assert taught_cell_in_words(cell).startswith("cell as taught: nothing else;")
 
 
 @pytest.mark.parametrize(
@@ -72,6 +72,15 @@ def test_what_no_level_surface_does_is_refused_with_its_app(changed, said):
     touch, pressed, *_ = press()
     with pytest.raises(CaesuraError, match=said):
         cell_as_taught([touch, pressed.model_copy(update=changed)])
+
+
+def test_a_second_object_is_refused_and_the_same_one_may_be_gripped_again():
+    apps = pick_and_place()
+    again = app("grasp", 13.0, 14.0, (-0.021, -0.475, 0.107), gripper_width=0.05)
+    assert len(cell_as_taught([*apps, again]).scenario.steps) == 1
+    other = app("grasp", 13.0, 14.0, (0.1, -0.673, 0.107), gripper_width=0.05)
+    with pytest.raises(CaesuraError, match=r"app 7 \(grasp\) grips a second object"):
+        cell_as_taught([*apps, other])
 
 
 def test_without_a_target_there_is_nothing_to_run():

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import App, AppPath, Gap, Program, ViaPoint
+from caesura_protocol.messages import App, AppChange, AppPath, Gap, Program, ViaPoint
 from caesura_service.ownership.replacement import apps_for
 from harness.programs import app, pick_and_place
 
@@ -60,3 +60,15 @@ def test_a_session_that_does_not_fit_is_refused_in_plain_words(taught_again: Pro
 def test_a_gap_outside_the_apps_does_no_harm():
     gaps = (Gap(t0=50.0, tn=51.0, reason="evicted"),)
     assert apps_for(program("s1"), program(gaps=gaps)) == pick_and_place()[:2]
+
+
+def test_apps_whose_order_or_speed_people_changed_are_taken_as_they_are_run():
+    first, second = pick_and_place()[:2]
+    moved = second.model_copy(update={"changes": (AppChange(field="place", author="Ann", edit=1),)})
+    slow = first.model_copy(update={"speed": 0.5})
+    given = apps_for(program("s1"), program(apps=(moved, slow)))
+    assert [one.kind for one in given] == [second.kind, first.kind]
+    assert given[0].t0 >= 0.0
+    assert given[1].t0 == pytest.approx(given[0].tn)
+    assert given[1].tn - given[1].t0 == pytest.approx(2.0 * (first.tn - first.t0))
+    assert [one.speed for one in given] == [None, None]

@@ -361,6 +361,14 @@ def test_new_apps_begin_where_the_part_began_and_keep_their_durations():
     assert [one.target for one in new] == [one.target for one in AGAIN]
 
 
+def test_a_part_begins_where_its_app_does_whatever_time_the_reference_has():
+    copied = DuplicateApp(app=ref(pick_and_place()[1]))
+    wanted = AppReference(kind="grasp", t0=1.7e308, tn=1.7e308, added=1)
+    made = edited(taught(), copied, ReplacePart(first=wanted, last=wanted, session="s2"), again=AGAIN)
+    assert [one.t0 for one in made.apps if one.added == 2] == [1.8, pytest.approx(4.0)]
+    assert document(made).apps[-1].tn < 60.0
+
+
 def test_new_apps_are_edited_each_by_itself_and_undo_takes_the_part_back():
     new = edited(taught(), PART, again=AGAIN).apps[1:3]
     moved = MoveApp(app=ref(new[1]), after=None)

@@ -76,19 +76,9 @@ class Simulator:
         asked = taught
         if speed != "taught":
             asked = folder / f"{speed}.json"
-            retimed = [
-                "program",
-                "--file",
-                str(taught),
-                "--speed",
-                speed,
-                "--format",
-                "json",
-                "-o",
-                str(asked),
-            ]
-            self._command(retimed, asked)
-        said, ended_well = self._command(["execute", str(asked), "--simulated", "-o", str(run)], run)
+            options = [f"--file={taught}", f"--speed={speed}", "--format=json", f"--out={asked}"]
+            self._command(["program", *options], asked)
+        said, ended_well = self._command(["execute", str(asked), "--simulated", f"--out={run}"], run)
         recording = load_recording(run)
         chosen = np.unique(np.linspace(0, len(recording.t) - 1, POINTS).astype(int))
         table = np.column_stack(

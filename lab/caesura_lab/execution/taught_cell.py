@@ -18,9 +18,10 @@ from caesura_lab.execution.cell_simulation import GRIP_REACH_M
 from caesura_lab.execution.executor import SimulatedCell
 from caesura_lab.execution.skills import COMPLIANT_M
 from caesura_lab.teacher.fingertip_contact import Surface
+from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.person import THESIS, Person
-from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, Scenario, Step
+from caesura_lab.teacher.scenarios import Scenario, Step
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
@@ -137,7 +138,7 @@ def _check(index: int, app: App) -> None:
 
 def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> list[Array]:
     """Where the fingertips touch in an app (3,) [m] each. whole: along its path, not at its end alone."""
-    lever = FINGERS_BELOW_FLANGE_M * matrix_of(orientation)[:, 2]
+    lever = lever_along(matrix_of(orientation)[:, 2])
     if whole and app.path is not None and app.target is not None:
         return [np.array(pose[:3]) + lever for pose in knots_of(app)[1]]
     return [np.array(place) + lever]

@@ -31,9 +31,14 @@ def may_retime(app: App) -> bool:
     return app.path.length_m > TURNED_M * turn_of(app)
 
 
+def part_of(app: App) -> int | None:
+    """Return the edit that put an app of another session in the place of a part; None for what was taught."""
+    return next((mark.edit for mark in app.changes if mark.field == "taught_again"), None)
+
+
 def is_taught_again(app: App) -> bool:
     """Whether an app comes from another session, in the place of a part."""
-    return any(mark.field == "taught_again" for mark in app.changes)
+    return part_of(app) is not None
 
 
 def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) -> AppPath:

@@ -59,6 +59,14 @@ def ask(registry: Registry, command: Edit | EditProgram) -> Ack | ProtocolError:
     return answer(registry.handle_command(STATION, command, OPENED + 60.0))
 
 
+def correct(registry: Registry, action: Action, revision: int) -> None:
+    """Correct a closed session, which is rebuilt first."""
+    command = Edit(session=NAME, revision=revision, author="Bo", action=action)
+    while isinstance(answered := ask(registry, command), ProtocolError):
+        assert answered.code == "overloaded", "a closed session is rebuilt first"
+        registry.rebuild_step()
+
+
 def taught(registry: Registry, *, closed: bool = False) -> None:
     assert isinstance(answer(registry.handle_command(STATION, opening(), OPENED)), Ack)
     for one in batches(20):
@@ -122,22 +130,15 @@ def test_apps_that_are_taught_after_an_edit_follow_and_the_edit_stays(tmp_path: 
 def test_an_edit_is_merged_with_corrections_that_remove_its_app_and_bring_it_back(tmp_path: Path):
     with registry_on(tmp_path / "a.sqlite") as registry:
         taught(registry, closed=True)
-
-        def corrected(action: Action, revision: int) -> None:
-            command = Edit(session=NAME, revision=revision, author="Bo", action=action)
-            while isinstance(answered := ask(registry, command), ProtocolError):
-                assert answered.code == "overloaded", "a closed session is rebuilt first"
-                registry.rebuild_step()
-
-        corrected(Insert(t=0.8), 0)
+        correct(registry, Insert(t=0.8), 0)
         short = program(registry).apps[1]
         there = AppReference(kind=short.kind, t0=0.8, tn=short.tn)
         assert isinstance(edit(registry, ChangeApp(app=there, name="last bit")), Ack)
-        corrected(Undo(), 1)
+        correct(registry, Undo(), 1)
         (listed,) = program(registry).edits
         assert (listed.state, "no longer in the program" in str(listed.reason)) == ("not_applied", True)
         assert any("Edit 1 by Ann" in note for note in program(registry).notes)
-        corrected(Redo(), 2)
+        correct(registry, Redo(), 2)
         assert names(registry)[:3] == [None, "last bit", None]
         assert program(registry).notes == ()
 
@@ -376,23 +377,16 @@ def test_a_part_that_a_correction_takes_away_is_listed_and_is_back_with_it(tmp_p
     with registry_on(tmp_path / "a.sqlite") as registry:
         taught(registry, closed=True)
         teach_again(registry)
-
-        def corrected(action: Action, revision: int) -> None:
-            command = Edit(session=NAME, revision=revision, author="Bo", action=action)
-            while isinstance(answered := ask(registry, command), ProtocolError):
-                assert answered.code == "overloaded", "a closed session is rebuilt first"
-                registry.rebuild_step()
-
-        corrected(Insert(t=0.8), 0)
+        correct(registry, Insert(t=0.8), 0)
         short = edited_program(registry).apps[1]
         there = AppReference(kind=short.kind, t0=short.t0, tn=short.tn)
         assert isinstance(replace(registry, ReplacePart(first=there, last=there, session=AGAIN)), Ack)
         replaced = tuple(edited_program(registry).apps)
-        corrected(Undo(), 1)
+        correct(registry, Undo(), 1)
         without = edited_program(registry)
         (listed,) = without.edits
         assert (listed.state, "no longer in the program" in str(listed.reason)) == ("not_applied", True)
         assert any("(replace_part) is not applied" in note for note in without.notes)
         assert all(one.added is None for one in without.apps)
-        corrected(Redo(), 2)
+        correct(registry, Redo(), 2)
         assert tuple(edited_program(registry).apps) == replaced

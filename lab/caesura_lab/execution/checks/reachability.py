@@ -9,8 +9,8 @@ import numpy as np
 
 from caesura_lab.execution.cell import Cell
 from caesura_lab.execution.trajectories import app_path, press_direction
+from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
-from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
@@ -182,7 +182,7 @@ class _ReachabilityChecker:
         self, point: Array, turned: Array, start: Array, state: _ArmState, *, ends: bool
     ) -> str | None:
         """Return why a pose of the flange collides: its fingertips are inside an obstacle."""
-        x, y, z = (point + FINGERS_BELOW_FLANGE_M * matrix_of(turned)[:, 2]).tolist()
+        x, y, z = (point + lever_along(matrix_of(turned)[:, 2])).tolist()
         top = self._cell.surface_height(x, y)
         if top is None or z >= top - DEPTH_M - (self._cell.compliance_depth(x, y) if ends else 0.0):
             return None

@@ -16,6 +16,7 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
+from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
@@ -51,7 +52,7 @@ def fidelity_findings(
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
     for index, app in enumerate(apps):
         before = apps[index - 1] if index else None
-        part = _part_of(app)
+        part = part_of(app)
         missed = _seam(pose, app) if part != taught_in else _motion_before(before, pose, app, safety)
         reasons = [*_path_deviation(app), *missed, *_force_limits(app)]
         if quality is not None:
@@ -106,11 +107,6 @@ def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: 
     if turned > STEPPED_RAD:
         degrees = math.degrees(turned)
         yield (f"rotation of {degrees:.0f}° taught at {when} is in no app", turned, STEPPED_RAD)
-
-
-def _part_of(app: App) -> int | None:
-    """The edit by which its part was taught again; None for what the session taught."""
-    return next((mark.edit for mark in app.changes if mark.field == "taught_again"), None)
 
 
 def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:

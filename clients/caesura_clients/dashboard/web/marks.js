@@ -97,7 +97,6 @@ function vertical(context, area, t) {
 }
 
 export function drawBand(context, area, state, ink) {
-  context.clearRect(0, 0, area.right + 100, BAND_HEIGHT);
   context.font = FONT;
   spans(state.segments, area, ([, , kind, probability, isFinal, corrected], x, width) => {
     block(context, ROWS.kinds, x, width, KINDS[kind].colour, 0.25 + 0.6 * probability, patternOf(context, kind));

@@ -1,5 +1,6 @@
 // The path of a program in three dimensions: each app in the colour of its kind, via points, forces, and where the
 // robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
+import { contextOf, inkOf, watchLook } from "caesura-dashboard/canvas.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
@@ -52,16 +53,11 @@ export default {
   },
   watch: { rows: "changed", run: "draw", follows: "draw", angles: "draw", zoom: "draw", t: "draw" },
   mounted() {
-    this.observers = [new ResizeObserver(() => this.draw()), new MutationObserver(() => this.draw())];
-    this.observers[0].observe(this.$refs.canvas);
-    this.observers[1].observe(document.documentElement, { attributes: true });
-    this.scheme = matchMedia("(prefers-color-scheme: dark)");
-    this.scheme.addEventListener("change", this.draw);
+    this.unwatch = watchLook(this.$refs.canvas, this.draw, this.draw);
   },
   unmounted() {
     clearInterval(this.player);
-    this.observers.forEach((one) => one.disconnect());
-    this.scheme.removeEventListener("change", this.draw);
+    this.unwatch();
   },
   methods: {
     isView(name) {
@@ -164,12 +160,8 @@ export default {
       return { scale, of: (place) => [width / 2 + scale * (along(right, place) - x), height / 2 - scale * (along(up, place) - y)] };
     },
     paint() {
-      const canvas = this.$refs.canvas, ratio = window.devicePixelRatio || 1, style = getComputedStyle(document.documentElement);
-      const ink = style.getPropertyValue("--ink").trim(), faint = style.getPropertyValue("--faint").trim(), paper = style.getPropertyValue("--paper").trim();
-      const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-      [canvas.width, canvas.height] = [width * ratio, height * ratio].map(Math.round);
-      const context = canvas.getContext("2d"), { scale, of } = this.projection(width, height);
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      const canvas = this.$refs.canvas, context = contextOf(canvas), { text: ink, faint, paper } = inkOf();
+      const [width, height] = [canvas.clientWidth, canvas.clientHeight], { scale, of } = this.projection(width, height);
       Object.assign(context, { lineCap: "round", lineJoin: "round", font: "12px system-ui, sans-serif", textBaseline: "middle" });
       this.frame(context, height, scale, faint);
       const line = (places, colour, width) => {

@@ -1,11 +1,9 @@
 // How long the current segment may have lasted, and with which probability, at every time.
+import { contextOf } from "caesura-dashboard/canvas.js";
 import { ticks } from "caesura-dashboard/scale.js";
 
 export function drawRunLengths(canvas, scale, columns, ink) {
-  const ratio = window.devicePixelRatio || 1, y0 = 6, y1 = canvas.clientHeight - 6;
-  [canvas.width, canvas.height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  const context = contextOf(canvas), y0 = 6, y1 = canvas.clientHeight - 6;
   const shown = columns.filter(([t]) => t >= scale.from && t <= scale.to);
   const longest = Math.max(2, ...shown.map(([, cells]) => Math.max(0, ...cells.map(([length]) => length))));
   const y = (length) => y1 - (length / longest) * (y1 - y0);

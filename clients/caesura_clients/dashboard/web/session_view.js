@@ -1,4 +1,5 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
+import { contextOf, inkOf, watchLook } from "caesura-dashboard/canvas.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
@@ -47,16 +48,11 @@ export default {
   mounted() {
     this.plots = new Plots(this.$refs.panels, this);
     this.$refs.plots.plots = this.plots; // for who looks at the page from outside
-    this.observers = [new ResizeObserver(() => this.arrange()), new MutationObserver(() => this.redraw())];
-    this.observers[0].observe(this.$refs.plots);
-    this.observers[1].observe(document.documentElement, { attributes: true });
-    this.scheme = matchMedia("(prefers-color-scheme: dark)");
-    this.scheme.addEventListener("change", this.redraw);
+    this.unwatch = watchLook(this.$refs.plots, this.arrange, this.redraw);
     window.addEventListener(AUTHOR, this.named);
   },
   unmounted() {
-    this.observers.forEach((one) => one.disconnect());
-    this.scheme.removeEventListener("change", this.redraw);
+    this.unwatch();
     window.removeEventListener(AUTHOR, this.named);
     clearInterval(this.player);
     clearTimeout(this.waiting);
@@ -168,11 +164,7 @@ export default {
       this.want();
     },
     paint() {
-      const canvas = this.$refs.band, ratio = window.devicePixelRatio || 1, ink = this.ink();
-      const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
-      if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-      const context = canvas.getContext("2d"), scale = this.scale();
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      const ink = this.ink(), context = contextOf(this.$refs.band), scale = this.scale();
       drawBand(context, { left: scale.x0, right: scale.x1, from: scale.from, to: scale.to, x: (t) => scale.x(t) }, this, ink);
       this.plots.redraw();
       if (this.columns && this.$refs.lengths) drawRunLengths(this.$refs.lengths, scale, this.columns, ink);
@@ -213,13 +205,7 @@ export default {
     off(panel) { // what is taken off what was measured, as the title of the panel says
       return (panel.fromStart ? this.origin : panel.tared ? this.tare : null) || [];
     },
-    ink() {
-      const style = getComputedStyle(document.documentElement);
-      const value = (name) => style.getPropertyValue(`--${name}`).trim();
-      const names = { text: "ink", faint: "faint", paper: "paper", rule: "rule", accent: "accent", alarm: "alarm", quiet: "quiet-ground" };
-      const ink = Object.fromEntries(Object.entries(names).map(([key, name]) => [key, value(name)]));
-      return { ...ink, onAccent: value("on-accent"), lines: ["x", "y", "z", "4", "5", "6", "7"].map((name) => value(`line-${name}`)) };
-    },
+    ink: inkOf,
 
     within(t) {
       return Math.round(100 * Math.min(Math.max(t, this.begin), this.newest)) / 100;

@@ -38,7 +38,8 @@ from caesura_protocol.messages import (
     Snapshot,
     Undo,
 )
-from caesura_protocol.transport.network import ENDPOINT_VARIABLE, Transport
+from caesura_protocol.transport.endpoints import ENDPOINT_VARIABLE
+from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 
 

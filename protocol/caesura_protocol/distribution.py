@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution, version
 from typing import Any
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from caesura_protocol.errors import SourceError
 
@@ -25,6 +24,8 @@ def install_command(extra: str) -> str:
     installed = _installed_from()
     if installed is None:
         return f"pip install '{DISTRIBUTION}[{extra}]'"
+    from urllib.request import url2pathname  # noqa: PLC0415 - it imports what speaks HTTP
+
     address = str(installed.get("url", ""))
     if "dir_info" in installed:
         return f"pip install '.[{extra}]' in a clone of Caesura"

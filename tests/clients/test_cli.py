@@ -9,7 +9,8 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
-from caesura_clients.cli.commands import _teller, register
+from caesura_clients.cli.bridge import _teller
+from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
 from caesura_clients.cli.sessions import stand_in

@@ -68,7 +68,7 @@ def test_the_table_imports_nothing_of_the_extras(tmp_path):
         "import sys; from pathlib import Path\n"
         "from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source\n"
         f"open_source('file', SourceOptions(file=Path({str(file)!r})))\n"
-        "from caesura_clients.cli import build; build(())\n"
+        "from caesura_clients.cli.bridge import bridge\n"
         f"heavy = {{*{list(PACKAGES_OF.values())!r}, 'pinocchio', 'scipy', 'numba', 'matplotlib'}}\n"
         "print(sorted(heavy & {name.partition('.')[0] for name in sys.modules}))\n"
     )

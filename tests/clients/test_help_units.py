@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -12,23 +9,16 @@ from typer.testing import CliRunner
 from caesura_clients.bridge.sources.registry import SOURCES
 from caesura_clients.cli import build
 from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
+from caesura_clients.cli.sessions import sessions
 from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_protocol.lazy_commands import LazyCommand
 from caesura_service.changepoint.presets import PRESETS
+from harness.commands import every_command
 
 APP = build()
 
 
-def commands(group: Any, *path: str) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Every command, with what is typed for it."""
-    for name, command in group.commands.items():
-        if command.hidden:
-            continue
-        yield (*path, name), command
-        if hasattr(command, "commands"):
-            yield from commands(command, *path, name)
-
-
-COMMANDS = dict(commands(typer.main.get_command(APP)))
+COMMANDS = dict(every_command(typer.main.get_command(APP)))
 
 
 @pytest.mark.parametrize("typed", COMMANDS, ids=" ".join)
@@ -39,6 +29,15 @@ def test_help_shows_every_text_with_its_units(typed: tuple[str, ...]) -> None:
     texts = [command.help or "", *(getattr(one, "help", None) or "" for one in command.params)]
     for text in texts:
         assert "".join(text.replace("\\[", "[").split()) in words
+
+
+@pytest.mark.parametrize("group", [APP, sessions], ids=["caesura", "sessions"])
+def test_a_line_of_the_list_is_how_the_help_of_the_command_begins(group: typer.Typer) -> None:
+    listed = typer.main.get_command(group).commands  # type: ignore[attr-defined]
+    for name, one in listed.items():
+        if isinstance(one, LazyCommand):
+            first = one.load().help.partition("\n\n")[0]
+            assert one.help == " ".join(first.split()), name
 
 
 def test_every_command_is_looked_at() -> None:

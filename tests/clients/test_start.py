@@ -23,6 +23,20 @@ def test_the_version_is_that_of_the_distribution(option):
     assert (shown.exit_code, shown.stdout) == (0, f"{PROJECT['name']} {version(PROJECT['name'])}\n")
 
 
+def test_the_list_of_commands_imports_none_of_them():
+    """The version once took 1.1 s of CPU, as every command was imported for it."""
+    script = (
+        "import sys; from contextlib import suppress; from caesura_clients.cli import build\n"
+        "with suppress(SystemExit): build()(['--help'])\n"
+        "heavy = {'numpy', 'pydantic', 'zenoh', 'msgpack', 'nicegui', 'numba', 'cryptography', 'http'}\n"
+        "print(sorted(heavy & {name.partition('.')[0] for name in sys.modules}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    *listed, imported = done.stdout.splitlines()
+    assert imported == "[]"
+    assert any("segment" in line for line in listed)
+
+
 @pytest.mark.parametrize("interrupted", ["typer", "zenoh"])
 def test_ctrl_c_while_modules_are_imported_leaves_no_traceback(tmp_path, interrupted):
     # As SIGINT does at that import, without its race.

@@ -10,9 +10,9 @@ from caesura_protocol import recording
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.transport import memory, zenoh_transport
+from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
-from caesura_protocol.transport.network import DEFAULT_ENDPOINT
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
 from clients.conftest import RouterNetwork, free_port
 from clients.fake_service import DEADLINE_S, eventually

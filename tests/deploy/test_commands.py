@@ -14,7 +14,7 @@ import pytest
 import typer
 
 from caesura_clients.cli import build
-from caesura_clients.dashboard.command import PASSWORD_LENGTH
+from caesura_clients.dashboard.dashboard_command import PASSWORD_LENGTH
 from caesura_service.monitoring.http_server import parse_address
 
 yaml = pytest.importorskip("yaml")

@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -233,18 +234,21 @@ def run(argv: list[str]) -> None:
 
 def import_everything() -> None:
     """What a service, a bridge and a router need, with the kernels."""
+    import typer  # noqa: PLC0415
+
     from caesura_clients.cli import build  # noqa: PLC0415
     from caesura_service.prepare import prepare  # noqa: PLC0415
     from caesura_service.segmentation import pipeline  # noqa: F401, PLC0415
+    from harness.commands import every_command  # noqa: PLC0415
 
-    build()
+    list(every_command(typer.main.get_command(build())))
     prepare()
     assert threading.active_count() == 1, "a process with threads cannot be forked"
 
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    del sys.path[0]  # of this file: `harness` has modules of other names
+    sys.path[0] = str(Path(__file__).parents[1])  # not of this file: `harness` has modules of other names
     import_everything()
     gc.collect()
     gc.freeze()

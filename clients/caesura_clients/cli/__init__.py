@@ -1,6 +1,6 @@
 """The command `caesura`. It assembles itself from what is installed: every entry point of the group
-`caesura.commands` names a function that adds its commands. Those whose extra is missing are not listed, but
-using one prints what to install.
+`caesura.commands` names a function that adds its commands; a command's own module is imported when it runs.
+Those whose extra is missing are not listed, but using one prints what to install.
 """
 
 from __future__ import annotations
@@ -69,12 +69,11 @@ def _version(*, asked: bool) -> None:
 
 def _add(app: typer.Typer, entry_point: EntryPoint) -> None:
     try:
-        register = entry_point.load()
+        entry_point.load()(app)
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in PACKAGES:
             raise
         return  # an extra that is not installed
-    register(app)
 
 
 def _names(app: typer.Typer) -> set[str]:

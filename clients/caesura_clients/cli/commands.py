@@ -1,322 +1,74 @@
-"""The commands of a client install: bridge, watch and program; sessions have a module of their own."""
+"""The commands of a client install: name, function, and line in the list of commands."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from pathlib import Path
-from typing import Annotated
-
 import typer
-from rich.console import Console
-from rich.live import Live
 
-from caesura_clients.bridge import Bridge, BridgeSettings, Source
-from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.pacing import parse_pace
-from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
-from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by, start, stop
-from caesura_clients.cli.doctor import doctor
-from caesura_clients.cli.edit import edit
-from caesura_clients.cli.edit_program import edit_program
-from caesura_clients.cli.hints import hints
-from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
-from caesura_clients.cli.options import (
-    Config,
-    Connect,
-    ProgramOptions,
-    Reading,
-    Station,
-    connected,
-    ended_by_sigterm,
-    grouped,
-    named,
-    reported,
-)
-from caesura_clients.cli.pedal import marking
-from caesura_clients.cli.programs import program
-from caesura_clients.cli.record import record_session
-from caesura_clients.cli.result_tables import ignored_line, outcome_line, segments_view
-from caesura_clients.cli.robots import list_robots
 from caesura_clients.cli.sessions import sessions
-from caesura_clients.cli.watching import SAID_OF_SERVICE, FinalLines, LiveView
-from caesura_clients.client import Caesura
-from caesura_clients.following import events
-from caesura_clients.query import current_sessions, services, snapshots
-from caesura_clients.results import Update
-from caesura_clients.service_liveliness import Change, watch_services
-from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
-from caesura_protocol.messages import Ack, SessionStatus
-from caesura_protocol.transport.zenoh_transport import endpoint_of
+from caesura_protocol.lazy_commands import add_command
 
-DEFAULT_STATION = "cell-1"
-MAX_EPOCH = (1 << 53) - 1
-PATIENCE_S = 2.0  # until the command line says what it waits for
+COMMANDS = (
+    (
+        "bridge",
+        "caesura_clients.cli.bridge:bridge",
+        "Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.",
+    ),
+    (
+        "start",
+        "caesura_clients.cli.demonstrations:start",
+        "Start a demonstration at a bridge in standby.",
+    ),
+    (
+        "stop",
+        "caesura_clients.cli.demonstrations:stop",
+        "Stop the demonstration of a station; returns once the service has all of it.",
+    ),
+    (
+        "watch",
+        "caesura_clients.cli.watch:watch",
+        "Show segments as they are found; what is marked ~ may still change. All stations by default.",
+    ),
+    (
+        "hints",
+        "caesura_clients.cli.hints:hints",
+        "Show hints to the teacher as they are raised and cleared. All stations by default.",
+    ),
+    (
+        "program",
+        "caesura_clients.cli.programs:program",
+        "Show the task program of a station or of one of its sessions, or write it for a robot.",
+    ),
+    (
+        "edit",
+        "caesura_clients.cli.edit:edit",
+        "Correct a session, open or closed: changepoints, kinds, force limits, names of phases.",
+    ),
+    (
+        "doctor",
+        "caesura_clients.cli.doctor:doctor",
+        "Check connection, clock, credentials, journal, samples and wrench, and say what to do.",
+    ),
+    (
+        "edit-program",
+        "caesura_clients.cli.edit_program:edit_program",
+        "Edit the program of a session, open or closed; what was inferred stays beneath the edits.",
+    ),
+    (
+        "record",
+        "caesura_clients.cli.record:record_session",
+        "Record a session as it is taught, until it is closed or Ctrl-C: .mcap with its results, .npz "
+        "or .csv.",
+    ),
+    (
+        "robots",
+        "caesura_clients.cli.robots:list_robots",
+        "List the robots that --robot takes, of this package, of others, and of the folder CAESURA_ROBOTS.",
+    ),
+)
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
-    for command in (bridge, start, stop, watch, hints, program, edit, doctor):
-        app.command(command.__name__)(command)
-    app.command("edit-program")(edit_program)
-    app.command("record")(record_session)
-    app.command("robots")(list_robots)
+    for name, place, summary in COMMANDS:
+        add_command(app, name, place, summary)
     app.add_typer(sessions)
-
-
-@grouped
-def bridge(
-    *,
-    station: Annotated[str, typer.Option(help="Teaching station.")] = DEFAULT_STATION,
-    source: Annotated[str, typer.Option(help=f"Where samples come from: {', '.join(SOURCES)}.")] = "file",
-    file: Annotated[
-        Path | None, typer.Option(help="Recording to play: npz, csv, MCAP, or a rosbag2.")
-    ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
-    ] = None,
-    host: Annotated[
-        str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
-    ] = None,
-    gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
-    tcp_offset: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur and xarm \\[m, rad]."),
-    ] = None,
-    teach_mode: Annotated[
-        bool,
-        typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur and xarm."),
-    ] = False,
-    ros: Annotated[
-        str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")
-    ] = None,
-    session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
-    pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
-    reading: Reading,
-    scenario: Annotated[
-        str | None, typer.Option(help=f"What the simulated teacher shows: {', '.join(SCENARIO_NAMES)}.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
-    preset: Annotated[
-        str | None,
-        typer.Option(help=f"Model; by default the service's own choice: {', '.join(PRESET_NAMES)}."),
-    ] = None,
-    asked: ProgramOptions,
-    epoch: Annotated[
-        int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
-    ] = 0,
-    batch: Annotated[int, typer.Option(min=1, max=1000, help="Samples in a message.")] = 20,
-    marker: Annotated[
-        bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
-    ] = False,
-    standby: Annotated[
-        bool, typer.Option("--standby", help="Wait for `caesura start` and `stop`, or the dashboard.")
-    ] = False,
-    stated: DescriptionOptions,
-    endpoint: Connect = None,
-    config: Config = None,
-) -> None:
-    """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
-
-    The exit code is 1 where the service refused anything of it. In standby it sends nothing until it is
-    started, and is ready again after each demonstration.
-    """
-    options = SourceOptions(
-        file=file,
-        pace=_pace(pace),
-        **reading._asdict(),
-        scenario=scenario,
-        seed=seed,
-        robot=asked.robot,
-        mapping=mapping,
-        host=host,
-        gripper=gripper,
-        tcp_offset=tcp_offset,
-        teach_mode=teach_mode,
-        ros=ros or endpoint,
-        config=config if ros is None else None,
-    )
-    if epoch and session is None:
-        raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
-    if standby:
-        _check_standby(source, session, marker, stated)
-    with reported():
-        named(station)
-        settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
-        if standby:
-            with connected(endpoint, config, patient=True) as caesura:
-                stand_by(
-                    caesura,
-                    station,
-                    lambda: _opened_source(source, options),
-                    source=source,
-                    preset=preset,
-                    settings=settings,
-                )
-            return
-        with (
-            _opened_source(source, options) as samples,
-            connected(endpoint, config, patient=True) as caesura,
-            caesura.bridge(
-                station,
-                samples,
-                session=session,
-                epoch=epoch,
-                preset=preset,
-                settings=settings,
-                description=stated.description(),
-            ) as opened,
-        ):
-            typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
-            with (
-                watch_services(caesura.transport, _teller()),
-                marking(opened) if marker else nullcontext(),
-                ended_by_sigterm(),
-            ):
-                ack = _run(opened, caesura)
-            for unmade in opened.unmarked:
-                typer.echo(f"no {unmade}", err=True)
-            typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
-            for one in snapshots(caesura.transport, station, opened.session):
-                _print_outcome(one.status)
-
-
-def _check_standby(source: str, session: str | None, marker: bool, stated: DescriptionOptions) -> None:
-    """Refuse options of one session. Raises BadParameter."""
-    if source not in SOURCES:
-        raise typer.BadParameter(f"{source!r}, expected one of {', '.join(SOURCES)}", param_hint="--source")
-    for name, given in (("session", session), ("marker", marker), *stated._asdict().items()):
-        if given:
-            why = (
-                "in standby each start states it" if name != "marker" else "a bridge in standby reads no keys"
-            )
-            raise typer.BadParameter(why, param_hint=f"--{name}")
-
-
-def watch(
-    station: Station = None,
-    once: Annotated[bool, typer.Option("--once", help="Show what there is, and end.")] = False,
-    endpoint: Connect = None,
-    config: Config = None,
-) -> None:
-    """Show segments as they are found; what is marked ~ may still change. All stations by default.
-
-    In a file or a pipe each final segment is a line: station/session, number, from and to in s, kind, p, and
-    force or load.
-    """
-    with reported():
-        named(station)
-        with connected(endpoint, config) as caesura:
-            if once:
-                _show_once(caesura, station)
-            elif not sys.stdout.isatty():
-                _write_lines(caesura, station)
-            else:
-                _show_live(caesura, station)
-
-
-def _pace(text: str) -> float:
-    try:
-        return parse_pace(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--pace") from error
-
-
-@contextmanager
-def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
-    """The source, closed in the end where it can be; says what of a file it does not read."""
-    source = open_source(name, options)
-    if isinstance(source, FileSource):
-        said = (ignored_line(source.recording), *(f"warning: {one}" for one in source.recording.doubts))
-        for line in filter(None, said):
-            typer.echo(line, err=True)
-    with ExitStack() as stack:
-        if (close := getattr(source, "close", None)) is not None:
-            stack.callback(close)
-        yield source
-    if dropped := getattr(source, "dropped", 0):
-        typer.echo(f"{name}: {dropped} messages came faster than they were taken", err=True)
-
-
-def _print_outcome(status: SessionStatus) -> None:
-    """One line on what did not become segments; exit code 1 where something was refused."""
-    line = outcome_line(status)
-    if line:
-        typer.echo(f"{status.station}/{status.session}: {line}", err=True)
-    if status.refused:
-        raise typer.Exit(1)
-
-
-def _teller() -> Callable[[Change], None]:
-    """Says when the service goes and comes back; that it was there to begin with is no news."""
-    gone = False
-
-    def say(change: Change) -> None:
-        nonlocal gone
-        if change == "gone" or gone:
-            typer.echo(SAID_OF_SERVICE[change], err=True)
-        gone = change == "gone"
-
-    return say
-
-
-def _run(opened: Bridge, caesura: Caesura) -> Ack:
-    try:
-        with suppress(Unreachable):
-            opened.wait_open(PATIENCE_S)
-        if not opened.is_open:
-            typer.echo(_why_it_waits(caesura, opened.station), err=True)
-        return opened.run()
-    except KeyboardInterrupt:
-        if not opened.sent:
-            raise typer.Abort from None
-        return opened.finish()
-
-
-def _why_it_waits(caesura: Caesura, station: str) -> str:
-    if services(caesura.transport):
-        whose = f"are these the credentials of bridge.{station}?"
-        return f"a service is there, but answers nothing about {station}: {whose} Trying on"
-    return "no service answers yet, waiting for one"
-
-
-def _show_once(caesura: Caesura, station: str | None) -> None:
-    found = snapshots(caesura.transport, station or "*")
-    if not found:
-        known = ", ".join(sorted({info.station for info in caesura.sessions()}))
-        raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
-    for one in found:
-        found_hints = one.hints.hints if one.hints else ()
-        Console().print(segments_view(one.status, one.segments.segments, hints=found_hints))
-
-
-def _write_lines(caesura: Caesura, station: str | None) -> None:
-    """Each final segment, written at once; until Ctrl-C or SIGTERM."""
-    final = FinalLines()
-    with ended_by_sigterm(), suppress(KeyboardInterrupt):
-        for event in events(caesura.transport, station or "*"):
-            if isinstance(event, Update):
-                for line in final.lines(event):
-                    typer.echo(line)  # which flushes
-
-
-def _show_live(caesura: Caesura, station: str | None) -> None:
-    waiting = f"waiting for {station or 'any station'}"
-    if not services(caesura.transport):
-        waiting = f"no service answers yet, {waiting}"
-    elif not caesura.services():
-        waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
-    view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
-    with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
-        for event in events(caesura.transport, station or "*"):
-            view.receive(event)
-            live.update(view)
-
-
-def _current_sessions(caesura: Caesura) -> dict[str, str]:
-    """As the service has it; nothing where it has no time to say."""
-    try:
-        return current_sessions(caesura.transport)
-    except ProtocolError:
-        return {}

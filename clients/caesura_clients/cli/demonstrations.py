@@ -13,7 +13,8 @@ import typer
 from caesura_clients import describing
 from caesura_clients.bridge import BridgeSettings, Source
 from caesura_clients.bridge.standby import Standby
-from caesura_clients.cli.options import Config, Connect, connected, grouped, named, reported
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.options import connected, grouped, named, reported
 from caesura_clients.client import Caesura
 from caesura_protocol.messages import BridgeStatus, Description
 

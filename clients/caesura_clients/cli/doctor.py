@@ -10,16 +10,8 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import (
-    Config,
-    Connect,
-    Json,
-    Reading,
-    Station,
-    grouped,
-    named,
-    reported,
-)
+from caesura_clients.cli.connection_options import Config, Connect, Json, Station
+from caesura_clients.cli.options import Reading, grouped, named, reported
 from caesura_clients.doctor import CheckResult, examine, examine_recording
 from caesura_clients.doctor.findings import MARKS
 from caesura_clients.doctor.run_checks import LISTEN_S

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 from pydantic import TypeAdapter, ValidationError
 
-from caesura_clients.cli.options import Config, Connect, connected, named, reported
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Action, LimitForce

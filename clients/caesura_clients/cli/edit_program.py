@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from caesura_clients.cli.options import Config, Connect, connected, named, reported
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference

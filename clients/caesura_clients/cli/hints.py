@@ -12,7 +12,8 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import Config, Connect, Station, connected, ended_by_sigterm, named, reported
+from caesura_clients.cli.connection_options import Config, Connect, Station
+from caesura_clients.cli.options import connected, ended_by_sigterm, named, reported
 from caesura_clients.following import events
 from caesura_clients.hint_changes import HintChange, HintChanges
 

@@ -23,27 +23,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description
-from caesura_protocol.transport.network import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
 
-Connect = Annotated[
-    str | None,
-    typer.Option(
-        "--connect",
-        envvar=ENDPOINT_VARIABLE,
-        metavar="ENDPOINT",
-        help=f"The service or its router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}.",
-    ),
-]
-Config = Annotated[
-    Path | None,
-    typer.Option(
-        "--zenoh-config",
-        help="zenoh json5 with the router, and certificates or a password.",
-        exists=True,
-        dir_okay=False,
-    ),
-]
-Station = Annotated[str | None, typer.Option(help="Teaching station.")]
 WrenchSource = Annotated[
     str | None, typer.Option(help=f"Where the wrench is measured: {', '.join(WRENCH_SOURCES)}.")
 ]
@@ -86,7 +66,6 @@ LengthUnit = Annotated[
 TimeUnit = Annotated[str | None, typer.Option(help=f"Of times in the file: {', '.join(UNITS['time'])}.")]
 AngleUnit = Annotated[str | None, typer.Option(help=f"Of joints in the file: {', '.join(UNITS['angle'])}.")]
 ForceUnit = Annotated[str | None, typer.Option(help=f"Of forces in the file: {', '.join(UNITS['force'])}.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 CONNECT_TIMEOUT_S = 5.0
 MAPPING_HINT = (
     "`caesura segment FILE --ask` asks which column is what and writes a mapping. This one may be a "

@@ -13,14 +13,11 @@ from rich.console import Console
 from rich.text import Text
 
 from caesura_clients import query
+from caesura_clients.cli.connection_options import Config, Connect, Json, Station
 from caesura_clients.cli.options import (
     CellFile,
-    Config,
-    Connect,
     ForceLimit,
     GripperOption,
-    Json,
-    Station,
     connected,
     only_station,
     reported,

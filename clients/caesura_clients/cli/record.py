@@ -13,7 +13,8 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import Config, Connect, connected, named, reported
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.recorder import RecordedSession, Recorder, record
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError

@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from caesura_clients.cli.options import Json, reported
+from caesura_clients.cli.connection_options import Json
+from caesura_clients.cli.options import reported
 from caesura_protocol.robots import RobotError, robot_description, robot_names
 
 COLUMNS = ("robot", "arm", "joints", "reach [m]", "payload [kg]", "wrench from", "script")

@@ -4,29 +4,31 @@ adds commands of its own, which look into the journal on its machine.
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
-from typing import Annotated
-
 import typer
-from rich.console import Console, Group
-from rich.text import Text
 
-from caesura_clients.cli.demonstrations import describe
-from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
-from caesura_clients.cli.result_tables import (
-    description_line,
-    outcome_line,
-    phases_table,
-    program_view,
-    segments_view,
-    sessions_view,
-)
+from caesura_clients.cli.connection_options import Config, Connect, Json, Station
 from caesura_protocol.distribution import install_command
-from caesura_protocol.errors import NotFound
+from caesura_protocol.lazy_commands import add_command
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
-sessions.command("describe")(describe)
+add_command(
+    sessions,
+    "describe",
+    "caesura_clients.cli.demonstrations:describe",
+    "Change what is stated about a session, open or closed; what is not named stays.",
+)
+add_command(
+    sessions,
+    "list",
+    "caesura_clients.cli.session_views:list_sessions",
+    "List the sessions of the service.",
+)
+add_command(
+    sessions,
+    "show",
+    "caesura_clients.cli.session_views:show",
+    "Show one session: its segments, its phases, its task program, and what did not become segments.",
+)
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
 
 
@@ -39,6 +41,8 @@ def _default(
     config: Config = None,
 ) -> None:
     """List the sessions of the service, or show one."""
+    from caesura_clients.cli.session_views import list_sessions  # noqa: PLC0415 - it takes a second
+
     if context.invoked_subcommand is None:
         list_sessions(station, as_json, endpoint, config)
     elif any(_was_typed(context, name) for name in context.params):
@@ -48,48 +52,6 @@ def _default(
 def _was_typed(context: typer.Context, name: str) -> bool:
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
-
-
-@sessions.command("list")
-def list_sessions(
-    station: Station = None,
-    as_json: Json = False,
-    endpoint: Connect = None,
-    config: Config = None,
-) -> None:
-    """List the sessions of the service."""
-    with reported(), connected(endpoint, config) as caesura:
-        found = caesura.sessions(station or "*")
-        if not found and not caesura.services():  # access rules deny without a word
-            raise NotFound("a service is there, but answers nothing: are these a reader's credentials?")
-    if as_json:
-        typer.echo(json.dumps([asdict(info) for info in found], indent=2))
-    else:
-        Console().print(sessions_view(found))
-
-
-@sessions.command("show")
-def show(
-    session: Annotated[str | None, typer.Argument(help="By default the newest one of the station.")] = None,
-    station: Station = None,
-    as_json: Json = False,
-    endpoint: Connect = None,
-    config: Config = None,
-) -> None:
-    """Show one session: its segments, its phases, its task program, and what did not become segments."""
-    with reported(), connected(endpoint, config) as caesura:
-        found = caesura.snapshot(only_station(caesura, station), session)
-    if as_json:
-        typer.echo(found.model_dump_json(indent=2))
-        return
-    lost = outcome_line(found.status)
-    views = [segments_view(found.status, found.segments.segments)]
-    if len(found.segments.phases) > 1:
-        views.append(phases_table(found.segments.phases, "phases"))
-    views.append(program_view(found.program))
-    if line := description_line(found.status.description):
-        views.insert(0, Text(line))
-    Console().print(Group(*views, *([lost] if lost else [])))
 
 
 def stand_in(group: typer.Typer) -> None:

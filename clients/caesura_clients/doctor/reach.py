@@ -7,7 +7,7 @@ import time
 
 from caesura_clients.doctor.findings import CheckResult, bad, ok
 from caesura_protocol.errors import AccessDenied, CaesuraError
-from caesura_protocol.transport.network import DEFAULT_ENDPOINT
+from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import Config, Connect, Station, connected, named, only_station, reported
+from caesura_clients.cli.connection_options import Config, Connect, Station
+from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -23,12 +22,6 @@ from caesura_lab.commands.options import Mapping, RecordingFile
 from caesura_protocol.formats.read import load_recording
 
 DEFAULT_PORT = 8081
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command, where the extra of the dashboard is installed."""
-    if find_spec("nicegui") is not None:
-        app.command()(annotate)
 
 
 def annotate(

@@ -9,15 +9,8 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.options import (
-    CellFile,
-    ForceLimit,
-    GripperOption,
-    Json,
-    RobotOption,
-    reported,
-    safety_of,
-)
+from caesura_clients.cli.connection_options import Json
+from caesura_clients.cli.options import CellFile, ForceLimit, GripperOption, RobotOption, reported, safety_of
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name

@@ -12,8 +12,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import typer
 
-from caesura_clients.cli.options import Station, grouped, reported
-from caesura_clients.cli.sessions import sessions
+from caesura_clients.cli.connection_options import Station
+from caesura_clients.cli.options import grouped, reported
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, NotFound
 from caesura_protocol.recording import Recording
@@ -68,7 +68,6 @@ class DatasetOptions(NamedTuple):
         return {name: name not in self.failed for name in names if self.success or name in self.failed}
 
 
-@sessions.command("export")
 @grouped
 def export(
     names: Annotated[list[str], typer.Argument(metavar="SESSION...", help="Several become one dataset.")],
@@ -103,7 +102,6 @@ def export(
     typer.echo(f"{out}: {done}")
 
 
-@sessions.command("delete")
 def delete(
     session: Session,
     station: Station = None,

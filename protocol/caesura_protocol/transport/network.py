@@ -9,8 +9,6 @@ from caesura_protocol.codec import Encoded
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-ENDPOINT_VARIABLE = "CAESURA_CONNECT"  # of the environment: the endpoint where none is given
 QUERY_TIMEOUT_S = 2.0
 Priority = Literal["data_high", "data", "data_low"]
 

@@ -25,9 +25,9 @@ import zenoh
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.transport.diagnosis import diagnose_connection
+from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import (
-    DEFAULT_ENDPOINT,
     QUERY_TIMEOUT_S,
     Priority,
     QueryReplies,

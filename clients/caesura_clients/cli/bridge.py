@@ -1,0 +1,234 @@
+"""`caesura bridge`: samples of a robot or a file to the service, for one session or in standby."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.bridge import Bridge, BridgeSettings, Source
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_clients.bridge.sources.pacing import parse_pace
+from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by
+from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
+from caesura_clients.cli.options import (
+    ProgramOptions,
+    Reading,
+    connected,
+    ended_by_sigterm,
+    grouped,
+    named,
+    reported,
+)
+from caesura_clients.cli.pedal import marking
+from caesura_clients.cli.result_tables import ignored_line, outcome_line
+from caesura_clients.cli.watching import SAID_OF_SERVICE
+from caesura_clients.client import Caesura
+from caesura_clients.query import services, snapshots
+from caesura_clients.service_liveliness import Change, watch_services
+from caesura_protocol.errors import Unreachable
+from caesura_protocol.messages import Ack, SessionStatus
+from caesura_protocol.transport.zenoh_transport import endpoint_of
+
+DEFAULT_STATION = "cell-1"
+MAX_EPOCH = (1 << 53) - 1
+PATIENCE_S = 2.0  # until the command line says what it waits for
+
+
+@grouped
+def bridge(
+    *,
+    station: Annotated[str, typer.Option(help="Teaching station.")] = DEFAULT_STATION,
+    source: Annotated[str, typer.Option(help=f"Where samples come from: {', '.join(SOURCES)}.")] = "file",
+    file: Annotated[
+        Path | None, typer.Option(help="Recording to play: npz, csv, MCAP, or a rosbag2.")
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="What is what in others' csv files and topics (docs/recordings.md).")
+    ] = None,
+    host: Annotated[
+        str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
+    ] = None,
+    gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
+    tcp_offset: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur and xarm \\[m, rad]."),
+    ] = None,
+    teach_mode: Annotated[
+        bool,
+        typer.Option("--teach-mode", help="Let the arm be guided from beginning to end, for ur and xarm."),
+    ] = False,
+    ros: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="The Zenoh router of ROS 2; as --connect.")
+    ] = None,
+    session: Annotated[str | None, typer.Option(help="Session name; by default made from the time.")] = None,
+    pace: Annotated[str, typer.Option(help="real, fast, or a multiple of real time.")] = "real",
+    reading: Reading,
+    scenario: Annotated[
+        str | None, typer.Option(help=f"What the simulated teacher shows: {', '.join(SCENARIO_NAMES)}.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
+    preset: Annotated[
+        str | None,
+        typer.Option(help=f"Model; by default the service's own choice: {', '.join(PRESET_NAMES)}."),
+    ] = None,
+    asked: ProgramOptions,
+    epoch: Annotated[
+        int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
+    ] = 0,
+    batch: Annotated[int, typer.Option(min=1, max=1000, help="Samples in a message.")] = 20,
+    marker: Annotated[
+        bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
+    ] = False,
+    standby: Annotated[
+        bool, typer.Option("--standby", help="Wait for `caesura start` and `stop`, or the dashboard.")
+    ] = False,
+    stated: DescriptionOptions,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
+
+    The exit code is 1 where the service refused anything of it. In standby it sends nothing until it is
+    started, and is ready again after each demonstration.
+    """
+    options = SourceOptions(
+        file=file,
+        pace=_pace(pace),
+        **reading._asdict(),
+        scenario=scenario,
+        seed=seed,
+        robot=asked.robot,
+        mapping=mapping,
+        host=host,
+        gripper=gripper,
+        tcp_offset=tcp_offset,
+        teach_mode=teach_mode,
+        ros=ros or endpoint,
+        config=config if ros is None else None,
+    )
+    if epoch and session is None:
+        raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
+    if standby:
+        _check_standby(source, session, marker, stated)
+    with reported():
+        named(station)
+        settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
+        if standby:
+            with connected(endpoint, config, patient=True) as caesura:
+                stand_by(
+                    caesura,
+                    station,
+                    lambda: _opened_source(source, options),
+                    source=source,
+                    preset=preset,
+                    settings=settings,
+                )
+            return
+        with (
+            _opened_source(source, options) as samples,
+            connected(endpoint, config, patient=True) as caesura,
+            caesura.bridge(
+                station,
+                samples,
+                session=session,
+                epoch=epoch,
+                preset=preset,
+                settings=settings,
+                description=stated.description(),
+            ) as opened,
+        ):
+            typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
+            with (
+                watch_services(caesura.transport, _teller()),
+                marking(opened) if marker else nullcontext(),
+                ended_by_sigterm(),
+            ):
+                ack = _run(opened, caesura)
+            for unmade in opened.unmarked:
+                typer.echo(f"no {unmade}", err=True)
+            typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
+            for one in snapshots(caesura.transport, station, opened.session):
+                _print_outcome(one.status)
+
+
+def _check_standby(source: str, session: str | None, marker: bool, stated: DescriptionOptions) -> None:
+    """Refuse options of one session. Raises BadParameter."""
+    if source not in SOURCES:
+        raise typer.BadParameter(f"{source!r}, expected one of {', '.join(SOURCES)}", param_hint="--source")
+    for name, given in (("session", session), ("marker", marker), *stated._asdict().items()):
+        if given:
+            why = (
+                "in standby each start states it" if name != "marker" else "a bridge in standby reads no keys"
+            )
+            raise typer.BadParameter(why, param_hint=f"--{name}")
+
+
+def _pace(text: str) -> float:
+    try:
+        return parse_pace(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--pace") from error
+
+
+@contextmanager
+def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
+    """The source, closed in the end where it can be; says what of a file it does not read."""
+    source = open_source(name, options)
+    if isinstance(source, FileSource):
+        said = (ignored_line(source.recording), *(f"warning: {one}" for one in source.recording.doubts))
+        for line in filter(None, said):
+            typer.echo(line, err=True)
+    with ExitStack() as stack:
+        if (close := getattr(source, "close", None)) is not None:
+            stack.callback(close)
+        yield source
+    if dropped := getattr(source, "dropped", 0):
+        typer.echo(f"{name}: {dropped} messages came faster than they were taken", err=True)
+
+
+def _print_outcome(status: SessionStatus) -> None:
+    """One line on what did not become segments; exit code 1 where something was refused."""
+    line = outcome_line(status)
+    if line:
+        typer.echo(f"{status.station}/{status.session}: {line}", err=True)
+    if status.refused:
+        raise typer.Exit(1)
+
+
+def _teller() -> Callable[[Change], None]:
+    """Says when the service goes and comes back; that it was there to begin with is no news."""
+    gone = False
+
+    def say(change: Change) -> None:
+        nonlocal gone
+        if change == "gone" or gone:
+            typer.echo(SAID_OF_SERVICE[change], err=True)
+        gone = change == "gone"
+
+    return say
+
+
+def _run(opened: Bridge, caesura: Caesura) -> Ack:
+    try:
+        with suppress(Unreachable):
+            opened.wait_open(PATIENCE_S)
+        if not opened.is_open:
+            typer.echo(_why_it_waits(caesura, opened.station), err=True)
+        return opened.run()
+    except KeyboardInterrupt:
+        if not opened.sent:
+            raise typer.Abort from None
+        return opened.finish()
+
+
+def _why_it_waits(caesura: Caesura, station: str) -> str:
+    if services(caesura.transport):
+        whose = f"are these the credentials of bridge.{station}?"
+        return f"a service is there, but answers nothing about {station}: {whose} Trying on"
+    return "no service answers yet, waiting for one"

@@ -1,0 +1,31 @@
+"""Options of a connection; apart from the others, as the list of commands needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT, ENDPOINT_VARIABLE
+
+Connect = Annotated[
+    str | None,
+    typer.Option(
+        "--connect",
+        envvar=ENDPOINT_VARIABLE,
+        metavar="ENDPOINT",
+        help=f"The service or its router; else as --zenoh-config says, or {DEFAULT_ENDPOINT}.",
+    ),
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--zenoh-config",
+        help="zenoh json5 with the router, and certificates or a password.",
+        exists=True,
+        dir_okay=False,
+    ),
+]
+Station = Annotated[str | None, typer.Option(help="Teaching station.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -1,0 +1,63 @@
+"""`caesura sessions list` and `show`: what sessions there are, and what is known of one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+from rich.console import Console, Group
+from rich.text import Text
+
+from caesura_clients.cli.connection_options import Config, Connect, Json, Station
+from caesura_clients.cli.options import connected, only_station, reported
+from caesura_clients.cli.result_tables import (
+    description_line,
+    outcome_line,
+    phases_table,
+    program_view,
+    segments_view,
+    sessions_view,
+)
+from caesura_protocol.errors import NotFound
+
+
+def list_sessions(
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """List the sessions of the service."""
+    with reported(), connected(endpoint, config) as caesura:
+        found = caesura.sessions(station or "*")
+        if not found and not caesura.services():  # access rules deny without a word
+            raise NotFound("a service is there, but answers nothing: are these a reader's credentials?")
+    if as_json:
+        typer.echo(json.dumps([asdict(info) for info in found], indent=2))
+    else:
+        Console().print(sessions_view(found))
+
+
+def show(
+    session: Annotated[str | None, typer.Argument(help="By default the newest one of the station.")] = None,
+    station: Station = None,
+    as_json: Json = False,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Show one session: its segments, its phases, its task program, and what did not become segments."""
+    with reported(), connected(endpoint, config) as caesura:
+        found = caesura.snapshot(only_station(caesura, station), session)
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+        return
+    lost = outcome_line(found.status)
+    views = [segments_view(found.status, found.segments.segments)]
+    if len(found.segments.phases) > 1:
+        views.append(phases_table(found.segments.phases, "phases"))
+    views.append(program_view(found.program))
+    if line := description_line(found.status.description):
+        views.insert(0, Text(line))
+    Console().print(Group(*views, *([lost] if lost else [])))

@@ -1,0 +1,89 @@
+"""`caesura watch`: segments as they are found, of one station or of all."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+
+from caesura_clients.cli.connection_options import Config, Connect, Station
+from caesura_clients.cli.options import (
+    connected,
+    ended_by_sigterm,
+    named,
+    reported,
+)
+from caesura_clients.cli.result_tables import segments_view
+from caesura_clients.cli.watching import FinalLines, LiveView
+from caesura_clients.client import Caesura
+from caesura_clients.following import events
+from caesura_clients.query import current_sessions, services, snapshots
+from caesura_clients.results import Update
+from caesura_protocol.errors import NotFound, ProtocolError
+
+
+def watch(
+    station: Station = None,
+    once: Annotated[bool, typer.Option("--once", help="Show what there is, and end.")] = False,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Show segments as they are found; what is marked ~ may still change. All stations by default.
+
+    In a file or a pipe each final segment is a line: station/session, number, from and to in s, kind, p, and
+    force or load.
+    """
+    with reported():
+        named(station)
+        with connected(endpoint, config) as caesura:
+            if once:
+                _show_once(caesura, station)
+            elif not sys.stdout.isatty():
+                _write_lines(caesura, station)
+            else:
+                _show_live(caesura, station)
+
+
+def _show_once(caesura: Caesura, station: str | None) -> None:
+    found = snapshots(caesura.transport, station or "*")
+    if not found:
+        known = ", ".join(sorted({info.station for info in caesura.sessions()}))
+        raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
+    for one in found:
+        found_hints = one.hints.hints if one.hints else ()
+        Console().print(segments_view(one.status, one.segments.segments, hints=found_hints))
+
+
+def _write_lines(caesura: Caesura, station: str | None) -> None:
+    """Each final segment, written at once; until Ctrl-C or SIGTERM."""
+    final = FinalLines()
+    with ended_by_sigterm(), suppress(KeyboardInterrupt):
+        for event in events(caesura.transport, station or "*"):
+            if isinstance(event, Update):
+                for line in final.lines(event):
+                    typer.echo(line)  # which flushes
+
+
+def _show_live(caesura: Caesura, station: str | None) -> None:
+    waiting = f"waiting for {station or 'any station'}"
+    if not services(caesura.transport):
+        waiting = f"no service answers yet, {waiting}"
+    elif not caesura.services():
+        waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
+    view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
+    with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
+        for event in events(caesura.transport, station or "*"):
+            view.receive(event)
+            live.update(view)
+
+
+def _current_sessions(caesura: Caesura) -> dict[str, str]:
+    """As the service has it; nothing where it has no time to say."""
+    try:
+        return current_sessions(caesura.transport)
+    except ProtocolError:
+        return {}

@@ -1,0 +1,92 @@
+"""`caesura dashboard`. NiceGUI is imported when the command runs: the others start as fast without it."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from caesura_clients.cli.connection_options import Config, Connect
+from caesura_clients.cli.options import connected, reported
+from caesura_protocol.errors import CaesuraError
+
+DEFAULT_PORT = 8080
+PASSWORD_LENGTH = 8  # at least
+
+
+def dashboard(
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = DEFAULT_PORT,
+    name: Annotated[
+        list[str] | None, typer.Option(help="Host that a reverse proxy asks for; may be repeated.")
+    ] = None,
+    password_file: Annotated[
+        Path | None,
+        typer.Option(help="First line: the password to log in with.", exists=True, dir_okay=False),
+    ] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Admit every browser that reaches --host, without a password.")
+    ] = False,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, correct nothing.")] = False,
+    bridge_config: Annotated[
+        Path | None,
+        typer.Option(
+            help="zenoh json5 with a bridge's credentials, to play recordings; else --zenoh-config.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    endpoint: Connect = None,
+    config: Config = None,
+) -> None:
+    """Show stations in a browser: signals, segments, programs; and correct what was found."""
+    from caesura_clients.dashboard.demonstrations import Desk  # noqa: PLC0415
+    from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
+    from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
+    from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
+    from caesura_clients.dashboard.recordings import RecordingDesk  # noqa: PLC0415
+    from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
+    from caesura_clients.dashboard.simulation import Simulator  # noqa: PLC0415
+
+    with reported():
+        address = Address(host, port, tuple(name or ()), _password(password_file))
+        if not address.is_local and address.password is None and not insecure:
+            raise CaesuraError(
+                f"--host {host}: other machines reach it, and any visitor could correct programs; add "
+                "--password-file, or a reverse proxy before 127.0.0.1, or --insecure on a network you trust"
+            )
+        check_free(address)
+        with (
+            connected(endpoint, config, patient=True) as caesura,
+            NetworkFollower(caesura.transport) as gateway,
+            RecordingDesk(endpoint, bridge_config or config) as recordings,
+            Simulator() as simulator,
+        ):
+            signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C: links are closed
+            with suppress(KeyboardInterrupt):
+                transport = caesura.transport
+                site = (
+                    Site(gateway, None)
+                    if read_only
+                    else Site(gateway, corrector(transport), Desk(transport), recordings, simulator)
+                )
+                serve(site, address)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _password(file: Path | None) -> str | None:
+    if file is None:
+        return None
+    lines = file.read_text(encoding="utf-8").splitlines()
+    if not lines or len(lines[0]) < PASSWORD_LENGTH:
+        found = len(lines[0]) if lines else 0
+        raise CaesuraError(
+            f"{file}: the first line has {found} characters, expected {PASSWORD_LENGTH} at least"
+        )
+    return lines[0]

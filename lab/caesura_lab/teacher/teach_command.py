@@ -1,0 +1,113 @@
+"""`caesura teach`: a demonstration by the simulated teacher, written to a file with its truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from caesura_lab.teacher.motion_profiles import PROFILES, Profile
+from caesura_lab.teacher.scenarios import SCENARIOS
+from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
+
+if TYPE_CHECKING:
+    from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching
+
+
+def teach(
+    scenario: Annotated[str | None, typer.Argument(help="What is taught; --list shows all.")] = None,
+    *,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another person; 0 is the thesis' own.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write, .npz; SCENARIO.npz if not given.")
+    ] = None,
+    wrench_source: Annotated[str, typer.Option(help="What the wrench can see.")] = "flange_sensor",
+    profile: Annotated[
+        str | None, typer.Option(help="How the hand moves; the person's own if not given.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Samples a second [Hz].")] = 1000.0,
+    natural: Annotated[
+        bool,
+        typer.Option("--natural", help="With habits, as the teacher suite has people; else ideal strokes."),
+    ] = False,
+    robot: Annotated[str, typer.Option(help="Which arm, or the path of its robot.json.")] = "panda",
+    list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
+) -> None:
+    """Let a simulated person teach a robot: a recording, and beside it what really happened."""
+    if list_scenarios or scenario is None:
+        _list()
+        return
+    file = out or Path(f"{scenario}.npz")
+    if file.suffix != ".npz":
+        raise typer.BadParameter(f"{file} has suffix {file.suffix!r}, expected .npz", param_hint="--out")
+    teaching = _teaching(scenario, seed, wrench_source, profile, rate, robot, natural=natural)
+    demonstration = _simulate(teaching)
+    truth_file = file.with_suffix(".ann.json")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    demonstration.recording.save(file)
+    truth_file.write_text(
+        json.dumps(demonstration.truth | {"file": file.name}, indent=1) + "\n", encoding="utf-8"
+    )
+    Console().print(
+        f"{file}: {demonstration.recording.t.size} samples, {teaching.duration_s:.1f} s; {truth_file}"
+    )
+
+
+def _teaching(
+    scenario: str,
+    seed: int,
+    wrench_source: str,
+    profile: str | None,
+    rate: float,
+    robot: str,
+    *,
+    natural: bool,
+) -> SimulatedTeaching:
+    # Pinocchio and scipy take a second to load: only for who teaches.
+    from caesura_lab.teacher.simulated_teaching import SimulatedTeaching  # noqa: PLC0415
+
+    source = cast(WrenchSource, _one_of(WRENCH_SOURCES, wrench_source, "--wrench-source"))
+    chosen = cast(Profile, _one_of(PROFILES, profile, "--profile")) if profile else None
+    try:
+        return SimulatedTeaching(
+            scenario,
+            seed=seed,
+            wrench_source=source,
+            profile=chosen,
+            rate_hz=rate,
+            natural=natural,
+            robot=robot,
+        )
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def _one_of(known: Sequence[str], value: str, option: str) -> str:
+    if value not in known:
+        raise typer.BadParameter(f"{value!r}, expected one of {list(known)}", param_hint=option)
+    return value
+
+
+def _simulate(teaching: SimulatedTeaching) -> Demonstration:
+    from caesura_lab.teacher.simulated_teaching import finish  # noqa: PLC0415
+
+    chunks = []
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(teaching.scenario.name, total=teaching.duration_s)
+        for chunk in teaching.chunks():
+            chunks.append(chunk)
+            progress.update(task, completed=float(chunk[-1, 0]))
+    return finish(teaching, chunks)
+
+
+def _list() -> None:
+    table = Table("scenario", "seconds", "what is taught")
+    for scenario in SCENARIOS.values():
+        table.add_row(scenario.name, f"{scenario.steps[-1].until_s:.1f}", scenario.summary)
+    Console().print(table)

@@ -7,7 +7,7 @@ background.
 Linear algebra has one thread a process, as there are as many processes as processors. With more, threads that
 have nothing to do spin, and a test of small matrices takes four times the CPU.
 
-Simulations are shared by the processes of a run, through a folder that lasts as long (`harness/once.py`).
+Simulations are shared by the processes of a run, and by later runs of the same sources (`harness/once.py`).
 
 What is imported and collected lives as long as the process, so the garbage collector passes over it. It went
 through all of it again and again, which was 3 % of the CPU.
@@ -25,7 +25,7 @@ from collections.abc import Generator
 import pytest
 from hypothesis import Phase, settings
 
-from harness.once import RUN
+from harness.once import KEPT, RUN
 
 # Before numpy is imported, and for processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -54,6 +54,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if RUN not in os.environ:
         os.environ[RUN] = tempfile.mkdtemp(prefix="caesura-tests-")
         config.add_cleanup(_remove_folder)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Name the folder that later runs find again, before pytest-xdist starts processes."""
+    if session.config.pluginmanager.hasplugin("cacheprovider"):
+        os.environ.setdefault(KEPT, str(session.config.cache.mkdir("computed")))
 
 
 def _remove_folder() -> None:

@@ -1,9 +1,9 @@
-"""One simulation of every scenario serves all tests that look at the thesis' person, in every process.
+"""One simulation serves all tests that look at the same person and scenario, in every process and run.
 
 Not in conftest.py: pytest and who imports from there have a module each, and so a simulation each.
 """
 
 from caesura_lab.teacher.simulated_teaching import teach
-from harness.once import once_a_run
+from harness.once import once_a_version
 
-nominal_once = once_a_run(teach)
+nominal_once = once_a_version(teach)

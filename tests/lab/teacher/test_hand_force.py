@@ -18,8 +18,7 @@ from caesura_lab.teacher.hand_force import (
 from caesura_lab.teacher.person import THESIS, Person
 from caesura_lab.teacher.plan import make_plan
 from caesura_lab.teacher.scenarios import DISPENSER, PICK_AND_PLACE, Step
-from caesura_lab.teacher.simulated_teaching import teach
-from caesura_service.robot import Robot
+from lab.teacher.nominal import nominal_once
 
 RATE_PER_S = 3.6
 DT = 0.001
@@ -86,22 +85,22 @@ def test_a_press_on_what_yields_is_no_movement_for_a_hand_that_controls_its_forc
     assert fastest(replace(PERSON, force_rate_per_s=None)) > 0.05
 
 
-def test_a_hand_that_aims_little_below_a_surface_lands_in_time(robot: Robot):
+def test_a_hand_that_aims_little_below_a_surface_lands_in_time():
     # Once an overdamped one crept down and landed a second late.
     loose = replace(PERSON, impact_m=0.004, stiffness_n_per_m=450.0)
-    (contact,) = teach(PRESS, seed=3, person=loose, robot=robot).truth["forces"]
+    (contact,) = nominal_once(PRESS, seed=3, person=loose).truth["forces"]
     assert contact["t0"] == pytest.approx(1.8, abs=0.3)
 
 
-def test_what_is_taught_is_what_the_scenario_says(robot: Robot):
-    forces = teach("pick_and_place", seed=1, person=PERSON, robot=robot).truth["forces"]
+def test_what_is_taught_is_what_the_scenario_says():
+    forces = nominal_once("pick_and_place", seed=1, person=PERSON).truth["forces"]
     assert [force["newton"] for force in forces] == pytest.approx([15.0, 10.0], rel=0.1)
 
 
-def test_little_of_a_press_goes_sideways_and_none_is_locked_in_at_the_touch(robot: Robot):
+def test_little_of_a_press_goes_sideways_and_none_is_locked_in_at_the_touch():
     # Joint friction and the lag of the hand's spring once made it a fifth; in the thesis it is 8 to 11 %.
     shares = []
     for seed in range(2, 6):
-        force = teach(PRESS, seed=seed, person=PERSON, robot=robot).recording.signals["force"][-200:]
+        force = nominal_once(PRESS, seed=seed, person=PERSON).recording.signals["force"][-200:]
         shares.append(np.linalg.norm(force.mean(axis=0)[:2]) / force[:, 2].mean())
     assert np.median(shares) < 0.13

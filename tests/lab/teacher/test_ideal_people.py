@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from caesura_lab.evaluation.thesis.demonstrations import TIMED, person
-from caesura_lab.teacher.simulated_teaching import Demonstration, teach
+from caesura_lab.teacher.simulated_teaching import Demonstration
 from caesura_protocol.messages import WrenchSource
 from caesura_service.robot import Robot
 from lab.teacher.nominal import nominal_once
@@ -48,18 +48,18 @@ def digest(demonstration: Demonstration) -> str:
 
 @pytest.mark.parametrize("seed", [0, 7])
 @pytest.mark.parametrize("scenario", ["parkour", "dispenser", "pick_and_place", "wiping"])
-def test_ideal_people_are_unchanged(robot: Robot, scenario: str, seed: int) -> None:
-    demonstration = teach(scenario, seed=seed, robot=robot) if seed else nominal_once(scenario)
+def test_ideal_people_are_unchanged(scenario: str, seed: int) -> None:
+    demonstration = nominal_once(scenario, seed=seed) if seed else nominal_once(scenario)
     assert digest(demonstration) == HASHES[f"{scenario}/{seed}"]
 
 
-def test_an_estimated_wrench_of_ideal_people_is_unchanged(robot: Robot) -> None:
+def test_an_estimated_wrench_of_ideal_people_is_unchanged() -> None:
     source: WrenchSource = "joint_torque_estimate"
-    found = digest(teach("button", seed=2, wrench_source=source, robot=robot))
+    found = digest(nominal_once("button", seed=2, wrench_source=source))
     assert found == HASHES["button/est"]
 
 
 @pytest.mark.parametrize("scenario", list(TIMED))
-def test_the_demonstrations_of_the_thesis_suite_are_unchanged(robot: Robot, scenario: str) -> None:
-    taught = teach(TIMED[scenario], seed=3, person=person(3, "overdamped"), robot=robot)
+def test_the_demonstrations_of_the_thesis_suite_are_unchanged(scenario: str) -> None:
+    taught = nominal_once(TIMED[scenario], seed=3, person=person(3, "overdamped"))
     assert digest(taught) == HASHES[f"thesis/{scenario}/overdamped"]

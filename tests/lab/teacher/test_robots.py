@@ -13,10 +13,11 @@ from typer.testing import CliRunner
 from caesura_lab.evaluation.suites import SimulatedDemonstration, SuiteOptions, suite
 from caesura_lab.teacher.commands import register
 from caesura_lab.teacher.scenarios import SCENARIOS, moved
-from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish, teach
+from caesura_lab.teacher.simulated_teaching import SimulatedTeaching, finish
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.robots import robot_description
 from caesura_service.robot import load_robot
+from lab.teacher.nominal import nominal_once
 
 ARMS = ("fr3", "iiwa14", "ur10e", "ur5e", "xarm7")
 ASTRAY_M = 0.04  # of a hand that lets go near its goal
@@ -86,7 +87,7 @@ def test_the_command_takes_a_robot(tmp_path: Path) -> None:
     options = ["--robot", "ur5e", "--rate", "100", "-o", str(file)]
     result = CliRunner().invoke(app, ["teach", "parkour", *options])
     assert result.exit_code == 0, result.output
-    expected = teach("parkour", robot="ur5e", rate_hz=100.0).recording
+    expected = nominal_once("parkour", robot="ur5e", rate_hz=100.0).recording
     assert load_recording(file).signals["pos"].tobytes() == expected.signals["pos"].tobytes()
     refused = CliRunner().invoke(
         app, ["teach", "parkour", "--robot", "ur5"], env={"COLUMNS": "300", "TERM": "dumb"}

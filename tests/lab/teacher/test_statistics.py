@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_lab.teacher.simulated_teaching import Demonstration, teach
+from caesura_lab.teacher.simulated_teaching import Demonstration
 from caesura_lab.teacher.statistics import FIGURES, measure
-from caesura_service.robot import Robot
+from lab.teacher.nominal import nominal_once
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +48,8 @@ def test_medians_are_like_real_ones(
     assert low <= np.median(figures[figure]) <= high
 
 
-def test_a_hand_in_the_wrench_has_most_power_below_a_few_hertz(robot: Robot) -> None:
-    demonstration = teach("three_point", wrench_source="flange_sensor_with_hand", robot=robot)
+def test_a_hand_in_the_wrench_has_most_power_below_a_few_hertz() -> None:
+    demonstration = nominal_once("three_point", wrench_source="flange_sensor_with_hand")
     found = measure(demonstration.recording, demonstration.truth)
     assert found["half_power"][0] < 0.8
     assert found["power_90"][0] < 5.5

@@ -76,8 +76,8 @@ def test_between_the_edges_of_a_turn_lies_the_angle_that_was_taught(
         )
 
 
-def test_a_screw_sinks_by_its_pitch_and_resists_more_and_more(robot: Robot) -> None:
-    taught = teach("screwing", person=replace(THESIS, bias_wander_n=0.0), robot=robot)
+def test_a_screw_sinks_by_its_pitch_and_resists_more_and_more() -> None:
+    taught = nominal_once("screwing", person=replace(THESIS, bias_wander_n=0.0))
     tip, lever = tips(taught)
     signals = taught.recording.signals
     driving = [(one["t0"], one["axis"], one["pitch_m"]) for one in taught.truth["screws"]]
@@ -165,11 +165,11 @@ def test_peeling_is_five_strokes_in_contact() -> None:
 
 
 def test_a_turn_is_the_same_by_seed_however_it_is_cut(robot: Robot) -> None:
-    whole = teach(TILT, seed=5, robot=robot, natural=True)
+    whole = nominal_once(TILT, seed=5, natural=True)
     pieces = list(SimulatedTeaching(TILT, seed=5, robot=robot, natural=True).chunks(0.0137))
     assert_array_equal(np.concatenate(pieces), whole.recording.matrix())
     assert [s["cls"] for s in whole.truth["segments"]].count("turning") == 1
-    other = teach(TILT, seed=6, robot=robot, natural=True)
+    other = nominal_once(TILT, seed=6, natural=True)
     assert other.recording.t.size != whole.recording.t.size
 
 
@@ -180,8 +180,8 @@ def test_a_turn_without_an_angle_is_named(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("name", ["screwing", "peg", "contour"])
-def test_a_person_with_habits_teaches_each_skill_with_all_its_phases(name: str, robot: Robot) -> None:
-    truth = truth_of(teach(name, seed=5, robot=robot, natural=True, rate_hz=100.0).truth, name)
+def test_a_person_with_habits_teaches_each_skill_with_all_its_phases(name: str) -> None:
+    truth = truth_of(nominal_once(name, seed=5, natural=True, rate_hz=100.0).truth, name)
     assert len(truth.phases) == 1 + sum(step.begins is not None for step in SKILLS[name].steps)
     assert all(force.value < 30.0 for force in truth.forces)
 

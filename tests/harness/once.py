@@ -20,11 +20,13 @@ from functools import cache, wraps
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import grimp
+from pydantic import BaseModel
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -63,12 +65,11 @@ def once_a_version(compute: Callable[Given, Result]) -> Callable[Given, Result]:
 
 
 def _shared(compute: Callable[Given, Result], folder: Callable[[], Path]) -> Callable[Given, Result]:
-    @cache
-    def found(given: bytes) -> Result:
-        args, options = pickle.loads(given)
+    results: dict[str, Result] = {}
+
+    def found(name: str, *args: Given.args, **options: Given.kwargs) -> Result:
         if RUN not in os.environ:
             return compute(*args, **options)
-        name = sha256(f"{compute.__module__}.{compute.__qualname__}".encode() + given).hexdigest()
         with (Path(os.environ[RUN]) / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             file = folder() / name
@@ -81,9 +82,21 @@ def _shared(compute: Callable[Given, Result], folder: Callable[[], Path]) -> Cal
 
     @wraps(compute)
     def shared(*args: Given.args, **options: Given.kwargs) -> Result:
-        return found(pickle.dumps((args, options)))
+        written = BytesIO()
+        _ByValue(written).dump((compute.__module__, compute.__qualname__, args, options))
+        name = sha256(written.getvalue()).hexdigest()
+        if name not in results:
+            results[name] = found(name, *args, **options)
+        return results[name]
 
     return shared
+
+
+class _ByValue(pickle.Pickler):
+    """Writes equal messages alike: as they pickle themselves, they name their fields in any order."""
+
+    def reducer_override(self, one: Any) -> Any:
+        return (type(one), (one.model_dump_json(),)) if isinstance(one, BaseModel) else NotImplemented
 
 
 @once_a_run

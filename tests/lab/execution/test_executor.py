@@ -25,9 +25,11 @@ from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.screw_motion import torque_about_axis
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
+from harness.once import once_a_version
 from harness.programs import DOWN, app, pick_and_place, press
 
 FLAT = (1.0, 0.0, 0.0, 0.0)  # fingers down, the hand to +x
+executed, ran = once_a_version(execute), once_a_version(run)  # the same arguments give the same bytes
 PRESSING, PICKING = (SimulatedCell(SCENARIOS[name], THESIS, 1) for name in ("dispenser", "pick_and_place"))
 
 
@@ -38,12 +40,12 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def pressed(robot: Robot) -> RunResult:
-    return execute(press(), PRESSING, robot=robot)
+    return executed(press(), PRESSING)
 
 
 @pytest.fixture(scope="module")
 def picked(robot: Robot) -> RunResult:
-    return execute(pick_and_place(), PICKING, robot=robot)
+    return executed(pick_and_place(), PICKING)
 
 
 def reached(done: RunResult, target: tuple[float, ...], robot: Robot) -> float:
@@ -102,7 +104,7 @@ def test_what_the_check_refuses_is_not_run(robot: Robot) -> None:
 
 def stopped(apps: tuple[App, ...], place: SimulatedCell, robot: Robot, safety: Safety = DEFAULT) -> str:
     """Past the check, so that the guard is what stops it."""
-    return why_stopped(run(apps, place, safety, robot))
+    return why_stopped(ran(apps, place, safety))
 
 
 def why_stopped(done: RunResult) -> str:
@@ -133,7 +135,7 @@ def test_nothing_between_the_fingers_stops_it(robot: Robot) -> None:
 )
 def test_a_guard_stops_it_before_a_limit_is_passed(safety: Safety, said: str, robot: Robot) -> None:
     down = (app("cartesian_motion", 0.0, 0.8, (-0.03, -0.62, 0.24)),)
-    done = run(down, PRESSING, safety, robot)
+    done = ran(down, PRESSING, safety)
     assert re.match(said, why_stopped(done))
     assert violations(done.trace, safety) == []
 
@@ -144,7 +146,7 @@ ASIDE = app("cartesian_motion", 0.0, 2.0, (-0.03, -0.56, 0.33), orientation=(0.0
 @pytest.fixture(scope="module")
 def aside(robot: Robot) -> RunResult:
     """A movement as fast as it was taught."""
-    return execute((ASIDE,), PRESSING, robot=robot)
+    return executed((ASIDE,), PRESSING)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +156,7 @@ def aside(robot: Robot) -> RunResult:
 def test_a_movement_is_slowed_to_the_limits_of_speed_and_turn(
     safety: Safety, axes: slice, aside: RunResult, robot: Robot
 ) -> None:
-    taught, slowed = aside, execute((ASIDE,), PRESSING, safety, robot=robot)
+    taught, slowed = aside, executed((ASIDE,), PRESSING, safety)
     fastest = [float(np.linalg.norm(done.trace.twist[:, axes], axis=1).max()) for done in (taught, slowed)]
     limit = safety.speed_m_per_s if axes.start == 0 else safety.turn_rad_per_s
     assert fastest[0] > limit > fastest[1] > 0.8 * limit
@@ -198,7 +200,7 @@ def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str
         one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one
         for one in pick_and_place()[:5]
     )
-    done = execute(carried, PICKING, robot=robot)
+    done = executed(carried, PICKING)
     assert violations(done.trace, DEFAULT) == []
     if said:
         assert done.stopped is not None
@@ -212,7 +214,7 @@ def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> 
         start=ViaPoint(t=0.0, position=start, orientation=DOWN), tn=0.5, length_m=0.04, deviation_m=0.0,
         deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
-    done = run((app("cartesian_motion", 0.0, 0.5, (-0.02, -0.57, 0.33), path=path),), PRESSING, robot=robot)
+    done = ran((app("cartesian_motion", 0.0, 0.5, (-0.02, -0.57, 0.33), path=path),), PRESSING)
     positions, _ = robot.flange_poses(done.trace.q[:2])
     assert positions[0] == pytest.approx(start, abs=1e-4)
 
@@ -259,7 +261,7 @@ def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught
         app("apply_force", 2.5, 3.5, stroke, force=(0.0, 0.0, -6.0), path=path, **down),
         app("cartesian_motion", 3.9, 4.9, (0.47, 0.04, 0.25), **down),
     )
-    done = execute(apps, SimulatedCell(SCENARIOS["wiping"], THESIS, 1), robot=robot)
+    done = executed(apps, SimulatedCell(SCENARIOS["wiping"], THESIS, 1))
     assert done.stopped is None
     normal, (begun, ended) = done.trace.contact[:, 2], done.spans[2]
     sliding = normal[round(1000 * begun) + 200 : round(1000 * ended)]
@@ -304,7 +306,7 @@ def driven(torque_nm: float) -> tuple[App, ...]:
 
 def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot) -> None:
     place = SimulatedCell(SCENARIOS["screwing"], THESIS, 1)
-    done, torque_stop = (execute(driven(torque_nm), place, robot=robot) for torque_nm in (0.6, 0.3))
+    done, torque_stop = (executed(driven(torque_nm), place) for torque_nm in (0.6, 0.3))
     assert done.stopped is None
     assert torque_stop.stopped is None
     (screw,) = (one.screw for one in segment_recording(done.recording).segments if one.kind == "turning")

@@ -75,7 +75,7 @@ def log_normal(law, seconds: float, grows: bool) -> float:
 
 
 def normal(x: np.ndarray, mean: np.ndarray, sd: float) -> float:
-    return float(np.prod(np.exp(-0.5 * ((x - mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi))))
+    return math.exp(-0.5 * (math.dist(x, mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi)) ** len(x)
 
 
 def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, parameters) -> float:
@@ -153,12 +153,13 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
             steps.append(next_step(chain, steps[-1], shown[i], shown[:i]))
         all_of_them = groupings(len(segments), len(parameters.kinds))
         weights = np.array([weight_of(shown, each, ended, parameters) for each in all_of_them])
+        of_kind, is_aside, begins = np.moveaxis(np.array(all_of_them), 2, 0)
         sure = posterior(chain, steps, ended=ended)
         for i, k, aside in product(range(len(segments)), range(len(parameters.kinds)), (False, True)):
-            of_it = np.array([each[i][:2] == (k, aside) for each in all_of_them])
+            of_it = (of_kind[:, i] == k) & (is_aside[:, i] == aside)
             found = sure[i][(chain.kind == k) & (chain.aside == aside)].sum()
             assert found == pytest.approx(weights[of_it].sum() / weights.sum(), abs=1e-12)
-            starts = np.array([each[i] == (k, aside, True) for each in all_of_them])
+            starts = of_it & (begins[:, i] == 1)
             found = sure[i][(chain.kind == k) & (chain.aside == aside) & (chain.age == 1)].sum()
             assert found == pytest.approx(weights[starts].sum() / weights.sum(), abs=1e-12)
         best = best_states(steps, best_last(chain, steps[-1], ended=ended))

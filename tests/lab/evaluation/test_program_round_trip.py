@@ -19,6 +19,7 @@ from caesura_lab.evaluation.program_round_trip import (
     summarise,
 )
 from caesura_protocol.messages import App
+from harness.once import once_a_version
 from harness.programs import press
 
 CASE = RoundTripCase("dispenser", 1)
@@ -65,14 +66,14 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
 
 
 def test_one_person_goes_round() -> None:
-    trip = run_round_trip(RoundTripCase("dispenser", 500))
+    trip = once_a_version(run_round_trip)(RoundTripCase("dispenser", 500))
     assert trip.why is None
     assert max(trip.target_m) < 0.01
 
 
 @pytest.mark.parametrize("number", [2, 5, 9, 14, 18, 45])
 def test_a_spoilt_program_is_refused_or_stays_within_its_limits(number: int) -> None:
-    fate = mutations.run_mutation(number)
+    fate = once_a_version(mutations.run_mutation)(number)
     assert fate.outcome != "violation", fate
 
 

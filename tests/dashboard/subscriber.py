@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from caesura_clients import Caesura
 from caesura_clients.following import events
 from caesura_clients.results import Update
+from harness.processes import DEADLINE_S
 
 
 class Subscriber:
@@ -17,6 +18,7 @@ class Subscriber:
     def __init__(self, caesura: Caesura, station: str) -> None:
         self.update: Update | None = None
         self.over = threading.Event()
+        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._listen, args=(caesura, station), daemon=True)
 
     @contextmanager
@@ -31,7 +33,14 @@ class Subscriber:
     def _listen(self, caesura: Caesura, station: str) -> None:
         for event in events(caesura.transport, station, refresh_s=0.2, over=self.over):
             if isinstance(event, Update):
-                self.update = event
+                with self._changed:
+                    self.update = event
+                    self._changed.notify_all()
+
+    def until(self, true: Callable[[], bool]) -> None:
+        """Wait for the update with which it is true."""
+        with self._changed:
+            assert self._changed.wait_for(true, DEADLINE_S)
 
     @property
     def now(self) -> Update:

@@ -101,7 +101,9 @@ def test_what_is_live_is_drawn_sample_by_sample_on_an_axis_that_stands_still(sta
     page = goto(stage, visitor, "/station/cell-7")
     shown, plots = page.locator(".scrub output"), page.locator(".plots")
     for least_s in (1.5, 3.0, 4.5):
-        eventually(lambda least_s=least_s: float(shown.inner_text().split()[0]) > least_s)
+        page.wait_for_function(
+            f"(shown) => parseFloat(shown.innerText) > {least_s}", arg=shown.element_handle()
+        )
         assert [plots.get_attribute(f"data-{name}") for name in ("from", "to")] == ["0", "30"]
     points = page.evaluate(
         """() => {

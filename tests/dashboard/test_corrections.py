@@ -65,11 +65,12 @@ class Operator:
         self.page.get_by_label("Your name").fill("Ann")
         self.press("Live")
         slider = self.page.get_by_role("slider", name="Show until")
-        eventually(lambda: float(slider.get_attribute("max") or 0.0) >= SHOWN_S)
+        self.page.wait_for_function(f"(slider) => slider.max >= {SHOWN_S}", arg=slider.element_handle())
         for _ in range(2):
             self.page.get_by_role("button", name="Zoom in").click()
         slider.fill(str(SHOWN_S))
-        eventually(lambda: float(self.plot.get_attribute("data-to") or 0.0) == pytest.approx(7.5))
+        stands_still = "(plot) => Math.abs(plot.dataset.to - 7.5) < 1e-5"
+        self.page.wait_for_function(stands_still, arg=self.plot.element_handle())
 
     @property
     def plot(self) -> Locator:
@@ -143,8 +144,8 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     operator.press("Insert")
     operator.is_shown("Changepoint inserted at 1.4")
     eventually(lambda: operator.version() > version)
-    eventually(lambda: operator.wire.now.program.version > version)
-    eventually(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
+    operator.wire.until(lambda: operator.wire.now.program.version > version)
+    operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
     _, second, third, *_ = operator.wire.now.segments
     assert second.tn == third.t0 == pytest.approx(T, abs=NEAR_S), "a new segment on the wire"
     assert operator.wire.now.program.author == "Ann"
@@ -153,8 +154,8 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
 
     operator.press("Undo")
     operator.is_shown("Undone")
-    eventually(lambda: operator.wire.corrected() == [])
-    eventually(lambda: operator.wire.taught() == before)
+    operator.wire.until(lambda: operator.wire.corrected() == [])
+    operator.wire.until(lambda: operator.wire.taught() == before)
     assert operator.wire.now.program.version > version + 1
 
 
@@ -162,7 +163,7 @@ def test_a_changepoint_is_dragged(operator: Operator):
     end = operator.wire.now.segments[0].tn
     operator.drag(end, end + 0.3)
     operator.is_shown("Changepoint moved")
-    eventually(lambda: operator.wire.corrected() == [pytest.approx(end + 0.3, abs=NEAR_S)])
+    operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(end + 0.3, abs=NEAR_S)])
     assert operator.wire.now.segments[0].tn == pytest.approx(end + 0.3, abs=NEAR_S)
 
 
@@ -173,11 +174,11 @@ def test_a_changepoint_is_removed_and_the_correction_made_again(operator: Operat
     expect(operator.page.locator(".selection")).to_contain_text("changepoint at")
     operator.press("Remove")
     operator.is_shown("removed")
-    eventually(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
+    operator.wire.until(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
     operator.press("Undo")
-    eventually(lambda: operator.wire.taught() == before)
+    operator.wire.until(lambda: operator.wire.taught() == before)
     operator.press("Redo")
-    eventually(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
+    operator.wire.until(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
 
 
 def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
@@ -185,7 +186,7 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
     operator.page.get_by_label("Kind").select_option("sliding")
     operator.press("Relabel")
     operator.is_shown("is sliding")
-    eventually(lambda: operator.wire.now.segments[1].kind == "sliding")
+    operator.wire.until(lambda: operator.wire.now.segments[1].kind == "sliding")
     assert operator.wire.now.segments[1].corrected
 
     operator.click(2.6)
@@ -197,7 +198,7 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
         forces = [app.force for app in operator.wire.now.program.apps if app.t0 < 2.6 < app.tn]
         return any(force is not None and max(map(abs, force)) <= 4.01 for force in forces)
 
-    eventually(limited)
+    operator.wire.until(limited)
 
 
 def test_everything_goes_without_a_mouse(operator: Operator):
@@ -206,7 +207,7 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     operator.page.get_by_label("Time [s]").fill(str(T))
     operator.plot.focus()
     keyboard.press("Enter")
-    eventually(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
+    operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
 
     def is_second() -> bool:
         """Whether the keys find the new changepoint second; the page learns of it after the wire."""
@@ -219,7 +220,7 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     keyboard.press("ArrowLeft")
     keyboard.press("Escape")
     keyboard.press("Control+z")
-    eventually(lambda: operator.wire.taught() == before)
+    operator.wire.until(lambda: operator.wire.taught() == before)
 
 
 def test_no_editor_corrects_without_a_name(operator: Operator):
@@ -243,7 +244,7 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
     slow.hold()
     with stage.reader() as other:
         other.insert(operator.wire.now.station, operator.wire.now.session, 1.2, author="Bob")
-    eventually(lambda: operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)])
+    operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)])
     operator.press("Insert")
     eventually(lambda: slow.has_received(f"revision {revision + 1}"))
     slow.release()
@@ -256,7 +257,7 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
     expect(operator.page.get_by_role("button", name="Undo", exact=True)).to_be_enabled()
     operator.press("Insert")
     operator.is_shown("inserted at 1.4")
-    eventually(lambda: len(operator.wire.corrected()) == 2)
+    operator.wire.until(lambda: len(operator.wire.corrected()) == 2)
 
 
 def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Browser):

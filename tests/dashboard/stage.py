@@ -14,21 +14,22 @@ from caesura_clients import Caesura
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
-from harness.demonstrations import RATE_HZ, guided
+from harness.demonstrations import guided
 from harness.forked import Forked
 from harness.processes import CAESURA, DEADLINE_S, Process, Service, running, start
 
 REST_S = 240.0  # for which the hand rests afterwards: longer than the tests of a module take
+REST_HZ = 50.0  # of its samples: each is drawn ten times a second, all along the session
 KINDS = ("steady", "motion", "contact")  # how the demonstration begins
 
 
 def patient(seed: int = 0) -> Recording:
     """Reach, press, lift away, go back, and then hold still for long: the demonstration goes on."""
     taught, rng = guided(seed), np.random.default_rng(seed + 100)
-    count = round(REST_S * RATE_HZ)
+    count = round(REST_S * REST_HZ)
     pos = taught.signals["pos"][-20:].mean(axis=0) + 3e-4 * rng.standard_normal((count, 3))
     force = 0.2 * rng.standard_normal((count, 3))
-    t = taught.t[-1] + (1 + np.arange(count)) / RATE_HZ
+    t = taught.t[-1] + (1 + np.arange(count)) / REST_HZ
     signals = {
         "pos": np.concatenate([taught.signals["pos"], pos]),
         "force": np.concatenate([taught.signals["force"], force]),

@@ -33,7 +33,8 @@ def checked() -> list[Path]:
 def test_a_later_run_reads_what_was_computed(folders, monkeypatch):
     (kept,) = checked()
     written = kept.stat().st_mtime_ns
-    monkeypatch.setenv(RUN, str(folders))  # another run
+    (another := folders.with_name("another run")).mkdir()
+    monkeypatch.setenv(RUN, str(another))
     assert checked()[0].stat().st_mtime_ns == written
 
 

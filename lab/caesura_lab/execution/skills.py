@@ -33,11 +33,10 @@ SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between
 LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
-COMPLIANT_M = 0.012  # from which depth on a target in a contact is one in a compliant surface
-PUSH_IN_S = 0.3  # least time for pushing it in
-PUSH_IN_M_PER_S = 0.09  # on its way there, on average
-BOTTOM_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far beyond it is searched
-SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that: its bottom may be hard
+BOTTOM_M_PER_S = 0.02  # with which the bottom of what is pushed in is met: it may be hard
+SINKING_PER_S = 6.0  # for each metre that is left to the bottom it may sink so many metres a second faster
+SUNK_M = 0.002  # above the bottom
+SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
@@ -99,6 +98,8 @@ class SkillController:
         world.send_fingers(width_m, safety.gripper_m_per_s)
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
             self.hold_position(FINGER_POLL_S, STANDING_N)
+            if not world.held_kg:
+                self.arm.load_kg = 0.0
             if world.fingers_still:
                 break
         self.hold_position(SETTLE_S, STANDING_N)
@@ -153,11 +154,14 @@ class SkillController:
         aside: Array | None = None,
         path: Curve | None = None,
         screw: ScrewMotion | None = None,
+        depth_m: float = 0.0,
     ) -> None:
         """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
 
         path: to follow across that direction meanwhile; along it the force decides. The direction turns with
-        the tool. screw: what is turned meanwhile, until it is tight.
+        the tool. screw: what is turned meanwhile, until it is tight. depth_m: by which what is pressed gives
+        way; it is pushed in with the force alone, and slower towards the bottom. Half of the time is left for
+        what is held there, so pushing in may take half as long again.
         """
         if self.contact_direction is None:
             raise RobotStopped(NOTHING_TO_PRESS)
@@ -167,12 +171,16 @@ class SkillController:
         began_n, sunk = self._pressed_n, 0.0
         still = self.setpoint.still
         torque_stop = TorqueStop(screw)
-        for k in range(1, round(seconds / DT) + 1):
+        ticks, k, waited = round(seconds / DT), 0, 0
+        while k - waited < ticks:
+            k += 1
+            waited += 2 * k > ticks > 2 * waited and depth_m - sunk > SUNK_M
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            fast = max(float(along @ self.measured.twist[:3]) - BOTTOM_M_PER_S, 0.0)
+            allowed = BOTTOM_M_PER_S + SINKING_PER_S * max(depth_m - sunk, 0.0)
+            fast = max(float(along @ self.measured.twist[:3]) - allowed, 0.0)
             slowed_n = min(SINKING_NS_PER_M * fast, want + self._correction_n)
             push = along * (want + self._correction_n - slowed_n) + share * aside
             measured = self.tick(replace(setpoint, push=push, along=along))
@@ -183,26 +191,10 @@ class SkillController:
             corrected = self._correction_n + FORCE_GAIN_PER_S * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
-            if sunk > self.safety.search_m:
+            if sunk > max(depth_m, 0.0) + self.safety.search_m:
                 raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
         deep = along * (along @ (self.measured.position - self.setpoint.position))
         self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
-
-    def push_compliant(self, depth_m: float, force_n: float, seconds: float) -> None:
-        """Push a compliant surface in by a depth [m] along the contact, until it resists with a force [N]."""
-        along = self.contact_direction
-        if along is None:
-            raise RobotStopped(NOTHING_TO_PRESS)
-        start = self.setpoint.position
-        leaving = along * max(float(along @ self.measured.twist[:3]), 0.0)
-        arriving = BOTTOM_M_PER_S * along
-        ends = [start, start + depth_m * along]
-        path = Curve.through([0.0, seconds], ends, leaving=leaving, arriving=arriving)
-        for k in range(1, round((seconds + BEYOND_M / BOTTOM_M_PER_S) / DT) + 1):
-            measured = self.tick(self._setpoint_at(path, k * DT))
-            if -float(along @ measured.force) >= force_n:
-                break
-        self._enter_contact(along)
 
     def release_contact(self) -> None:
         """Ramp the contact force down to zero, and hold the place that was reached."""
@@ -265,7 +257,6 @@ class SkillController:
 
     def _enter_contact(self, along: Array) -> None:
         self.contact_direction = along
-        self.arm.load_kg = 0.0  # what is held rests on what is stood on
         self._pressed_n, self._correction_n = max(-float(along @ self.measured.force), 0.0), 0.0
         self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
@@ -324,15 +315,13 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
     seconds, depth = _seconds(app), float(along @ (target - controller.setpoint.position))
-    if depth > COMPLIANT_M and not slides:
-        sinking = min(max(PUSH_IN_S, depth / PUSH_IN_M_PER_S), 0.5 * seconds)
-        controller.push_compliant(depth, straight, sinking)
-        seconds -= sinking
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
-    controller.press(straight, seconds, None if slides else aside, path, app.screw)
+    controller.press(
+        straight, seconds, None if slides else aside, path, app.screw, 0.0 if slides else depth
+    )
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:
@@ -345,8 +334,6 @@ def _grasp(controller: SkillController, app: App, following: App | None) -> None
 def _move_fingers(controller: SkillController, app: App, following: App | None) -> None:
     width = controller.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
     controller.send_fingers(width)
-    if not controller.arm.world.held_kg:
-        controller.arm.load_kg = 0.0
 
 
 _SKILLS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {

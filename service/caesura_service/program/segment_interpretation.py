@@ -6,7 +6,7 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
-- a rest at the end of a stroke or of a turn in contact, shorter than half a second, is its end;
+- a rest at either end of a stroke or of a turn in contact, shorter than half a second, is part of it;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What
   stands where it was gripped is not held yet;
@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import takewhile, zip_longest
 from statistics import median
 from typing import Literal
 
@@ -42,7 +42,7 @@ ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than t
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
-STROKE_ENDS_S = 0.5  # a rest at the end of a stroke that is shorter than this is no press of its own
+STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
     ("motion", "free"): "motion",
@@ -127,7 +127,7 @@ def kept_steps(
                 read = _still_touching(contact, _base(last, moment_at), read, moment_at)
             kept += [] if _stands(last, read) or _ends_stroke(last, before, read) else [read]
         before = step
-    return kept
+    return [step for step, after in zip_longest(kept, kept[1:]) if not _begins_stroke(step, after)]
 
 
 def observed(begin: float, end: float) -> list[float]:
@@ -221,13 +221,28 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
 
 
 def _ends_stroke(last: ProgramSegment | None, before: ProgramSegment | None, step: ProgramSegment) -> bool:
-    """Is it the rest at the end of a stroke along a surface or of a turn in contact, the last step kept?"""
+    """Is it the short rest at the end of a stroke, the last step that was kept?"""
     if last is None or before is None or last.index != before.index:
         return False
+    return _is_stroke(last) and _rests_shortly(step)
+
+
+def _begins_stroke(step: ProgramSegment, after: ProgramSegment | None) -> bool:
+    """Is it the short rest between the touch and the stroke that follows, while the force rises?"""
+    follows = after is not None and after.index == step.index + 1
+    return after is not None and follows and _is_stroke(after) and _rests_shortly(step)
+
+
+def _is_stroke(step: ProgramSegment) -> bool:
+    """Does it move along a surface, or turn in contact? What gives way is pressed in."""
     segment = step.segment
-    turned = last.segment.kind == "turning"
-    moved = last.touches and last.segment.motion == "motion" and (turned or not gives_way(last.segment))
-    return moved and segment.kind == "contact" and not step.lasts(STROKE_ENDS_S) and not segment.corrected
+    moves = step.touches and segment.motion == "motion"
+    return moves and (segment.kind == "turning" or not gives_way(segment))
+
+
+def _rests_shortly(step: ProgramSegment) -> bool:
+    segment = step.segment
+    return segment.kind == "contact" and not step.lasts(STROKE_REST_S) and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:

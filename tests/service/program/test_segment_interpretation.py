@@ -286,6 +286,19 @@ def test_a_short_rest_at_the_end_of_a_turn_in_contact_is_its_end(seconds: float,
     assert kinds(made)[2:] == ["apply_force"] * (1 + presses) + ["cartesian_motion"]
 
 
+@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
+def test_a_short_press_between_a_touch_and_a_stroke_is_its_beginning(seconds: float, presses: int) -> None:
+    """Its force still rises: a press of 7.5 N was taught where the stroke has 16 N."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.0 + seconds, **held(7.5)),
+        segment("sliding", 2.0 + seconds, 4.0, **held(16.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 16.0),
+    )
+    assert kinds(made) == ["move_to_contact", *["apply_force"] * (1 + presses)]
+    assert made[-1].force_taught == pytest.approx((0.0, 0.0, -16.0))
+
+
 def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> None:
     """The program pressed without a contact, so its own check refused it."""
     made = program(

@@ -50,6 +50,7 @@ class SkillController:
         self.setpoint = Setpoint(arm.measured.position, arm.measured.rotation)
         self.contact_direction: Array | None = None  # direction in which it stands on something
         self._pressed_n, self._correction_n = 0.0, 0.0
+        self._settled_s = 0.0  # in which the contact that the last app made came to rest
 
     @property
     def measured(self) -> ArmMeasurement:
@@ -58,6 +59,7 @@ class SkillController:
 
     def run(self, app: App, following: App | None) -> None:
         """Execute an app. Raises RobotStopped."""
+        self._settled_s = 0.0
         _SKILLS[app.kind](self, app, following)
 
     def hold_position(self, seconds: float, force_n: float | None = None) -> None:
@@ -71,7 +73,7 @@ class SkillController:
             self.tick(still)
 
     def pause(self, seconds: float, following: App | None) -> None:
-        """Hold between two apps; the time in which a contact is released is part of it.
+        """Hold between two apps; the times in which a contact comes to rest and is released are part of it.
 
         Where a hand crept in a rest to the start of the next path, the setpoint does.
         """
@@ -89,7 +91,7 @@ class SkillController:
             and following is not None
             and APP_KINDS[following.kind].has_target
         )
-        self.hold_position(max(seconds - RELEASE_S, 0.0) if leaves else seconds)
+        self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0))
 
     def send_fingers(self, width_m: float) -> None:
         """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles."""
@@ -253,6 +255,7 @@ class SkillController:
         still = replace(self.setpoint, push=MEET_N * along)
         for _ in range(round(MEET_S / DT)):
             self.tick(still)
+        self._settled_s = MEET_S
         self._enter_contact(along)
 
     def _enter_contact(self, along: Array) -> None:

@@ -322,9 +322,7 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
-    controller.press(
-        straight, seconds, None if slides else aside, path, app.screw, 0.0 if slides else depth
-    )
+    controller.press(straight, seconds, None if slides else aside, path, app.screw, 0.0 if slides else depth)
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile, zip_longest
+from itertools import takewhile
 from statistics import median
 from typing import Literal
 
@@ -127,7 +127,8 @@ def kept_steps(
                 read = _still_touching(contact, _base(last, moment_at), read, moment_at)
             kept += [] if _stands(last, read) or _ends_stroke(last, before, read) else [read]
         before = step
-    return [step for step, after in zip_longest(kept, kept[1:]) if not _begins_stroke(step, after)]
+    around = zip(kept, [None, *kept], [*kept[1:], None], strict=False)
+    return [step for step, last, after in around if not _begins_stroke(step, last, after)]
 
 
 def observed(begin: float, end: float) -> list[float]:
@@ -227,10 +228,11 @@ def _ends_stroke(last: ProgramSegment | None, before: ProgramSegment | None, ste
     return _is_stroke(last) and _rests_shortly(step)
 
 
-def _begins_stroke(step: ProgramSegment, after: ProgramSegment | None) -> bool:
+def _begins_stroke(step: ProgramSegment, last: ProgramSegment | None, after: ProgramSegment | None) -> bool:
     """Is it the short rest between the touch and the stroke that follows, while the force rises?"""
-    follows = after is not None and after.index == step.index + 1
-    return after is not None and follows and _is_stroke(after) and _rests_shortly(step)
+    if after is None or after.index != step.index + 1 or (last is not None and last.touches):
+        return False
+    return _is_stroke(after) and _rests_shortly(step)
 
 
 def _is_stroke(step: ProgramSegment) -> bool:

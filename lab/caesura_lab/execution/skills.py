@@ -36,6 +36,7 @@ NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
 BOTTOM_M_PER_S = 0.02  # with which the bottom of what is pushed in is met: it may be hard
 SINKING_PER_S = 6.0  # for each metre that is left to the bottom it may sink so many metres a second faster
 SUNK_M = 0.002  # above the bottom
+URGING_NS_PER_M = 300.0  # by which it is sped up, as long as it resists with less than the force
 SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
@@ -181,15 +182,19 @@ class SkillController:
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            allowed = BOTTOM_M_PER_S + SINKING_PER_S * max(depth_m - sunk, 0.0)
-            fast = max(float(along @ self.measured.twist[:3]) - allowed, 0.0)
-            slowed_n = min(SINKING_NS_PER_M * fast, want + self._correction_n)
-            push = along * (want + self._correction_n - slowed_n) + share * aside
+            left_m = max(depth_m - sunk, 0.0)
+            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.measured.force))
+            fast = speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
+            slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
+            sinks = left_m > SUNK_M
+            spared = max(1.0 - resists / want, 0.0) if sinks else 0.0
+            urged_n = URGING_NS_PER_M * max(-fast, 0.0) * spared
+            push = along * (want + self._correction_n - slowed_n + urged_n) + share * aside
             measured = self.tick(replace(setpoint, push=push, along=along))
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = 0.0 if slowed_n else want + float(along @ measured.force)
+            wrong = 0.0 if slowed_n or sinks else want + float(along @ measured.force)
             corrected = self._correction_n + FORCE_GAIN_PER_S * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 from caesura_protocol.app_kinds import APP_KINDS
@@ -74,10 +75,14 @@ def scaled(app: A, factor: float) -> A:
 
 
 class EditedTimes(NamedTuple):
-    """Apps and gaps at the times of the edited program. Gaps are those within an app."""
+    """Apps and gaps at the times of the edited program. Gaps are those within an app.
+
+    follows: whether each app follows the one before it as when they were taught; True for the first.
+    """
 
     apps: tuple[App, ...]
     gaps: tuple[Gap, ...]
+    follows: tuple[bool, ...]
 
 
 def edited_times(
@@ -93,12 +98,15 @@ def edited_times(
     taught = [*deleted, *((app.added, app.t0) for app in apps)]
     made: list[App] = []
     missing: list[Gap] = []
+    follows = (True, *(_followed(before, app, taught) for before, app in pairwise(apps)))
     for index, app in enumerate(apps):
-        t0 = made[-1].tn + _pause_s(apps[index - 1], app, taught) if made else min(one.t0 for one in apps)
+        before = apps[index - 1] if index else None
+        pause_s = app.t0 - before.tn if before and follows[index] else 0.0
+        t0 = made[-1].tn + pause_s if made else min(one.t0 for one in apps)
         shifted = earlier(app, math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S)
         made.append(shifted if app.speed is None else scaled(shifted, app.speed))
         missing += () if is_taught_again(app) else _gaps_within(app, made[-1], gaps)
-    return EditedTimes(tuple(made), tuple(missing))
+    return EditedTimes(tuple(made), tuple(missing), follows)
 
 
 def _is_elsewhere(app: App) -> bool:
@@ -117,13 +125,12 @@ def _left_out(edit: ProgramEdit) -> list[Taught]:
             return []
 
 
-def _pause_s(before: App, app: App, taught: Sequence[Taught]) -> float:
-    """The pause [s] that was taught between two apps; 0 where another one began in between."""
+def _followed(before: App, app: App, taught: Sequence[Taught]) -> bool:
+    """Whether an app followed another one when they were taught: no third one began in between."""
     if before.added != app.added or app.t0 < before.tn:
-        return 0.0
+        return False
     starts = [t for added, t in taught if added == app.added and t != before.t0]
-    between = any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in starts)
-    return 0.0 if between else app.t0 - before.tn
+    return not any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in starts)
 
 
 def _gaps_within(app: App, made: App, gaps: Sequence[Gap]) -> list[Gap]:

@@ -18,13 +18,15 @@ from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
 SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
-TAUGHT_APART = "a part was taught again, and what leads from one to the other is in no app"
+TAUGHT_APART = "a part was taught again"
+EDITED_APART = "the way between them was not taught"
 STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less
 
 
@@ -50,16 +52,21 @@ def fidelity_findings(
         found += _missing_paths(apps)
     pose: ViaPoint | None = None
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
+    led = True  # whether what was taught led from the pose to this app
     for index, app in enumerate(apps):
-        before = apps[index - 1] if index else None
         part = part_of(app)
-        missed = _seam(pose, app) if part != taught_in else _motion_before(before, pose, app, safety)
-        reasons = [*_path_deviation(app), *missed, *_force_limits(app)]
+        led = led and part == taught_in and _follows(app)
+        if led:
+            missed = _motion_before(pose, app)
+        else:
+            missed = _seam(pose, app, EDITED_APART if part == taught_in else TAUGHT_APART)
+        pauses = _pause_before(apps[index - 1], app, safety) if index else ()
+        reasons = [*_path_deviation(app), *pauses, *missed, *_force_limits(app)]
         if quality is not None:
             reasons += _gaps_within(app, quality.gaps)
         found += [Finding("warning", index, app.kind, *reason) for reason in reasons]
         if app.target is not None:
-            pose, taught_in = _pose_after(app, pose), part
+            pose, taught_in, led = _pose_after(app, pose), part, not _is_redirected(app)
     return found
 
 
@@ -86,10 +93,8 @@ def _path_deviation(app: App) -> Iterator[Reason]:
         )
 
 
-def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: Safety) -> Iterator[Reason]:
-    """Find motion between two apps that no app reproduces."""
-    if before is None:
-        return
+def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
+    """Find a pause between two apps that the robot does not keep."""
     pause = app.t0 - before.tn
     if pause > safety.pause_s:
         yield (
@@ -97,6 +102,10 @@ def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: 
             pause,
             safety.pause_s,
         )
+
+
+def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
+    """Find motion between two apps that no app reproduces."""
     if pose is None or app.path is None:
         return
     start, when = app.path.start, f"{min(pose.t, app.path.start.t):.1f}–{app.path.start.t:.1f} s"
@@ -109,8 +118,18 @@ def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: 
         yield (f"rotation of {degrees:.0f}° taught at {when} is in no app", turned, STEPPED_RAD)
 
 
-def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
-    """Find that a part which was taught again does not meet its neighbour."""
+def _follows(app: App) -> bool:
+    """Whether an app follows the one before it as when they were taught; so it does without an edit."""
+    return app.follows if isinstance(app, ProgramStep) else True
+
+
+def _is_redirected(app: App) -> bool:
+    """Whether an edit gave an app another target than it was taught with."""
+    return any(mark.field == "target" for mark in app.changes)
+
+
+def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
+    """Find that an app does not begin where the app before it ends. why: they were not taught in a row."""
     start = _start_of(app)
     if pose is None or start is None:
         return
@@ -118,7 +137,7 @@ def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
     off = math.dist(start.position, pose.position)
     if off > tolerance_m * (1.0 + EVEN):
         yield (
-            f"begins {1000 * off:.1f} mm from where the app before it ends: {TAUGHT_APART}",
+            f"begins {1000 * off:.1f} mm from where the app before it ends: {why}, and no app leads there",
             off,
             tolerance_m,
         )
@@ -127,7 +146,7 @@ def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
     if turned > tolerance_rad * (1.0 + EVEN):
         degrees = math.degrees(turned)
         yield (
-            f"begins turned by {degrees:.1f}° from the app before it: {TAUGHT_APART}",
+            f"begins turned by {degrees:.1f}° from the app before it: {why}, and no app turns there",
             turned,
             tolerance_rad,
         )

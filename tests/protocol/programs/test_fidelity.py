@@ -63,9 +63,9 @@ def test_motion_that_was_taught_between_two_neighbours_is_found_with_its_time():
 
 def test_between_apps_in_another_order_nothing_is_said_to_be_taught():
     shown = found(changed(THIRD, *MOVED), FIRST, SECOND)
-    assert [(index, reason.split(":")[0]) for index, reason in shown] == [
+    assert [(index, reason.split(",")[0]) for index, reason in shown] == [
         (1, "begins 500.0 mm from where the app before it ends"),
-        (2, "begins where 50 mm taught at 2.0–2.5 s lead, in no app"),  # neighbours still, at their new times
+        (2, "begins where 50 mm taught at 2.0–2.5 s lead"),  # neighbours still, at their new times
     ]
 
 
@@ -80,13 +80,13 @@ def test_over_a_deleted_app_nothing_is_said_to_be_taught():
     edit = ProgramEdit(number=1, author="Ann", at=0.0, action=DeleteApp(app=gone), state="applied")
     ((index, reason),) = found(FIRST, THIRD, edits=(edit,))
     assert index == 1
-    assert reason.startswith("begins 200.0 mm from where the app before it ends: the way between")
+    assert reason.startswith("begins 200.0 mm from where the app before it ends, because the way between")
 
 
 def test_an_app_without_a_pose_does_not_hide_that_another_one_came_between():
     opening = app("gripper_move", 1.0, 1.0, gripper_width=0.08)
     shown = found(changed(THIRD, *MOVED), opening, move(1.0, there(0.2), there(0.4)))
-    assert [reason.split(":")[0] for index, reason in shown if index == 2] == [
+    assert [reason.split(",")[0] for index, reason in shown if index == 2] == [
         "begins 400.0 mm from where the app before it ends"
     ]
 
@@ -95,6 +95,6 @@ def test_where_a_target_was_edited_nothing_is_said_to_be_taught():
     target = AppChange(field="target", author="Ann", edit=1, inferred=there(0.25))
     begun = move(0.0, there(0.1), there(0.2))
     shown = found(changed(begun, target), move(1.0, there(0.25), there(0.4)))
-    assert [reason.split(":")[0] for index, reason in shown if index == 1] == [
+    assert [reason.split(",")[0] for index, reason in shown if index == 1] == [
         "begins 50.0 mm from where the app before it ends"
     ]

@@ -1,4 +1,6 @@
-"""What was taught and is not reproduced: a program beside its demonstration. Warnings only.
+"""What was taught and is not reproduced: a program beside its demonstration.
+
+Warnings, with one exception: fingers that close where the object is not.
 
 What does not end up in an app shows where an app begins: its path says where the demonstration was then, and
 the app before it where the robot is.
@@ -14,11 +16,12 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
-from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.document import ProgramStep
+from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
@@ -65,6 +68,8 @@ def fidelity_findings(
         if quality is not None:
             reasons += _gaps_within(app, quality.gaps)
         found += [Finding("warning", index, app.kind, *reason) for reason in reasons]
+        if not led and (off := _off_object(pose, app)):
+            found.append(Finding("error", index, app.kind, *off))
         if app.target is not None:
             pose, taught_in, led = _pose_after(app, pose), part, not _is_redirected(app)
     return found
@@ -128,16 +133,31 @@ def _is_redirected(app: App) -> bool:
     return any(mark.field == "target" for mark in app.changes)
 
 
+def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
+    """Find that the fingers close where nothing was grasped: a grasp stays where the app before it ends."""
+    if pose is None or app.kind != "grasp" or app.target is None:
+        return None
+    off = math.dist(app.target, pose.position)
+    if off <= GRIP_REACH_M:
+        return None
+    reason = (
+        f"grasps {1000 * off:.0f} mm from where it was taught to, at most {1000 * GRIP_REACH_M:.0f} mm: "
+        f"insert a move to {_in_mm(app.target)} before it"
+    )
+    return reason, off, GRIP_REACH_M
+
+
 def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     """Find that an app does not begin where the app before it ends. why: they were not taught in a row."""
     start = _start_of(app)
-    if pose is None or start is None:
+    if pose is None or start is None or _off_object(pose, app):
         return
     tolerance_m = TOLERANCE_M if app.path is None else app.path.tolerance_m
     off = math.dist(start.position, pose.position)
     if off > tolerance_m * (1.0 + EVEN):
         yield (
-            f"begins {1000 * off:.1f} mm from where the app before it ends: {why}, and no app leads there",
+            f"begins {1000 * off:.1f} mm from where the app before it ends, because {why}: "
+            f"insert a move to {_in_mm(start.position)} before it, or teach it again from there",
             off,
             tolerance_m,
         )
@@ -146,10 +166,15 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     if turned > tolerance_rad * (1.0 + EVEN):
         degrees = math.degrees(turned)
         yield (
-            f"begins turned by {degrees:.1f}° from the app before it: {why}, and no app turns there",
+            f"begins turned by {degrees:.1f}° from the app before it, because {why}: "
+            "teach one of the two again as the other one is turned",
             turned,
             tolerance_rad,
         )
+
+
+def _in_mm(point: Vector) -> str:
+    return f"({', '.join(f'{1000 * x:.0f}' for x in point)}) mm"
 
 
 def _start_of(app: App) -> ViaPoint | None:

@@ -23,6 +23,7 @@ from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import (
     MAX_PROGRAM_EDITS,
     MAX_TAUGHT_AGAIN,
+    MAX_TAUGHT_AGAIN_HELD,
     App,
     AppChange,
     AppField,
@@ -92,9 +93,9 @@ class EditLog(NamedTuple):
             why = "the program has too many edits: undo some"
             raise ProtocolError("conflict", why, value=len(active) + 1, limit=MAX_PROGRAM_EDITS)
         held = len(apps) + sum(len(edit.apps) for edit in active)
-        if held > MAX_TAUGHT_AGAIN:
-            why = "the edits of the program hold too many apps that were taught again: undo some"
-            raise ProtocolError("conflict", why, value=held, limit=MAX_TAUGHT_AGAIN)
+        if held > MAX_TAUGHT_AGAIN_HELD:
+            why = "the edits hold too many apps that were taught again, with those replaced since: undo some"
+            raise ProtocolError("conflict", why, value=held, limit=MAX_TAUGHT_AGAIN_HELD)
         made = ProgramEdit(
             number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
         )
@@ -128,8 +129,14 @@ def with_edits(program: Program, log: EditLog) -> Program:
 def check_applies(program: Program, log: EditLog) -> None:
     """Check that the last edit of a log applies to the inferred program. Raises ProtocolError `conflict`."""
     made = apply(program.apps, log.active, program.force_limit_n)
-    if made.edits and _is_left_out(made.edits[-1]):
+    if not made.edits:
+        return
+    if _is_left_out(made.edits[-1]):
         raise ProtocolError("conflict", str(made.edits[-1].reason))
+    standing = sum(map(is_taught_again, made.apps))
+    if isinstance(made.edits[-1].action, ReplacePart) and standing > MAX_TAUGHT_AGAIN:
+        why = "the program would have too many apps that were taught again: replace or undo some of them"
+        raise ProtocolError("conflict", why, value=standing, limit=MAX_TAUGHT_AGAIN)
 
 
 def _is_left_out(edit: ProgramEdit) -> bool:

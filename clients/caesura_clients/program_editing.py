@@ -29,6 +29,7 @@ from caesura_protocol.messages import (
     ReplacePart,
     Undo,
 )
+from caesura_protocol.number_words import fixed
 from caesura_protocol.transport.network import Transport
 
 HALF = 0.5  # of the time of an app
@@ -134,5 +135,5 @@ def _behind(after: AppReference | None) -> str:
 
 
 def _at(app: AppReference) -> str:
-    when = f"at {app.t0:.1f} s" if app.added is None else f"of edit {app.added}"
+    when = f"at {fixed(app.t0, 1)} s" if app.added is None else f"of edit {app.added}"
     return f"'{app_title(app.kind)}' {when}"

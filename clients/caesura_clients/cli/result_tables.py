@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.markup import escape
@@ -29,6 +28,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Vector,
 )
+from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
@@ -181,10 +181,10 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
         table.add_row(
             app_number(index),
             _title_of(app),
-            "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
+            "" if app.target is None else " ".join(fixed(1000 * x, 0) for x in app.target),
             path_in_words(app, unit=""),
             _effort_of_app(app),
-            f"{app.t0:.2f}–{app.tn:.2f}",
+            f"{fixed(app.t0, 2)}–{fixed(app.tn, 2)}",
             f"{app.confidence:.2f}",
         )
     return table
@@ -260,13 +260,13 @@ def _turned(segment: Segment) -> str:
 def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:
     """A load where there is one, or else the magnitude of the force."""
     if load_kg is not None:
-        return f"{load_kg:.2f} kg" + ("" if load_sd_kg is None else f" ± {load_sd_kg:.2f}")
-    return f"{np.linalg.norm(force):.1f} N"
+        return f"{fixed(load_kg, 2)} kg" + ("" if load_sd_kg is None else f" ± {fixed(load_sd_kg, 2)}")
+    return f"{fixed(math.hypot(*force), 1)} N"
 
 
 def _effort_of_app(app: App) -> str:
     if app.gripper_width is not None and app.force is None:
-        return f"{1000 * app.gripper_width:.0f} mm"
+        return f"{fixed(1000 * app.gripper_width, 0)} mm"
     if app.load_kg is None:
         return force_in_words(app)
-    return f"{app.load_kg:.2f}" + (" kg" if app.load_sd_kg is None else f"±{app.load_sd_kg:.2f} kg")
+    return fixed(app.load_kg, 2) + (" kg" if app.load_sd_kg is None else f"±{fixed(app.load_sd_kg, 2)} kg")

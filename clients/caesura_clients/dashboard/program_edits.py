@@ -19,6 +19,7 @@ from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.app_times import PLACED, may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
@@ -139,7 +140,7 @@ def _change(mark: AppChange) -> str:
     if isinstance(mark.inferred, float | int) and unit:
         return f"{words} (taught {scale * mark.inferred:.4g} {unit})"
     if isinstance(mark.inferred, tuple) and unit:
-        taught = ", ".join(f"{scale * float(x or 0.0):.0f}" for x in mark.inferred)
+        taught = ", ".join(fixed(scale * float(x or 0.0), 0) for x in mark.inferred)
         return f"{words} (taught {taught} {unit})"
     return words
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.rotations import angle_between
 
@@ -138,7 +139,7 @@ def _of_poses(one: App, other: App, least: LeastDifferences) -> Iterator[str]:
     if one.target is not None and other.target is not None:
         apart = math.dist(one.target, other.target)
         if apart >= least.metres:
-            yield f"target {1000 * apart:.1f} mm away"
+            yield f"target {fixed(1000 * apart, 1)} mm away"
     elif one.target != other.target:
         yield "target given" if one.target else "no target any more"
     if one.orientation is not None and other.orientation is not None:

@@ -11,13 +11,15 @@ from caesura_protocol.messages import (
     AppPath,
     AppReference,
     DeleteApp,
+    Gap,
     Program,
     ProgramEdit,
     Vector,
     ViaPoint,
 )
-from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.checks import DemonstrationQuality, document_findings, fidelity_findings
 from caesura_protocol.programs.document import document
+from caesura_protocol.programs.safety import DEFAULT
 from harness.programs import app
 
 MOVED = (AppChange(field="place", author="Ann", edit=1),)
@@ -36,10 +38,13 @@ def move(t0: float, start: Vector, target: Vector, **fields: Any) -> App:
     return app("cartesian_motion", t0, t0 + 1.0, target, path=path, **fields)
 
 
-def found(*apps: App, edits: tuple[ProgramEdit, ...] = ()) -> list[tuple[int | None, str]]:
+def program(*apps: App, edits: tuple[ProgramEdit, ...] = ()) -> Program:
     fields = {"station": "cell-1", "session": "s1", "instance": "test-1", "epoch": 1, "version": 4, "t": 12.0}
-    program = Program(**fields, complete=True, apps=apps, edits=edits, robot="panda")
-    return [(one.index, one.reason) for one in document_findings(document(program))]
+    return Program(**fields, complete=True, apps=apps, edits=edits, robot="panda")
+
+
+def found(*apps: App, edits: tuple[ProgramEdit, ...] = ()) -> list[tuple[int | None, str]]:
+    return [(one.index, one.reason) for one in document_findings(document(program(*apps, edits=edits)))]
 
 
 def changed(app: App, *changes: AppChange) -> App:
@@ -98,3 +103,21 @@ def test_where_a_target_was_edited_nothing_is_said_to_be_taught():
     assert [reason.split(",")[0] for index, reason in shown if index == 1] == [
         "begins 50.0 mm from where the app before it ends"
     ]
+
+
+def test_findings_are_short_whatever_numbers_a_file_states():
+    huge = FIRST.path.model_copy(
+        update={
+            "start": ViaPoint(t=1e308, position=(1e305, 1e305, 1e305), orientation=None),
+            "tn": 1.1e308,
+            "deviation_m": 1e305,
+            "deviation_rad": 1e300,
+        }
+    )
+    spoilt = SECOND.model_copy(update={"path": huge})
+    gap = (Gap(t0=-1e308, tn=1e308, reason="source"),)
+    for apps in ((FIRST, spoilt), (FIRST, changed(THIRD, *MOVED), spoilt)):
+        shown = fidelity_findings(apps, DemonstrationQuality(gap), DEFAULT)
+        steps = document_findings(document(program(*apps)))
+        assert len(shown) > 3
+        assert max(len(one.reason) for one in (*shown, *steps)) < 250

@@ -292,6 +292,14 @@ def test_the_reason_of_an_edit_names_few_apps():
     assert str(listed.reason).endswith("at 2.00 to 3.00 s and 47 more")
 
 
+def test_the_reason_of_an_edit_is_short_whatever_time_it_names():
+    for t0 in (1e308, -1e308):
+        gone = DeleteApp(app=AppReference(kind="grasp", t0=t0, tn=1e308))
+        (edit,) = edited((), gone).edits
+        assert str(edit.reason).startswith(f"the app 'grasp' at {t0:g} to 1e+308 s is no longer in")
+        assert len(str(edit.reason)) < 100
+
+
 def test_an_edit_is_compared_with_apps_of_its_time_alone(monkeypatch):
     first, *_ = taught()
     many = [first.model_copy(update={"t0": float(i), "tn": i + 1.0}) for i in range(300)]

@@ -17,6 +17,7 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
+from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
@@ -84,15 +85,15 @@ def _path_deviation(app: App) -> Iterator[Reason]:
         return
     if path.deviation_m > path.tolerance_m * (1.0 + EVEN):
         yield (
-            f"deviates by up to {1000 * path.deviation_m:.1f} mm from the path that was taught, "
-            f"{1000 * path.tolerance_m:.1f} mm were asked for",
+            f"deviates by up to {fixed(1000 * path.deviation_m, 1)} mm from the path that was taught, "
+            f"{fixed(1000 * path.tolerance_m, 1)} mm were asked for",
             path.deviation_m,
             path.tolerance_m,
         )
     if path.deviation_rad > path.tolerance_rad * (1.0 + EVEN):
         yield (
-            f"deviates by up to {math.degrees(path.deviation_rad):.1f}° from the orientations taught, "
-            f"{math.degrees(path.tolerance_rad):.1f}° were asked for",
+            f"deviates by up to {fixed(math.degrees(path.deviation_rad), 1)}° from the orientations taught, "
+            f"{fixed(math.degrees(path.tolerance_rad), 1)}° were asked for",
             path.deviation_rad,
             path.tolerance_rad,
         )
@@ -113,10 +114,10 @@ def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
     """Find motion between two apps that no app reproduces."""
     if pose is None or app.path is None:
         return
-    start, when = app.path.start, f"{min(pose.t, app.path.start.t):.1f}–{app.path.start.t:.1f} s"
+    start, when = app.path.start, f"{fixed(min(pose.t, app.path.start.t), 1)}–{fixed(app.path.start.t, 1)} s"
     moved = math.dist(start.position, pose.position)
     if moved > STEPPED_M:
-        yield (f"begins where {1000 * moved:.0f} mm taught at {when} lead, in no app", moved, STEPPED_M)
+        yield (f"begins where {fixed(1000 * moved, 0)} mm taught at {when} lead, in no app", moved, STEPPED_M)
     turned = _orientation_change(pose, start)
     if turned > STEPPED_RAD:
         degrees = math.degrees(turned)
@@ -141,8 +142,8 @@ def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
     if off <= GRIP_REACH_M:
         return None
     reason = (
-        f"grasps {1000 * off:.0f} mm from where it was taught to, at most {1000 * GRIP_REACH_M:.0f} mm: "
-        f"insert a move to {_in_mm(app.target)} before it"
+        f"grasps {fixed(1000 * off, 0)} mm from where it was taught to, "
+        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {_in_mm(app.target)} before it"
     )
     return reason, off, GRIP_REACH_M
 
@@ -156,7 +157,7 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     off = math.dist(start.position, pose.position)
     if off > tolerance_m * (1.0 + EVEN):
         yield (
-            f"begins {1000 * off:.1f} mm from where the app before it ends, because {why}: "
+            f"begins {fixed(1000 * off, 1)} mm from where the app before it ends, because {why}: "
             f"insert a move to {_in_mm(start.position)} before it, or teach it again from there",
             off,
             tolerance_m,
@@ -174,7 +175,7 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
 
 
 def _in_mm(point: Vector) -> str:
-    return f"({', '.join(f'{1000 * x:.0f}' for x in point)}) mm"
+    return f"({', '.join(fixed(1000 * x, 0) for x in point)}) mm"
 
 
 def _start_of(app: App) -> ViaPoint | None:
@@ -213,7 +214,11 @@ def _force_limits(app: App) -> Iterator[Reason]:
 def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
     for gap in gaps:
         if gap.t0 < app.tn and app.t0 < gap.tn:
-            yield (f"was not observed from {gap.t0:.2f} to {gap.tn:.2f} s: look at what it does", None, None)
+            yield (
+                f"was not observed from {fixed(gap.t0, 2)} to {fixed(gap.tn, 2)} s: look at what it does",
+                None,
+                None,
+            )
 
 
 def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:

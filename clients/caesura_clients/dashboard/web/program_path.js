@@ -9,8 +9,8 @@ const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
-  props: { rows: Array, speeds: Array },
-  emits: ["simulate"],
+  props: { rows: Array, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
+  emits: ["simulate", "cancel"],
   data: () => ({
     angles: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
     run: null, follows: false, speed: "taught", said: "", stopped: false, busy: false,
@@ -23,14 +23,15 @@ export default {
           <button aria-label="Enlarge the path" @click="zoom *= 1.25">+</button><button aria-label="Shrink the path" @click="zoom /= 1.25">−</button></span>
         <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
           <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
-        <button class="simulate" :disabled="busy" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button></span>
+        <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
+        <button v-if="busy" ref="cancel" class="cancel-simulation" @click="$emit('cancel')">Cancel simulation</button></span>
         <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
         <output>{{ words }}</output>
       </div>
-      <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ said }}</p>
+      <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ stands }}</p>
       <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"
         @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointercancel="held = null" @keydown="key"></canvas>
     </details>`,
@@ -44,6 +45,9 @@ export default {
     },
     at() { // the app that is run at the time, or that was run last before it
       return this.rows.findLast(({ points }) => points[0][0] <= this.shown) || this.rows[0];
+    },
+    stands() {
+      return this.said || (this.elsewhere ? "Another simulation is under way on this dashboard." : "");
     },
     words() {
       const [x, y, z] = this.place().map((value) => value.toFixed(0));
@@ -91,9 +95,12 @@ export default {
       Object.assign(this, { busy: true, said: "", stopped: false });
       this.asked = JSON.stringify(this.rows);
       this.$emit("simulate", this.speed);
+      this.$nextTick(() => this.$refs.cancel?.focus()); // a disabled button has no focus
     },
     simulated({ said, stopped, points }) {
+      const held = document.activeElement === this.$refs.cancel;
       Object.assign(this, { busy: false, said, stopped, run: null });
+      if (held) this.$nextTick(() => this.$refs.simulate.focus());
       if (this.asked !== JSON.stringify(this.rows)) this.said = "The program has changed meanwhile: simulate it again.";
       else if (points.length) this.run = Object.freeze(points);
       this.followRun(this.run !== null);

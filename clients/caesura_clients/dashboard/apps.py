@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from caesura_clients.dashboard.program_edits import app_editing, editing_of, findings
+from caesura_clients.dashboard.program_edits import app_editing, checked, editing_of
 from caesura_clients.dashboard.program_path import program_path
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
@@ -21,7 +21,7 @@ NEWEST = 100  # apps that are drawn
 def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
     """What the page shows of a program; of a long one the newest apps, and how many come before them."""
     before = max(0, len(program.apps) - newest)
-    of_program, of_apps = findings(program)
+    apps, of_program, of_apps = checked(program)
     return {
         **editing_of(program),
         "findings": of_program,
@@ -31,7 +31,7 @@ def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
         "edited": program.edited,
         "notes": list(program.notes),
         "before": before,
-        "path": program_path(program, before),
+        "path": program_path(apps, before),
         "apps": [
             card(index + 1, program.apps[index])
             | app_editing(program.apps, index)

@@ -99,7 +99,7 @@ class NetworkFollower(RepeatingThreads):
                 stored[one.status.station, one.status.session] = reader.update
         if session == "*":
             self._pages[station] = skip + len(found)
-        self._change(stored=dict(list(stored.items())[-STORED:]))
+        self._change(stored=dict(list(stored.items())[-STORED:]), closed=self.world.closed + 1)
         return len(found)
 
     def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
@@ -128,12 +128,12 @@ class NetworkFollower(RepeatingThreads):
             case SessionRemoved():
                 gone = (event.station, event.session)
                 kept = {key: one for key, one in self.world.updates.items() if key != gone}
-                self._change(updates=kept, current=self._current())
+                self._change(updates=kept, closed=self.world.closed + 1, current=self._current())
 
     def _take_update(self, update: Update) -> None:
         key = (update.station, update.session)
         known = self.world.updates
-        self._change(updates={**known, key: update})
+        self._change(updates={**known, key: update}, closed=self.world.closed + update.closed)
         if key not in known or self._unsure:
             self._change(current=self._current())
         if update.posterior is not None:

@@ -7,8 +7,10 @@ multiple of `SHIFT_S`, and a float that gets smaller by that is exact.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from operator import itemgetter
 from typing import NamedTuple, TypeVar
 
 from caesura_protocol.app_kinds import APP_KINDS
@@ -95,7 +97,9 @@ def edited_times(
     deleted = [place for edit in edits if edit.state == "applied" for place in _left_out(edit)]
     if not deleted and not any(map(_is_elsewhere, apps)):
         return None
-    taught = [*deleted, *((app.added, app.t0) for app in apps)]
+    taught: dict[int | None, list[float]] = {}  # when apps began [s], in order, by the edit that added them
+    for added, t0 in sorted((*deleted, *((app.added, app.t0) for app in apps)), key=itemgetter(1)):
+        taught.setdefault(added, []).append(t0)
     made: list[App] = []
     missing: list[Gap] = []
     follows = (True, *(_followed(before, app, taught) for before, app in pairwise(apps)))
@@ -125,12 +129,13 @@ def _left_out(edit: ProgramEdit) -> list[Taught]:
             return []
 
 
-def _followed(before: App, app: App, taught: Sequence[Taught]) -> bool:
+def _followed(before: App, app: App, taught: Mapping[int | None, Sequence[float]]) -> bool:
     """Whether an app followed another one when they were taught: no third one began in between."""
     if before.added != app.added or app.t0 < before.tn:
         return False
-    starts = [t for added, t in taught if added == app.added and t != before.t0]
-    return not any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in starts)
+    starts = taught[app.added]
+    first, last = bisect_left(starts, before.tn - EVEN_S), bisect_left(starts, app.t0 - EVEN_S)
+    return all(t == before.t0 for t in starts[first:last])
 
 
 def _gaps_within(app: App, made: App, gaps: Sequence[Gap]) -> list[Gap]:

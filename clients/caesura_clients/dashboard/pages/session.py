@@ -21,7 +21,7 @@ from caesura_clients.dashboard.elements import (
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
-from caesura_clients.dashboard.sessions import taught_again
+from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted
 from caesura_clients.results import Update
@@ -58,6 +58,7 @@ class SessionPage:
             )
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
+        self._parts = PartChoice()
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
         self._columns_of = ""  # which session
         self._tick()
@@ -106,9 +107,10 @@ class SessionPage:
         """In words, made anew only where it changed: a long one takes its time."""
         if program is not self._timeline_of:
             self._timeline_of, self._timeline = program, timeline(program)
-        sessions = taught_again(self._gateway.world, program.station, program.session)
+        is_edited = self._program_desk is not None
+        parts = self._parts.of(self._gateway.world, program.station, program.session) if is_edited else []
         elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
-        self._program.show({**self._timeline, "sessions": sessions, "elsewhere": elsewhere})
+        self._program.show({**self._timeline, "sessions": parts, "elsewhere": elsewhere})
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""

@@ -44,15 +44,19 @@ class AppPair(NamedTuple):
 
 
 def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
-    """Return the differences of a program from another one, app by app; none for equal ones."""
+    """Return the differences of a program from an earlier one, app by app; none for equal ones.
+
+    A number is that of the program itself, and one that follows `was` that of the earlier one.
+    """
     found = [f"program: {words}" for words in _of_programs(one, other)]
     for first, second, words in compared(one.apps, other.apps):
         if second is None and first is not None:
             found.append(f"{_named(one.apps, first)} is added")
         elif first is None and second is not None:
-            found.append(f"without {_named(other.apps, second)}")
-        elif first is not None and words:
-            found.append(f"{_named(one.apps, first)}: {'; '.join(words)}")
+            found.append(f"without what was {_named(other.apps, second)}")
+        elif first is not None and second is not None and words:
+            before = "" if first == second else f", was app {app_number(second)}"
+            found.append(f"{_named(one.apps, first)}{before}: {'; '.join(words)}")
     return found
 
 

@@ -98,6 +98,7 @@ Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
 Tag = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+HintText = Annotated[str, Field(min_length=1, max_length=200, pattern=LINE)]
 AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -584,8 +585,8 @@ class Hint(Message):
     kind: HintKind
     since: Seconds  # [s] the observation at which it was raised
     until: Seconds | None = None  # [s] the observation at which it was cleared; None: it is active
-    text: Annotated[str, Field(max_length=200)]  # what was found, with the value and its limit
-    advice: Annotated[str, Field(max_length=200)]  # what to do
+    text: HintText  # what was found, with the value and its limit
+    advice: HintText  # what to do
     t0: Seconds | None = None  # [s] the part of the demonstration that it is about, where there is one
     tn: Seconds | None = None
 

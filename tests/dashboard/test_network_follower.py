@@ -193,3 +193,23 @@ def test_a_service_that_goes_is_trouble_and_one_that_comes_back_ends_it(memory):
         with Answering(memory.transport()) as answering:
             answering.answers[STATUS] = encode(example(ServiceStatus))
             eventually(lambda: gateway.world.trouble == "")
+
+
+def test_pages_of_two_instances_leave_no_session_out(memory, update, monkeypatch):
+    stored = {
+        name: [snapshot(1, "motion", station=name, session=f"s{i}") for i in range(count)]
+        for name, count in (("cell-1", 5), ("cell-2", 3))
+    }
+
+    def page(_transport, _station, _session, *, skip):
+        return [one for sessions in stored.values() for one in sessions[skip : skip + 2]]
+
+    monkeypatch.setattr("caesura_clients.dashboard.network_follower.stored_snapshots", page)
+    follower = NetworkFollower(memory.transport())
+    held = [update("motion", station=name, session="held", instance=f"of-{name}") for name in stored]
+    follower._change(updates={(one.station, one.session): one for one in held})
+    while follower.read_stored():
+        pass
+    assert set(follower.world.stored) == {
+        (name, one.status.session) for name, sessions in stored.items() for one in sessions
+    }

@@ -25,7 +25,7 @@ export default {
         <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
           <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
         <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
-        <button v-if="busy" ref="cancel" class="cancel-simulation" @click="$emit('cancel')">Cancel simulation</button></span>
+        <button v-if="busy" ref="cancel" class="cancel-simulation" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
         <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"

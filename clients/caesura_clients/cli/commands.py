@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
@@ -37,7 +37,7 @@ from caesura_clients.cli.options import (
 from caesura_clients.cli.pedal import marking
 from caesura_clients.cli.programs import program
 from caesura_clients.cli.record import record_session
-from caesura_clients.cli.result_tables import ignored_line, outcome_line, segments_view
+from caesura_clients.cli.result_tables import clock_lines, ignored_line, outcome_line, segments_view
 from caesura_clients.cli.robots import list_robots
 from caesura_clients.cli.sessions import sessions
 from caesura_clients.cli.watching import SAID_OF_SERVICE, FinalLines, LiveView
@@ -48,6 +48,7 @@ from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change, watch_services
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
+from caesura_protocol.session_clock import clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 DEFAULT_STATION = "cell-1"
@@ -288,7 +289,9 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
         raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
     for one in found:
         found_hints = one.hints.hints if one.hints else ()
-        Console().print(segments_view(one.status, one.segments.segments, hints=found_hints))
+        segments = one.segments.segments
+        shown = segments_view(one.status, segments, hints=found_hints)
+        Console().print(Group(*clock_lines(clock_of(segments)), shown))
 
 
 def _write_lines(caesura: Caesura, station: str | None) -> None:

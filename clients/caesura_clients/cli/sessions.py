@@ -15,6 +15,7 @@ from rich.text import Text
 from caesura_clients.cli.demonstrations import describe
 from caesura_clients.cli.options import Config, Connect, Json, Station, connected, only_station, reported
 from caesura_clients.cli.result_tables import (
+    clock_lines,
     description_line,
     outcome_line,
     phases_table,
@@ -24,6 +25,7 @@ from caesura_clients.cli.result_tables import (
 )
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import NotFound
+from caesura_protocol.session_clock import clock_of
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
 sessions.command("describe")(describe)
@@ -83,10 +85,11 @@ def show(
         typer.echo(found.model_dump_json(indent=2))
         return
     lost = outcome_line(found.status)
-    views = [segments_view(found.status, found.segments.segments)]
+    clock = clock_of(found.segments.segments)
+    views = [*clock_lines(clock), segments_view(found.status, found.segments.segments)]
     if len(found.segments.phases) > 1:
-        views.append(phases_table(found.segments.phases, "phases"))
-    views.append(program_view(found.program))
+        views.append(phases_table(found.segments.phases, "phases", clock))
+    views.append(program_view(found.program, clock))
     if line := description_line(found.status.description):
         views.insert(0, Text(line))
     Console().print(Group(*views, *([lost] if lost else [])))

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_lab.execution.cell_simulation import GRIP_REACH_M
 from caesura_lab.execution.executor import SimulatedCell
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.guided_arm import lever_along
@@ -25,6 +24,7 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.paths import knots_of
+from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.rotations import matrix_of
 
 AROUND_M = 0.02  # of a surface beyond what is touched of it

@@ -52,7 +52,7 @@ def sway_of(course: Course, steps: Array) -> Array:
     frames = matrices_of(course.orientations)
     turns = frames[1:] @ frames[:-1].transpose(0, 2, 1) - np.eye(AXES)
     left = steps - np.matvec(turns, course.positions[:-1] - course.positions[0])
-    stacked = np.vstack([-turns.reshape(-1, AXES), SWAY_M / TOOL_M * np.eye(AXES)])
-    centre = np.linalg.lstsq(stacked, np.append(left.ravel(), np.zeros(AXES)), rcond=None)[0]
-    sway: Array = left + turns @ centre
+    design = -turns.reshape(-1, AXES)
+    gram = design.T @ design + (SWAY_M / TOOL_M) ** 2 * np.eye(AXES)
+    sway: Array = left + turns @ np.linalg.solve(gram, design.T @ left.ravel())
     return sway

@@ -369,7 +369,7 @@ def _ablated() -> list[Method]:
 
 
 def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
-    unknown = sorted(set(presets) - set(PRESETS))
+    unknown = sorted(set(presets) - {*PRESETS, *WITHOUT})
     if unknown:
         raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=sorted(PRESETS))
     own: list[Method] = [PresetMethod(name) for name in dict.fromkeys(presets)]

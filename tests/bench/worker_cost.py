@@ -86,8 +86,9 @@ def main() -> None:
         own = [each[0][number] for each in costs]
         ratios = [each[0][number] / each[1][number] for each in costs if asked.against]
         quartiles = statistics.quantiles(own, n=4)
-        rows.append((name, min(own), *quartiles, statistics.median(ratios) if ratios else None))
-    columns = ("of the", "least [µs]", "a quarter below", "median", "a quarter above", "÷ other")
+        rows.append((name, min(own), *quartiles, *(statistics.quantiles(ratios, n=4) if ratios else ())))
+    columns = ["of the", "least [µs]", "a quarter below", "median", "a quarter above"]
+    columns += ["ratio: a quarter below", "median ratio", "ratio: a quarter above"] if asked.against else []
     report("worker_cost", f"{asked.stations} stations, {len(costs)} slices", columns, rows, asked.json)
 
 

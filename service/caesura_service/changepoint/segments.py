@@ -10,7 +10,7 @@ from functools import partial
 from itertools import accumulate
 from types import MappingProxyType
 
-from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
+from caesura_service.changepoint.best_path_window import NOTHING, PathSegment, outline_of
 from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
@@ -65,7 +65,7 @@ def verdict(lattice: SegmentModelSet, ended: PathSegment, is_turn: IsTurn | None
     kinds, values = lattice.kinds, lattice.weigh(ended.kind_log_evidence)
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
-    values, best = values.tolist(), _best(lattice, ended)
+    values, best = values.tolist(), lattice.best_kind(ended.kind_log_evidence, ended.group)
     possible = [kind for kind, value in enumerate(values) if kind != best and value > -math.inf]
     possible.sort(key=values.__getitem__, reverse=True)
     odds = [math.exp(min(values[kind] - values[best], MOST_ODDS)) for kind in possible]
@@ -94,18 +94,13 @@ def _shown(lattice: SegmentModelSet, ended: PathSegment, best: int, is_turn: IsT
     return lattice.kinds[max(turns, key=values.__getitem__)] if is_turn() else kind
 
 
-def _best(lattice: SegmentModelSet, ended: PathSegment) -> int:
-    """The number of a segment's kind: the most probable one of its group, or of all where it has no group."""
-    inside = range(len(lattice.kinds)) if ended.group is None else lattice.members[ended.group]
-    return max(inside, key=ended.kind_log_evidence.tolist().__getitem__)
-
-
 def outline(
     online: ChangepointFilter, decided: ThresholdSegmenter | None = None
 ) -> tuple[int, list[tuple[int, int]]]:
     """How many segments are final; of each that is not, where it starts and the number of its kind."""
-    final, growing = _ended(online, decided)
-    return len(final), [(ended.start, _best(online.lattice, ended)) for ended in growing]
+    if decided is None:
+        return len(online.final), online.outline()
+    return len(decided.final), outline_of(online.lattice, decided.path())
 
 
 def stretches(

@@ -38,6 +38,7 @@ bench: $(STAMP)
 	$(BIN)/python tests/bench/start.py --json dist/bench
 	$(BIN)/python tests/bench/conditioning_cost.py --json dist/bench
 	$(BIN)/python tests/bench/batch_cost.py --json dist/bench
+	$(BIN)/python tests/bench/worker_cost.py --json dist/bench
 	$(BIN)/python tests/bench/edge_cost.py --json dist/bench
 	$(BIN)/python tests/bench/journal_cost.py
 	$(BIN)/python tests/bench/watching_cost.py

@@ -29,9 +29,11 @@ from caesura_protocol.messages import (
     ReplacePart,
     Undo,
 )
+from caesura_protocol.session_clock import SessionClock
 from caesura_protocol.transport.network import Transport
 
 HALF = 0.5  # of the time of an app
+NO_OFFSET = SessionClock()
 
 
 def reference(app: App) -> AppReference:
@@ -39,14 +41,16 @@ def reference(app: App) -> AppReference:
     return AppReference(kind=app.kind, t0=app.t0, tn=app.tn, added=app.added)
 
 
-def part_between(program: Program, t0: float, tn: float) -> tuple[AppReference, AppReference]:
+def part_between(
+    program: Program, t0: float, tn: float, clock: SessionClock = NO_OFFSET
+) -> tuple[AppReference, AppReference]:
     """The first and the last app of the part that was taught between two times [s].
 
     An app belongs to it where at least half of its time lies between them. Raises CaesuraError where none
-    does, and where other apps stand among these in the program.
+    does, and where other apps stand among these in the program. clock: of the session, for its message.
     """
     inside = [i for i, app in enumerate(program.apps) if _share_within(app, t0, tn) >= HALF]
-    between = f"between {t0:g} and {tn:g} s"
+    between = f"between {clock.brief(t0)} and {clock.brief(tn)} s"
     if not inside:
         raise CaesuraError(f"no app has half of its time {between}: name the part by the numbers of its apps")
     first, last = inside[0], inside[-1]
@@ -96,23 +100,23 @@ FIELD_WORDS: Mapping[str, str] = {
 }
 
 
-def in_words(action: ProgramAction) -> str:
-    """An edit of a program as an operator reads it.
+def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET) -> str:
+    """An edit of a program as an operator reads it. clock: of its session.
 
     >>> in_words(DeleteApp(app=AppReference(kind="grasp", t0=1.8, tn=3.5)))
     "'grasp' at 1.8 s deleted"
     """
     match action:
         case ChangeApp(app=app):
-            words = f"{_at(app)}: {', '.join(_changes(action))}"
+            words = f"{_at(app, clock)}: {', '.join(_changes(action))}"
         case MoveApp(app=app, after=after):
-            words = f"{_at(app)} moved {_behind(after)}"
+            words = f"{_at(app, clock)} moved {_behind(after, clock)}"
         case DeleteApp(app=app) | DuplicateApp(app=app):
-            words = f"{_at(app)} {action.do}d"
+            words = f"{_at(app, clock)} {action.do}d"
         case InsertApp(after=after, kind=kind):
-            words = f"'{app_title(kind)}' inserted {_behind(after)}"
+            words = f"'{app_title(kind)}' inserted {_behind(after, clock)}"
         case ReplacePart(first=first, last=last, session=session):
-            part = _at(first) if first == last else f"{_at(first)} to {_at(last)}"
+            part = _at(first, clock) if first == last else f"{_at(first, clock)} to {_at(last, clock)}"
             words = f"{part} replaced by session '{session}'"
         case NameProgram(name=name):
             words = f"program named '{name}'"
@@ -129,10 +133,10 @@ def _changes(action: ChangeApp) -> Iterator[str]:
             yield f"{words} as taught"
 
 
-def _behind(after: AppReference | None) -> str:
-    return f"behind {_at(after)}" if after else "to the beginning"
+def _behind(after: AppReference | None, clock: SessionClock) -> str:
+    return f"behind {_at(after, clock)}" if after else "to the beginning"
 
 
-def _at(app: AppReference) -> str:
-    when = f"at {app.t0:.1f} s" if app.added is None else f"of edit {app.added}"
+def _at(app: AppReference, clock: SessionClock) -> str:
+    when = f"at {clock.shown(app.t0, 1)} s" if app.added is None else f"of edit {app.added}"
     return f"'{app_title(app.kind)}' {when}"

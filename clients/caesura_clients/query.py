@@ -81,7 +81,7 @@ def stored_snapshots(
 ) -> list[Snapshot]:
     """A page of the closed sessions that the service no longer holds and the journal has, the newest first.
 
-    skip: how many came before. At most MAX_STORED; none after the last page.
+    skip: how many came before, of each instance. At most MAX_STORED of each; none after the last page.
     """
     page = stored_parameters(StoredPage(skip=skip))
     key = session_key(station, session, "snapshot")

@@ -13,7 +13,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 import msgpack  # type: ignore[import-untyped]
@@ -32,8 +32,10 @@ from caesura_protocol.messages import (
     Message,
     SampleBatch,
 )
+from caesura_protocol.packing import Packing
 
 MAJOR_VERSION = 1
+FLOAT_OF_SIZE: Mapping[int, np.dtype[Any]] = {4: np.dtype("<f4"), 8: np.dtype("<f8")}  # [bytes]
 _ENCODING = re.compile(r"application/msgpack;caesura\.([A-Za-z]+)\.v([0-9]{1,4})")
 
 #: Every type that may stand in an encoding.
@@ -56,7 +58,7 @@ class Encoded(NamedTuple):
 def encode(message: Message, *, limit: int = MAX_MESSAGE_BYTES) -> Encoded:
     """Encode a message for the wire. Raises ProtocolError `too_large` over the limit [bytes]."""
     try:
-        payload: bytes = msgpack.packb(message, default=_fields)
+        payload = _PACKING.pack(message.__dict__)
     except _HoldsPackedError:
         payload = _join_packed(message)
     check_size(payload, limit)
@@ -86,6 +88,9 @@ def _fields(message: object) -> dict[str, Any]:
     if isinstance(message, PreEncoded):
         raise _HoldsPackedError
     raise TypeError(f"{type(message).__name__} does not go over the wire")
+
+
+_PACKING = Packing(_fields)
 
 
 def _join_packed(message: Message) -> bytes:
@@ -121,6 +126,7 @@ def _is_packed(value: object) -> bool:
     return isinstance(value, PreEncoded)
 
 
+@cache
 def encoding_of(model: type[Message]) -> str:
     """`application/msgpack;caesura.{Type}.v1`."""
     return f"application/msgpack;caesura.{model.__name__}.v{MAJOR_VERSION}"
@@ -138,7 +144,7 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
     if not isinstance(fields, dict):
         raise ProtocolError("malformed", "not a map", value=type(fields).__name__, expected="map")
     try:
-        message: M = model.model_validate(fields, strict=True)
+        message: M = model.__pydantic_validator__.validate_python(fields, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(printable(str(part)) for part in first["loc"]) or model.__name__
@@ -225,7 +231,8 @@ def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
     if batch.columns[0] != "t":
         raise ProtocolError("malformed", "first column is not t", value=batch.columns[0], expected="t")
     cells = batch.n * len(batch.columns)
-    dtype = {4 * cells: "<f4", 8 * cells: "<f8"}.get(len(batch.samples))
+    size, rest = divmod(len(batch.samples), cells)
+    dtype = None if rest else FLOAT_OF_SIZE.get(size)
     if dtype is None:
         raise ProtocolError(
             "malformed",
@@ -233,7 +240,8 @@ def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
             value=len(batch.samples),
             expected=[4 * cells, 8 * cells],
         )
-    matrix = np.frombuffer(batch.samples, dtype=dtype).reshape(batch.n, -1).astype(np.float64)
+    matrix: NDArray[np.float64] = np.frombuffer(batch.samples, dtype).astype(np.float64)
+    matrix = matrix.reshape(batch.n, len(batch.columns))
     matrix[:, 0] += batch.t0
     return matrix
 

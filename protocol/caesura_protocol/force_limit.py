@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from caesura_protocol.messages import App
+from caesura_protocol.number_words import fixed
 
 
 def with_force_limit(app: App, limit_n: float) -> App:
@@ -22,8 +23,8 @@ def force_in_words(app: App) -> str:
         return ""
     exerted = math.hypot(*app.force)
     taught = exerted if app.force_taught is None else math.hypot(*app.force_taught)
-    cut = f" of {taught:.1f} N taught" if is_limited(app) else ""
-    return f"{exerted:.1f} N{cut}"
+    cut = f" of {fixed(taught, 1)} N taught" if is_limited(app) else ""
+    return f"{fixed(exerted, 1)} N{cut}"
 
 
 def is_limited(app: App) -> bool:

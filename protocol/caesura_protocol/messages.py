@@ -30,7 +30,8 @@ MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
 MAX_PART_APPS = 100  # that one edit puts in the place of a part
-MAX_TAUGHT_AGAIN = 300  # apps that the edits of a program hold; those that are undone do not count
+MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
+MAX_TAUGHT_AGAIN_HELD = 1000  # that its edits hold, also for undo; those that are undone do not count
 MAX_PART_BYTES = 1 << 19  # of the apps that one edit puts in the place of a part
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
 MAX_HINTS = 64  # that a message lists
@@ -97,6 +98,7 @@ Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
 Tag = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+HintText = Annotated[str, Field(min_length=1, max_length=200, pattern=LINE)]
 AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -583,8 +585,8 @@ class Hint(Message):
     kind: HintKind
     since: Seconds  # [s] the observation at which it was raised
     until: Seconds | None = None  # [s] the observation at which it was cleared; None: it is active
-    text: Annotated[str, Field(max_length=200)]  # what was found, with the value and its limit
-    advice: Annotated[str, Field(max_length=200)]  # what to do
+    text: HintText  # what was found, with the value and its limit
+    advice: HintText  # what to do
     t0: Seconds | None = None  # [s] the part of the demonstration that it is about, where there is one
     tn: Seconds | None = None
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from caesura_protocol.messages import App, Vector, ViaPoint
+from caesura_protocol.number_words import fixed
 from caesura_protocol.rotations import align_signs, turned_along, turning_of
 
 Array = NDArray[np.float64]
@@ -143,7 +144,7 @@ def knots_of(app: App) -> tuple[Array, Array, Array]:
     A velocity is nan where none is stated. Raises ValueError for an app without path or target.
     """
     if app.path is None or app.target is None:
-        raise ValueError(f"{app.kind} at {app.t0:.2f} s has no path, expected one with a target")
+        raise ValueError(f"{app.kind} at {fixed(app.t0, 2)} s has no path, expected one with a target")
     end = ViaPoint(t=app.path.tn, position=app.target, orientation=app.orientation)
     points = (app.path.start, *app.path.via, end)
     turns = all(point.orientation is not None for point in points)
@@ -177,7 +178,7 @@ def path_in_words(app: App, unit: str = " via") -> str:
     """
     if app.path is None:
         return ""
-    length, via, turn = f"{1000 * app.path.length_m:.0f} mm", len(app.path.via), turn_of(app)
+    length, via, turn = f"{fixed(1000 * app.path.length_m, 0)} mm", len(app.path.via), turn_of(app)
     turned = f", {math.degrees(turn):.0f}°" if turn >= NAMED_TURN_RAD else ""
     return f"{length}{turned}, {via}{unit}" if via else length + turned
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from caesura_protocol.messages import ScrewMotion
+from caesura_protocol.number_words import fixed
 
 TIGHT, LEAST_TORQUE_NM = 1.5, 0.1  # share of the torque taught at which a turn ends; the least torque
 
@@ -40,8 +41,8 @@ def screw_in_words(screw: ScrewMotion) -> str:
     >>> screw_in_words(ScrewMotion(**about_z, pitch_sd_m=0.00001, torque=(0.1, 0.0, -0.9)))
     '115° about (0.00, 0.00, -1.00), 1.50 ± 0.01 mm a turn, 0.90 Nm'
     """
-    axis = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in screw.axis)
-    advance = f"{1000 * screw.pitch_m:.2f} ± {1000 * screw.pitch_sd_m:.2f} mm a turn"
+    axis = ", ".join(fixed(round(x, 2) + 0.0, 2) for x in screw.axis)
+    advance = f"{fixed(1000 * screw.pitch_m, 2)} ± {fixed(1000 * screw.pitch_sd_m, 2)} mm a turn"
     torque = torque_about_axis(screw)
-    felt = "" if torque is None else f", {abs(torque):.2f} Nm"
-    return f"{math.degrees(screw.angle):.0f}° about ({axis}), {advance}{felt}"
+    felt = "" if torque is None else f", {fixed(abs(torque), 2)} Nm"
+    return f"{fixed(math.degrees(screw.angle), 0)}° about ({axis}), {advance}{felt}"

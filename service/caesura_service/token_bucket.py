@@ -66,8 +66,9 @@ class RateLimit:
         """Take tokens of the only rate, also into debt; too many senders evict the oldest bucket."""
         with self._lock:
             now = self._clock()
-            (tokens,) = self._filled(self._buckets.pop(sender, self._full), now)
-            self._buckets[sender] = [tokens - cost], now
+            (tokens,), at = self._buckets.pop(sender, self._full)
+            ((per_s, burst),) = self.rates
+            self._buckets[sender] = [min(burst, tokens + (now - at) * per_s) - cost], now
             if len(self._buckets) > self._senders:
                 del self._buckets[next(iter(self._buckets))]
 

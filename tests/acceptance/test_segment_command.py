@@ -131,3 +131,20 @@ def test_the_first_segment_says_that_the_filter_is_compiled(tmp_path, monkeypatc
     announce_compilation()
     assert compiled == ([] if kept else ["now"])
     assert capsys.readouterr().err == ("" if kept else "compiling the filter (once, about a minute)\n")
+
+
+def test_times_of_day_are_shown_from_the_start_and_written_as_they_are(tmp_path: Path):
+    out = tmp_path / "out.json"
+    with np.load(DATA / "pick_and_place.npz") as taught:
+        arrays = {name: taught[name] for name in taught.files}
+    recording = tmp_path / "bag.npz"
+    np.savez(recording, **(arrays | {"t": arrays["t"] + 1_700_000_001.05}))
+    done = caesura("segment", recording, "--json", out)
+    assert done.exit_code == 0, done.output
+    found = json.loads(out.read_text())
+    start = found["segments"][0]["t0"]
+    assert start > 1_700_000_000.0
+    assert done.output.count("times [s] from 2023-11-14 22:13:21 UTC on, the start") == 1
+    assert "17000000" not in done.output
+    for one in (*found["segments"], *found["program"]):
+        assert f"{one['t0'] - start:.2f}" in done.output

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
@@ -407,3 +409,54 @@ def test_a_part_is_taught_again_from_the_command_line(endpoint: str, caesura: Ca
     refused = edit("replace", "1", "1", "--with", first)
     assert refused.exit_code == 1
     assert "replaces no part of itself" in refused.output.replace("\n", " ")
+
+
+OF_DAY_S = 1_700_000_000.0  # 2023-11-14 22:13:20 UTC
+
+
+def test_a_session_by_the_time_of_day_is_shown_and_edited_in_seconds_from_its_start(
+    endpoint: str, caesura: Caesura, tmp_path: Path
+):
+    session = taught(caesura, "cell-11", replace(TAUGHT, t=TAUGHT.t + OF_DAY_S))
+    before = caesura.snapshot("cell-11", session)
+    start = before.segments.segments[0].t0
+    assert start > OF_DAY_S
+    command = typer.Typer()
+    register(command)
+
+    def run(*words: str) -> str:
+        done = CliRunner().invoke(command, [*words, "--connect", endpoint], env={"COLUMNS": "200"})
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    def spans(shown: str) -> list[str]:
+        assert shown.count("2023-11-14 22:13:20 UTC") == 1, "the date stands there once"
+        assert "17000000" not in shown
+        return [f"{one.t0 - start:.2f}–{one.tn - start:.2f}" for one in before.program.apps]
+
+    options = ("--station", "cell-11", "--session", session)
+    shown = run("sessions", "show", session, "--station", "cell-11")
+    assert f"0.00 {before.segments.segments[0].tn - start:.2f}" in " ".join(shown.split())
+    for text in (shown, run("program", *options), run("edit-program", "cell-11", session)):
+        assert all(span in text for span in spans(text))
+    assert run("watch", "--once", "--station", "cell-11").count("2023-11-14") == 1
+    assert "2023-11-14 22:13" in run("sessions", "list", "--station", "cell-11")
+
+    grasp = next(one for one in before.program.apps if one.kind == "grasp")
+    run("edit", "cell-11", session, "insert", f"{grasp.t0 - start + 0.7:.2f}")
+    run("edit", "cell-11", session, "insert", f"{start + 0.52:.2f}")  # as a message states it
+    corrected = [
+        one.t for one in caesura.snapshot("cell-11", session).changepoints.changepoints if one.corrected
+    ]
+    assert corrected == [pytest.approx(start + 0.52, abs=0.06), pytest.approx(grasp.t0 + 0.7, abs=0.06)]
+    run("edit", "cell-11", session, "undo")
+    run("edit", "cell-11", session, "undo")
+
+    again = taught(caesura, "cell-11")
+    part = ("--from", f"{grasp.t0 - start:.2f}", "--to", f"{grasp.tn - start:.2f}", "--with", again)
+    said = run("edit-program", "cell-11", session, "replace", *part)
+    assert f"'grasp' at {grasp.t0 - start:.1f} s replaced by session" in said
+
+    file = tmp_path / "program.json"
+    run("program", *options, "--inferred", "--format", "json", "-o", str(file))
+    assert json.loads(file.read_text())["apps"][0]["t0"] > OF_DAY_S, "files keep the session's clock"

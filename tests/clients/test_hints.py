@@ -9,6 +9,8 @@ import sys
 import threading
 from pathlib import Path
 
+import pytest
+from pydantic import ValidationError
 from rich.console import Console
 
 from caesura_clients.cli import hints as hints_command
@@ -116,9 +118,8 @@ def test_a_command_is_run_at_each_change_and_clears_at_the_end(router, tmp_path:
     assert child.returncode == 0
 
 
-def changed(text: str = "Too fast.") -> HintChange:
-    found = hint("too_fast", 2.0).model_copy(update={"text": text})
-    return HintChange("raised", "cell-1", "s1", found, 1)
+def changed() -> HintChange:
+    return HintChange("raised", "cell-1", "s1", hint("too_fast", 2.0), 1)
 
 
 def test_a_command_that_hangs_ends_with_what_it_started(monkeypatch, tmp_path: Path):
@@ -139,7 +140,13 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def test_a_hint_that_no_environment_can_have_ends_nothing():
-    assert _failure(changed("Too\0fast."), ["true"]) == "embedded null byte"
+@pytest.mark.parametrize("field", ["text", "advice"])
+@pytest.mark.parametrize("words", ["", 201 * "x", "Too\0fast.", "Too\nfast.", "Too\x1b[31mfast."])
+def test_a_hint_is_one_short_line_that_every_environment_can_have(field: str, words: str):
+    with pytest.raises(ValidationError, match=field):
+        Hint.model_validate(hint("too_fast", 2.0).model_dump() | {field: words})
+
+
+def test_a_command_that_is_none_ends_nothing():
     assert _failure(changed(), ["no-such-command"]) == "No such file or directory"
     assert _failure(changed(), ["true"]) == ""

@@ -216,6 +216,14 @@ def test_everything_goes_without_a_mouse(operator: Operator):
         return bool(re.search(r"changepoint at 1\.[34]5 s", operator.page.locator(".selection").inner_text()))
 
     eventually(is_second)
+    selection = operator.page.locator(".selection")
+    keyboard.press("Home")
+    expect(selection, "it is in view").to_contain_text(re.compile(r"changepoint at 1\.[34]5 s"))
+    eventually(is_second)
+    for key in (*"++++++", "Home"):
+        keyboard.press(key)
+    expect(selection, "Delete would remove what is out of view").to_contain_text("no changepoint selected")
+    keyboard.press("0")
     keyboard.press("Shift+ArrowRight")
     keyboard.press("ArrowLeft")
     keyboard.press("Escape")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.query import services, stations
 from caesura_protocol.codec import Encoded, encode, encode_error, pack_samples
 from caesura_protocol.errors import ProtocolError
@@ -66,6 +67,19 @@ def test_what_there_was_before_is_known(gateway):
 def test_what_is_published_is_known(gateway, answering):
     answering.put(segments(2, 0, "motion", "contact"))
     eventually(lambda: len(gateway.world.update(station()).segments) == 2)
+
+
+def test_the_sessions_that_may_replace_a_part_are_listed_anew_where_one_of_them_changed(gateway, answering):
+    choice, one = PartChoice(), snapshot(1)
+    before = choice.of(gateway.world, station(), "other")
+    answering.put(segments(2, 0, "motion", "contact"))
+    eventually(lambda: len(gateway.world.update(station()).segments) == 2)
+    assert choice.of(gateway.world, station(), "other") is before, "a session that goes on is none of them"
+    answering.put(one.status.model_copy(update={"seq": 9, "state": "closed"}))
+    eventually(lambda: gateway.world.update(station()).closed)
+    shown = choice.of(gateway.world, station(), "other")
+    assert [name for name, _ in shown] == [one.status.session]
+    assert choice.of(gateway.world, station(), one.status.session) == []
 
 
 def test_samples_become_signals_and_an_age(gateway, memory):
@@ -179,3 +193,23 @@ def test_a_service_that_goes_is_trouble_and_one_that_comes_back_ends_it(memory):
         with Answering(memory.transport()) as answering:
             answering.answers[STATUS] = encode(example(ServiceStatus))
             eventually(lambda: gateway.world.trouble == "")
+
+
+def test_pages_of_two_instances_leave_no_session_out(memory, update, monkeypatch):
+    stored = {
+        name: [snapshot(1, "motion", station=name, session=f"s{i}") for i in range(count)]
+        for name, count in (("cell-1", 5), ("cell-2", 3))
+    }
+
+    def page(_transport, _station, _session, *, skip):
+        return [one for sessions in stored.values() for one in sessions[skip : skip + 2]]
+
+    monkeypatch.setattr("caesura_clients.dashboard.network_follower.stored_snapshots", page)
+    follower = NetworkFollower(memory.transport())
+    held = [update("motion", station=name, session="held", instance=f"of-{name}") for name in stored]
+    follower._change(updates={(one.station, one.session): one for one in held})
+    while follower.read_stored():
+        pass
+    assert set(follower.world.stored) == {
+        (name, one.status.session) for name, sessions in stored.items() for one in sessions
+    }

@@ -7,11 +7,14 @@ from typing import Any
 
 import pytest
 
+from caesura_clients.dashboard import program_edits
 from caesura_clients.dashboard.apps import timeline
 from caesura_clients.dashboard.editing import EditRefused
-from caesura_clients.dashboard.program_edits import ProgramDesk, parse
+from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, Program
+from caesura_protocol.programs import document
+from caesura_protocol.programs.app_times import edited_times
 from caesura_protocol.programs.formats import WRITERS
 from caesura_protocol.robots import grippers
 from harness.programs import pick_and_place, press
@@ -108,3 +111,19 @@ def test_a_refusal_of_the_service_is_said_in_words(monkeypatch):
     undo = {"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "undo"}}
     with pytest.raises(EditRefused, match="another operator edited this program meanwhile"):
         ProgramDesk(None).carry_out("cell-1", undo)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [3, CHECKED + 1])
+def test_a_change_of_a_program_lays_its_times_out_once(count: int, monkeypatch: pytest.MonkeyPatch):
+    laid_out: list[int] = []
+
+    def counted(*given: Any) -> Any:
+        laid_out.append(len(given[0]))
+        return edited_times(*given)
+
+    for module in (document, program_edits):
+        monkeypatch.setattr(module, "edited_times", counted)
+    slow = press()[0].model_copy(update={"speed": 0.5})
+    shown = timeline(program(slow, *press() * (count // 3), *press()[1:]))
+    assert laid_out == [count // 3 * 3 + 3]
+    assert shown["path"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from caesura_clients.dashboard.program_edits import checked
 from caesura_clients.dashboard.program_path import COLOURS, PARTS, program_path
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppChange, Program
@@ -15,7 +16,7 @@ from harness.programs import app, pick_and_place, press
 
 
 def program(*apps: App) -> Program:
-    return example(Program).model_copy(update={"apps": apps, "edits": (), "gaps": ()})
+    return example(Program).model_copy(update={"apps": apps, "edits": (), "gaps": (), "complete": True})
 
 
 def test_every_kind_of_app_has_a_colour():
@@ -24,7 +25,7 @@ def test_every_kind_of_app_has_a_colour():
 
 def test_points_lie_on_the_curve_that_the_robot_follows():
     one = example(App).model_copy(update={"speed": None})
-    (row,) = program_path(program(one))
+    (row,) = program_path([one])
     curve = curve_of(one)
     assert len(row["points"]) == PARTS * (len(curve.t) - 1) + 1
     for t, *place in row["points"]:
@@ -35,14 +36,14 @@ def test_points_lie_on_the_curve_that_the_robot_follows():
 
 
 def test_a_program_as_taught_has_the_times_of_its_teaching():
-    rows = program_path(program(*pick_and_place()))
+    rows = program_path(pick_and_place())
     assert [(row["points"][0][0], row["points"][-1][0]) for row in rows] == [
         (one.t0, one.tn) for one in pick_and_place()
     ]
 
 
 def test_what_stays_has_its_place_and_what_travels_without_a_path_leads_straight_to_its_target():
-    rows = program_path(program(*press()))
+    rows = program_path(press())
     approach, pressed, retract = rows
     assert approach["points"] == [
         [0.8, -20.0, -520.0, 190.0],
@@ -61,7 +62,7 @@ def test_times_are_those_of_the_document_where_order_or_speed_were_changed():
     moved = second.model_copy(update={"changes": (AppChange(field="place", author="Ann", edit=1),)})
     for apps in ([first, second], [slow, second], [moved, first]):
         edited = program(*apps)
-        rows = program_path(edited)
+        rows = program_path(checked(edited).apps)
         spans = [(row["points"][0][0], row["points"][-1][0]) for row in rows]
         assert spans == [
             (pytest.approx(one.t0, abs=0.01), pytest.approx(one.tn, abs=0.01))
@@ -71,12 +72,12 @@ def test_times_are_those_of_the_document_where_order_or_speed_were_changed():
 
 def test_an_app_without_a_place_has_no_row():
     closing = app("gripper_move", 0.0, 1.0, gripper_width=0.0)
-    assert program_path(program(closing)) == []
-    assert [row["number"] for row in program_path(program(*press(), closing))] == [1, 2, 3, 4]
-    assert program_path(program()) == []
+    assert program_path([closing]) == []
+    assert [row["number"] for row in program_path([*press(), closing])] == [1, 2, 3, 4]
+    assert program_path([]) == []
 
 
 def test_the_newest_apps_begin_where_those_before_them_end():
-    rows = program_path(program(*press()), first=2)
+    rows = program_path(press(), first=2)
     assert [row["number"] for row in rows] == [3]
     assert rows[0]["points"][0] == [4.2, -20.0, -520.0, 165.0]

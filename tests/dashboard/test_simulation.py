@@ -10,9 +10,10 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from caesura_clients.dashboard import simulation
 from caesura_clients.dashboard.editing import EditRefused
-from caesura_clients.dashboard.simulation import Simulator
+from caesura_clients.dashboard.simulation import Simulation, Simulator
 from caesura_protocol.messages import Program
 from clients.examples import example
+from harness.processes import eventually
 from harness.programs import press
 
 
@@ -63,8 +64,6 @@ def test_one_is_simulated_at_a_time_and_ended_with_the_dashboard(monkeypatch):
         assert begun.wait(30.0)
         with pytest.raises(EditRefused, match="another simulation is under way"):
             simulator.run(program(*press()), "taught")
-        while simulator._child is None:
-            assert first.is_alive()
     first.join(30.0)
     assert not first.is_alive()
     assert refused
@@ -75,3 +74,38 @@ def test_a_simulation_that_hangs_is_ended(monkeypatch):
     monkeypatch.setattr(simulation, "LONGEST_S", 0.1)
     with Simulator() as simulator, pytest.raises(EditRefused, match=r"no result after 0\.1 s"):
         simulator.run(program(*press()), "taught")
+
+
+def test_a_simulation_that_is_cancelled_ends_its_process_and_frees_the_simulator(monkeypatch):
+    command = Simulator._command
+    hangs = ["watch", "--connect", "tcp/127.0.0.1:1"]  # until it is killed
+    monkeypatch.setattr(Simulator, "_command", lambda self, _words, made: command(self, hangs, made))
+    simulation, refused = Simulation(), []
+
+    def simulate():
+        with pytest.raises(EditRefused) as error:
+            simulator.run(program(*press()), "taught", simulation)
+        refused.append(str(error.value))
+
+    with Simulator() as simulator:
+        first = threading.Thread(target=simulate)
+        first.start()
+        eventually(lambda: simulation._child is not None)
+        assert simulator.is_busy
+        simulation.end()
+        first.join(30.0)
+        assert refused == ["Not simulated: cancelled."]
+        assert simulation._child is not None
+        assert simulation._child.poll() is not None, "its process is gone"
+        assert not simulator.is_busy
+        monkeypatch.setattr(Simulator, "_command", command)
+        with pytest.raises(EditRefused, match="the program has no target"):
+            simulator.run(program(), "taught")
+
+
+def test_a_simulation_that_is_cancelled_between_two_processes_starts_no_other():
+    simulation = Simulation()
+    simulation.end()
+    with Simulator() as simulator, pytest.raises(EditRefused, match="cancelled"):
+        simulator.run(program(*press()), "taught", simulation)
+    assert simulation._child is None

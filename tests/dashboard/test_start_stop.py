@@ -317,8 +317,9 @@ def check_path_in_3d(page: Page, program: Program) -> None:
 
 def check_simulation(path: Locator) -> None:
     """The program runs on the simulated robot, and its run is played; what stood there is said."""
-    path.get_by_role("button", name="Simulate", exact=True).click()
-    words = path.locator(".simulated")
+    simulate, words = path.get_by_role("button", name="Simulate", exact=True), path.locator(".simulated")
+    check_cancel(path, simulate, words)
+    simulate.click()
     expect(words).to_contain_text("cell as taught: 1 level surface, nothing else")
     expect(words).to_contain_text("m/s")
     run = path.get_by_role("button", name="Simulated run")
@@ -326,6 +327,24 @@ def check_simulation(path: Locator) -> None:
     expect(path.locator("output")).to_contain_text("simulated run")
     run.click()
     expect(path.locator("output")).to_contain_text("3 move")
+
+
+def check_cancel(path: Locator, simulate: Locator, words: Locator) -> None:
+    """A simulation is cancelled by the keyboard; another page waits no longer than it lasts."""
+    beside = path.page.context.new_page()
+    beside.goto(path.page.url)
+    second = beside.locator(".program-path")
+    expect(second.get_by_role("button", name="Simulate", exact=True)).to_be_enabled()
+    simulate.press("Enter")
+    expect(path.get_by_role("button", name="Cancel simulation")).to_be_focused()
+    expect(second.locator(".simulated")).to_have_text("Another simulation is under way on this dashboard.")
+    expect(second.get_by_role("button", name="Simulate", exact=True)).to_be_disabled()
+    path.page.keyboard.press("Enter")
+    expect(words).to_have_text("Not simulated: cancelled.")
+    expect(simulate).to_be_focused()
+    expect(second.locator(".simulated")).to_have_text("")
+    expect(second.get_by_role("button", name="Simulate", exact=True)).to_be_enabled()
+    beside.close()
 
 
 PICTURE = "(canvas) => canvas.toDataURL()"

@@ -196,4 +196,18 @@ MUTATIONS: tuple[Mutation, ...] = (
         ("tests/service/segmentation/test_editing.py::test_undo_and_redo_are_edits_too",),
         row="histories",
     ),
+    Mutation(
+        "an arc about a far centre is a turn in place",
+        f"{SEGMENTATION}/turning.py",
+        " or path > TOOL_M * angle",
+        "",
+        ("tests/service/segmentation/test_turning.py::test_what_a_rotation_does_not_explain_is_a_movement",),
+    ),
+    Mutation(
+        "a centre that goes along the axis is in place",
+        f"{SEGMENTATION}/turning.py",
+        "    return float((sway**2).sum()) <= share *",
+        "    return 0.0 * float((sway**2).sum()) <= share *",
+        ("tests/service/segmentation/test_turning.py::test_what_a_rotation_does_not_explain_is_a_movement",),
+    ),
 )

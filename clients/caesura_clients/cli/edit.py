@@ -12,9 +12,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
+from caesura_clients.cli.result_tables import NO_OFFSET
+from caesura_clients.client import Caesura
 from caesura_clients.editing import edit as edit_session
-from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.messages import Action, LimitForce
+from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.validation_words import first_finding
 
 # What stands behind each action on the command line.
@@ -49,20 +52,42 @@ def edit(
     wanted = parse(action)
     with reported():
         named(station)
-        with connected(endpoint, config) as caesura, nearest_named(wanted):
-            ack = edit_session(
-                caesura.transport,
-                station,
-                session,
-                wanted,
-                author=author or getpass.getuser(),
-                revision=revision,
-            )
+        with connected(endpoint, config) as caesura:
+            clock, current = _seen(caesura, station, session, revision)
+            wanted = _on_clock(wanted, clock)
+            with nearest_named(wanted, clock):
+                ack = edit_session(
+                    caesura.transport,
+                    station,
+                    session,
+                    wanted,
+                    author=author or getpass.getuser(),
+                    revision=current,
+                )
     typer.echo(f"{station}/{session} is at revision {ack.revision}")
 
 
+def _seen(
+    caesura: Caesura, station: str, session: str, revision: int | None
+) -> tuple[SessionClock, int | None]:
+    """The clock of a session, and the revision that was stated, or else its own."""
+    try:
+        found = caesura.snapshot(station, session)
+    except NotFound:
+        if revision is None:
+            raise
+        return SessionClock(), revision  # the service may know it, and hold it no longer
+    return clock_of(found.segments.segments), found.status.revision if revision is None else revision
+
+
+def _on_clock(wanted: Action, clock: SessionClock) -> Action:
+    """The action with its times on the clock of the session."""
+    times = {name: clock.read(getattr(wanted, name)) for name in ("t", "to") if hasattr(wanted, name)}
+    return wanted.model_copy(update=times)
+
+
 @contextmanager
-def nearest_named(wanted: Action) -> Iterator[None]:
+def nearest_named(wanted: Action, clock: SessionClock = NO_OFFSET) -> Iterator[None]:
     """Name the nearest apps where a force limit meets none. Raises CaesuraError in place of that refusal."""
     try:
         yield
@@ -70,9 +95,14 @@ def nearest_named(wanted: Action) -> Iterator[None]:
         if refusal.code != "conflict" or not isinstance(wanted, LimitForce) or refusal.value != wanted.t:
             raise
         spans = refusal.expected if isinstance(refusal.expected, list | tuple) else []
-        nearest = ", ".join(f"{str(span).strip('[]()').replace(', ', ' to ')} s" for span in spans)
+        nearest = ", ".join(f"{_span(str(span), clock)} s" for span in spans)
         there = f"the nearest that do: {nearest}" if nearest else "no app of this session does"
-        raise CaesuraError(f"no app exerts a force at {wanted.t:g} s; {there}") from refusal
+        raise CaesuraError(f"no app exerts a force at {clock.brief(wanted.t)} s; {there}") from refusal
+
+
+def _span(words: str, clock: SessionClock) -> str:
+    """Two times as a refusal states them, `[3.0, 4.5]`, as people read them."""
+    return " to ".join(clock.brief(float(t)) for t in words.strip("[]()").split(", "))
 
 
 def parse(words: list[str]) -> Action:

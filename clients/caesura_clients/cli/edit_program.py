@@ -14,12 +14,13 @@ from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
-from caesura_clients.cli.result_tables import PLAIN, program_view
+from caesura_clients.cli.result_tables import NO_OFFSET, PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
+from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.validation_words import first_finding
 
 MM = 0.001  # [m]
@@ -115,11 +116,13 @@ def edit_program(
     with reported():
         named(station)
         with connected(endpoint, config) as caesura:
-            program = caesura.snapshot(station, session).program
+            snapshot = caesura.snapshot(station, session)
+            program, clock = snapshot.program, clock_of(snapshot.segments.segments)
             if not action:
-                Console().print(program_view(program), edits_table(program) if program.edits else "no edits")
+                edits = edits_table(program, clock) if program.edits else "no edits"
+                Console().print(*clock_lines(clock), program_view(program, clock), edits, sep="\n")
                 return
-            wanted = parse(action, program, Part(begins, ends, replacing))
+            wanted = parse(action, program, Part(begins, ends, replacing), clock)
             seen = program.edit_revision if revision is None else revision
             send_edit(
                 caesura.transport,
@@ -129,26 +132,26 @@ def edit_program(
                 author=author or getpass.getuser(),
                 revision=seen,
             )
-            typer.echo(f"{station}/{session}: {_said(wanted, program)}")
+            typer.echo(f"{station}/{session}: {_said(wanted, program, clock)}")
 
 
-def _said(action: ProgramAction, program: Program) -> str:
+def _said(action: ProgramAction, program: Program, clock: SessionClock) -> str:
     """What was done, in words; of undo and redo what it took back."""
     applied = [edit for edit in program.edits if edit.state != "undone"]
     undone = [edit for edit in program.edits if edit.state == "undone"]
     if isinstance(action, Undo) and applied:
-        return f"undone: {in_words(applied[-1].action)}"
+        return f"undone: {in_words(applied[-1].action, clock)}"
     if isinstance(action, Redo) and undone:
-        return f"done again: {in_words(undone[0].action)}"
-    return in_words(action)
+        return f"done again: {in_words(undone[0].action, clock)}"
+    return in_words(action, clock)
 
 
-def edits_table(program: Program) -> Table:
+def edits_table(program: Program, clock: SessionClock) -> Table:
     """The edits of a program, one a line."""
     table = Table("#", "edit", "by", "state", title="edits", **PLAIN)
     for edit in program.edits:
         state = edit.state.replace("_", " ") + (f": {edit.reason}" if edit.reason else "")
-        table.add_row(str(edit.number), *map(Text, (in_words(edit.action), edit.author, state)))
+        table.add_row(str(edit.number), *map(Text, (in_words(edit.action, clock), edit.author, state)))
     return table
 
 
@@ -163,11 +166,13 @@ class Part(NamedTuple):
 NO_PART = Part()
 
 
-def parse(words: Sequence[str], program: Program, part: Part = NO_PART) -> ProgramAction:
+def parse(
+    words: Sequence[str], program: Program, part: Part = NO_PART, clock: SessionClock = NO_OFFSET
+) -> ProgramAction:
     """An action as it is typed. Raises CaesuraError, which names what there is."""
     do, *rest = words
     if do == "replace":
-        return _replacement(rest, program, part)
+        return _replacement(rest, program, part, clock)
     if part != NO_PART:
         raise CaesuraError(f"--from, --to and --with belong to replace, not to {do}")
     names = WORDS.get(do)
@@ -185,7 +190,7 @@ def parse(words: Sequence[str], program: Program, part: Part = NO_PART) -> Progr
     return _action({"do": do, **given})
 
 
-def _replacement(numbers: Sequence[str], program: Program, part: Part) -> ProgramAction:
+def _replacement(numbers: Sequence[str], program: Program, part: Part, clock: SessionClock) -> ProgramAction:
     """A part by the numbers of its first and last app, or by times. Raises CaesuraError."""
     t0, tn, session = part
     if session is None or len(numbers) != (2 if t0 is None else 0) or (t0 is None) != (tn is None):
@@ -194,7 +199,7 @@ def _replacement(numbers: Sequence[str], program: Program, part: Part) -> Progra
             "replace --from T1 --to T2 --with SESSION"
         )
     if t0 is not None and tn is not None:
-        first, last = part_between(program, t0, tn)
+        first, last = part_between(program, clock.read(t0), clock.read(tn), clock)
     else:
         first, last = (_reference(program, number) for number in numbers)
     return _action({"do": "replace_part", "first": first, "last": last, "session": session})

@@ -102,8 +102,6 @@ def _failure(change: HintChange, words: list[str]) -> str:
         )
     except OSError as error:
         return error.strerror or str(error)
-    except ValueError as error:  # a text that no environment can have
-        return str(error)
     with child:
         try:
             code = child.wait(PATIENCE_S)

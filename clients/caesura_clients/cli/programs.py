@@ -24,9 +24,10 @@ from caesura_clients.cli.options import (
     safety_of,
 )
 from caesura_clients.cli.program_speed import TAUGHT, KeepPause, Speed, at_speed
-from caesura_clients.cli.result_tables import apps_table, doubtful_apps, program_view
+from caesura_clients.cli.result_tables import apps_table, clock_lines, doubtful_apps, program_view
+from caesura_clients.client import Caesura
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.messages import Phase
+from caesura_protocol.messages import Phase, Program
 from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import (
     BadProgramError,
@@ -38,6 +39,7 @@ from caesura_protocol.programs.document import (
 from caesura_protocol.programs.formats import WRITERS
 from caesura_protocol.programs.gripping import with_gripper
 from caesura_protocol.programs.groups import renamed
+from caesura_protocol.session_clock import SessionClock, clock_from, clock_of, is_of_day
 
 TABLE_WIDTH = 100  # [characters] of a table in a file
 
@@ -116,16 +118,24 @@ def program(
                 found, phases = snapshot.program, snapshot.segments.phases
             else:
                 found = caesura.program(name)
+            clock = _clock_of(caesura, found) if output_format is ProgramFormat.TABLE else SessionClock()
         if against is not None:
             _compare(timed(_in_cell(document(found), cell, force_limit)), against, endpoint, config)
         elif as_json:
             typer.echo(found.model_dump_json(indent=2))
         elif output_format is ProgramFormat.TABLE and speed == TAUGHT and not (out or cell or force_limit):
-            Console().print(program_view(found))
+            Console().print(*clock_lines(clock), program_view(found, clock), sep="\n")
         else:
             made = timed(_in_cell(document(found, phases=phases), cell, force_limit))
             made = with_gripper(made, gripper)
-            write_program(_named(made, name_group, output_format), output_format, out)
+            write_program(_named(made, name_group, output_format), output_format, out, clock)
+
+
+def _clock_of(caesura: Caesura, program: Program) -> SessionClock:
+    """The clock of a program's session, which is asked for only where times are of day."""
+    if not (program.apps and is_of_day(program.apps[0].t0)):
+        return SessionClock()
+    return clock_of(caesura.snapshot(program.station, program.session).segments.segments)
 
 
 def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path | None) -> None:
@@ -155,11 +165,17 @@ def _named(program: ProgramFile, names: Sequence[str] | None, output_format: Pro
     return program.model_copy(update={"groups": renamed(program.groups, names)})
 
 
-def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path | None) -> None:
-    """Write a program. Raises CaesuraError where it cannot be written."""
+def write_program(
+    program: ProgramFile, output_format: ProgramFormat, out: Path | None, clock: SessionClock | None = None
+) -> None:
+    """Write a program. Raises CaesuraError where it cannot be written.
+
+    clock: of its session; None for a file, whose times are shown from its first app on.
+    """
     try:
         if output_format is ProgramFormat.TABLE:
-            _write_table(program, out)
+            begins = program.apps[0].t0 if program.apps else 0.0
+            _write_table(program, out, clock or clock_from(begins))
             return
         text = WRITERS[output_format.value].write(program)
         if out is None:
@@ -172,11 +188,11 @@ def write_program(program: ProgramFile, output_format: ProgramFormat, out: Path 
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
 
 
-def _write_table(program: ProgramFile, out: Path | None) -> None:
+def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
     notes = map(Text, (*program.notes, *doubtful_apps(program.apps)))
-    parts = [apps_table(program.apps, title), *notes]
+    parts = [*clock_lines(clock), apps_table(program.apps, title, clock), *notes]
     if out is None:
         Console().print(*parts, sep="\n")
     else:

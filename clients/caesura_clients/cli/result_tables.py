@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.markup import escape
@@ -29,10 +28,13 @@ from caesura_protocol.messages import (
     SessionStatus,
     Vector,
 )
+from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
+from caesura_protocol.session_clock import SessionClock, clock_of, is_of_day, moment
 
+NO_OFFSET = SessionClock()
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
@@ -49,23 +51,31 @@ def segments_view(
 ) -> RenderableType:
     """The segments of one session, or its newest ones, its active hints, and a line on how it is doing."""
     hidden = 0 if newest is None else max(0, len(segments) - newest)
-    table = segments_table(segments[hidden:], _title(status), first=hidden)
+    clock = clock_of(segments)
+    table = segments_table(segments[hidden:], _title(status), clock, first=hidden)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
     active = [
         Text(f"! {hint.text} {hint.advice}", style="bold yellow") for hint in hints if hint.until is None
     ]
-    return Group(table, *active, said + status_line(status))
+    return Group(table, *active, said + status_line(status, clock))
 
 
-def segments_table(segments: Sequence[Segment], title: str, *, first: int = 0) -> Table:
+def clock_lines(clock: SessionClock) -> list[Text]:
+    """From when on tables show times, where that is not 0 of the session's clock."""
+    return [Text(clock.words, style="dim")] if clock.words else []
+
+
+def segments_table(
+    segments: Sequence[Segment], title: str, clock: SessionClock = NO_OFFSET, *, first: int = 0
+) -> Table:
     """One segment a row; first: the index of the first, from 0."""
     table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
     for index, segment in enumerate(segments, start=first):
         mark = MARK_OF_CERTAINTY[segment.certainty]
         table.add_row(
             app_number(index),
-            f"{segment.t0:.2f}",
-            f"{mark}{segment.tn:.2f}",
+            clock.shown(segment.t0),
+            f"{mark}{clock.shown(segment.tn)}",
             f"{mark}{segment.kind}",
             _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg),
             f"{segment.probability:.2f}",
@@ -82,15 +92,15 @@ def segment_line(index: int, segment: Segment) -> str:
     return f"{app_number(index)} {span} {segment.kind} {segment.probability:.2f} {effort}"
 
 
-def phases_table(phases: Sequence[Phase], title: str) -> Table:
+def phases_table(phases: Sequence[Phase], title: str, clock: SessionClock = NO_OFFSET) -> Table:
     """One phase a row."""
     table = Table("#", "from \\[s]", "to \\[s]", "phase", "segments", "p", title=title, **PLAIN)
     for index, phase in enumerate(phases):
         mark = MARK_OF_CERTAINTY[phase.certainty]
         table.add_row(
             app_number(index),
-            f"{phase.t0:.2f}",
-            f"{mark}{phase.tn:.2f}",
+            clock.shown(phase.t0),
+            f"{mark}{clock.shown(phase.tn)}",
             f"{mark}{phase_name(phase)}",
             _numbers(phase.first_segment, phase.last_segment),
             f"{phase.probability:.2f}",
@@ -109,11 +119,11 @@ def _numbers(first: int, last: int) -> str:
     return app_number(first) + ("" if first == last else f"–{app_number(last)}")
 
 
-def status_line(status: SessionStatus) -> Text:
+def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
     """One line: how far, what is missing, what the wrench is worth."""
     parts = [
         status.state,
-        f"t {status.t:.2f} s",
+        f"t {clock.shown(status.t)} s",
         f"{status.samples} samples in {status.batches} batches",
         status.wrench.note or f"wrench {status.wrench.source}",
     ]
@@ -154,13 +164,13 @@ def ignored_line(recording: Recording) -> str:
     return f"{grade}: {recording.name}: ignored {', '.join(names)}"
 
 
-def program_view(program: Program) -> RenderableType:
+def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> RenderableType:
     """The apps of a task program, with its notes."""
     state = "complete" if program.complete else "being taught"
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
     notes = (*program.notes, *doubtful_apps(program.apps))
-    return Group(apps_table(program.apps, title), *(Text(note, style="dim") for note in notes))
+    return Group(apps_table(program.apps, title, clock), *(Text(note, style="dim") for note in notes))
 
 
 def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
@@ -172,7 +182,7 @@ def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
     return (f"p of an app is that of its kind times that of its less certain boundary; low: {which}.",)
 
 
-def apps_table(apps: Sequence[App], title: str) -> Table:
+def apps_table(apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET) -> Table:
     """One app a row."""
     table = Table(
         "#", "app", "target \\[mm]", "path, via", "force, load", "time \\[s]", "p", title=title, **PLAIN
@@ -181,10 +191,10 @@ def apps_table(apps: Sequence[App], title: str) -> Table:
         table.add_row(
             app_number(index),
             _title_of(app),
-            "" if app.target is None else " ".join(f"{1000 * x:.0f}" for x in app.target),
+            "" if app.target is None else " ".join(fixed(1000 * x, 0) for x in app.target),
             path_in_words(app, unit=""),
             _effort_of_app(app),
-            f"{app.t0:.2f}–{app.tn:.2f}",
+            f"{clock.shown(app.t0)}–{clock.shown(app.tn)}",
             f"{app.confidence:.2f}",
         )
     return table
@@ -212,7 +222,7 @@ def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
             Text(info.task or "–"),
             RESULTS[info.success],
             "deleted" if info.deleted else info.state,
-            f"{info.t:.2f}",
+            moment(info.t) if is_of_day(info.t) else f"{info.t:.2f}",
             str(info.segments),
             info.instance,
         )
@@ -260,13 +270,13 @@ def _turned(segment: Segment) -> str:
 def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:
     """A load where there is one, or else the magnitude of the force."""
     if load_kg is not None:
-        return f"{load_kg:.2f} kg" + ("" if load_sd_kg is None else f" ± {load_sd_kg:.2f}")
-    return f"{np.linalg.norm(force):.1f} N"
+        return f"{fixed(load_kg, 2)} kg" + ("" if load_sd_kg is None else f" ± {fixed(load_sd_kg, 2)}")
+    return f"{fixed(math.hypot(*force), 1)} N"
 
 
 def _effort_of_app(app: App) -> str:
     if app.gripper_width is not None and app.force is None:
-        return f"{1000 * app.gripper_width:.0f} mm"
+        return f"{fixed(1000 * app.gripper_width, 0)} mm"
     if app.load_kg is None:
         return force_in_words(app)
-    return f"{app.load_kg:.2f}" + (" kg" if app.load_sd_kg is None else f"±{app.load_sd_kg:.2f} kg")
+    return fixed(app.load_kg, 2) + (" kg" if app.load_sd_kg is None else f"±{fixed(app.load_sd_kg, 2)} kg")

@@ -13,6 +13,7 @@ from rich.text import Text
 from caesura_clients.cli.connection_options import Config, Connect, Json, Station
 from caesura_clients.cli.options import connected, only_station, reported
 from caesura_clients.cli.result_tables import (
+    clock_lines,
     description_line,
     outcome_line,
     phases_table,
@@ -21,6 +22,7 @@ from caesura_clients.cli.result_tables import (
     sessions_view,
 )
 from caesura_protocol.errors import NotFound
+from caesura_protocol.session_clock import clock_of
 
 
 def list_sessions(
@@ -54,10 +56,11 @@ def show(
         typer.echo(found.model_dump_json(indent=2))
         return
     lost = outcome_line(found.status)
-    views = [segments_view(found.status, found.segments.segments)]
+    clock = clock_of(found.segments.segments)
+    views = [*clock_lines(clock), segments_view(found.status, found.segments.segments)]
     if len(found.segments.phases) > 1:
-        views.append(phases_table(found.segments.phases, "phases"))
-    views.append(program_view(found.program))
+        views.append(phases_table(found.segments.phases, "phases", clock))
+    views.append(program_view(found.program, clock))
     if line := description_line(found.status.description):
         views.insert(0, Text(line))
     Console().print(Group(*views, *([lost] if lost else [])))

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Annotated
 
 import typer
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 
 from caesura_clients.cli.connection_options import Config, Connect, Station
@@ -17,13 +17,14 @@ from caesura_clients.cli.options import (
     named,
     reported,
 )
-from caesura_clients.cli.result_tables import segments_view
+from caesura_clients.cli.result_tables import clock_lines, segments_view
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
 from caesura_clients.results import Update
 from caesura_protocol.errors import NotFound, ProtocolError
+from caesura_protocol.session_clock import clock_of
 
 
 def watch(
@@ -55,7 +56,9 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
         raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
     for one in found:
         found_hints = one.hints.hints if one.hints else ()
-        Console().print(segments_view(one.status, one.segments.segments, hints=found_hints))
+        segments = one.segments.segments
+        shown = segments_view(one.status, segments, hints=found_hints)
+        Console().print(Group(*clock_lines(clock_of(segments)), shown))
 
 
 def _write_lines(caesura: Caesura, station: str | None) -> None:

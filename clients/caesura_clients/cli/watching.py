@@ -14,10 +14,11 @@ from itertools import takewhile
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
-from caesura_clients.cli.result_tables import segment_line, segments_view
+from caesura_clients.cli.result_tables import clock_lines, segment_line, segments_view
 from caesura_clients.following import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change
+from caesura_protocol.session_clock import clock_of
 
 LEAST_ROWS = 1
 SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there": "service back"}
@@ -101,5 +102,8 @@ class LiveView:
 
     def _views(self, updates: Iterable[Update], rows: int) -> list[RenderableType]:
         """The newest rows of each station, and what is to be said of the service."""
-        views = [segments_view(one.status, one.segments, newest=rows, hints=one.hints) for one in updates]
+        views: list[RenderableType] = []
+        for one in updates:
+            views += clock_lines(clock_of(one.segments))
+            views.append(segments_view(one.status, one.segments, newest=rows, hints=one.hints))
         return [*views, Text(self._service)] if self._service else views

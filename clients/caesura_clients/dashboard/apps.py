@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from caesura_clients.dashboard.program_edits import app_editing, editing_of, findings
+from caesura_clients.dashboard.program_edits import app_editing, checked, editing_of
 from caesura_clients.dashboard.program_path import program_path
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Program, Vector
+from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import NAMED_TURN_RAD, turn_of
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.screw_motion import screw_in_words
@@ -20,7 +21,7 @@ NEWEST = 100  # apps that are drawn
 def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
     """What the page shows of a program; of a long one the newest apps, and how many come before them."""
     before = max(0, len(program.apps) - newest)
-    of_program, of_apps = findings(program)
+    apps, of_program, of_apps = checked(program)
     return {
         **editing_of(program),
         "findings": of_program,
@@ -30,7 +31,7 @@ def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
         "edited": program.edited,
         "notes": list(program.notes),
         "before": before,
-        "path": program_path(program, before),
+        "path": program_path(apps, before),
         "apps": [
             card(index + 1, program.apps[index])
             | app_editing(program.apps, index)
@@ -65,7 +66,7 @@ def _lines(app: App) -> list[tuple[str, str]]:
         ("force", vector(app.force, "N", 1)),
         ("taught", taught),
         ("load", load(app)),
-        ("gripper", "" if app.gripper_width is None else f"{1000 * app.gripper_width:.0f} mm"),
+        ("gripper", "" if app.gripper_width is None else f"{fixed(1000 * app.gripper_width, 0)} mm"),
     ]
 
 
@@ -90,16 +91,16 @@ def path(app: App) -> str:
     """How long the way was, by how many via points it leads, and how far it is off at most."""
     if app.path is None:
         return ""
-    via, off = len(app.path.via), f"within {1000 * app.path.deviation_m:.1f} mm"
+    via, off = len(app.path.via), f"within {fixed(1000 * app.path.deviation_m, 1)} mm"
     turn = turn_of(app)
     turned = f"turns {math.degrees(turn):.0f}°, " if turn >= NAMED_TURN_RAD else ""
     way = f"{via} via point{'s' if via > 1 else ''}, {off}" if via else f"straight {off}"
-    return f"{1000 * app.path.length_m:.0f} mm, {turned}{way}"
+    return f"{fixed(1000 * app.path.length_m, 0)} mm, {turned}{way}"
 
 
 def load(app: App) -> str:
     """What is carried, with its uncertainty."""
     if app.load_kg is None:
         return ""
-    spread = "" if app.load_sd_kg is None else f" ± {app.load_sd_kg:.2f}"
-    return f"{app.load_kg:.2f}{spread} kg"
+    spread = "" if app.load_sd_kg is None else f" ± {fixed(app.load_sd_kg, 2)}"
+    return f"{fixed(app.load_kg, 2)}{spread} kg"

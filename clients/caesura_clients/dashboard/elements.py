@@ -150,15 +150,17 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         self,
         on_edit: Callable[[GenericEventArguments], Any],
         on_simulate: Callable[[GenericEventArguments], Any],
+        on_cancel: Callable[[], Any],
         *,
         editable: bool,
         speeds: Sequence[str],
     ) -> None:
-        """on_simulate: with one of `speeds`; without any, nothing is simulated here."""
+        """on_simulate: with one of `speeds`; without any, nothing is simulated here. on_cancel: ends it."""
         super().__init__()
         self._props |= {"editable": editable, "speeds": list(speeds)}
         self.on("edit", on_edit)
         self.on("simulate", on_simulate)
+        self.on("cancel", on_cancel)
 
     def simulated(self, found: dict[str, Any]) -> None:
         """Show what became of a simulation (`Simulator.run`)."""

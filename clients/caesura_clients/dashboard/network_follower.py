@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from typing import Any
@@ -28,7 +28,14 @@ from caesura_clients.results import SessionReader, Update
 from caesura_protocol.codec import decode, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import SampleRange, parse_service_key, parse_station_key, service_key, station_key
-from caesura_protocol.messages import BridgeStatus, Heartbeat, Posterior, RecordedSamples, SampleBatch
+from caesura_protocol.messages import (
+    BridgeStatus,
+    Heartbeat,
+    Posterior,
+    RecordedSamples,
+    SampleBatch,
+    Snapshot,
+)
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
@@ -98,9 +105,15 @@ class NetworkFollower(RepeatingThreads):
             if reader.update is not None:
                 stored[one.status.station, one.status.session] = reader.update
         if session == "*":
-            self._pages[station] = skip + len(found)
-        self._change(stored=dict(list(stored.items())[-STORED:]))
+            self._pages[station] = skip + self._least_page(found)
+        self._change(stored=dict(list(stored.items())[-STORED:]), closed=self.world.closed + 1)
         return len(found)
+
+    def _least_page(self, found: Iterable[Snapshot]) -> int:
+        """Count what every instance has given at least: each has a page of its own, and all skip as many."""
+        stations = (self.world.update(one.status.station) for one in found)
+        given = Counter("" if update is None else update.status.instance for update in stations)
+        return min(given.values(), default=0)
 
     def posteriors(self, station: str, session: str) -> tuple[Posterior, ...]:
         """The newest posteriors of a session, in order."""
@@ -128,12 +141,12 @@ class NetworkFollower(RepeatingThreads):
             case SessionRemoved():
                 gone = (event.station, event.session)
                 kept = {key: one for key, one in self.world.updates.items() if key != gone}
-                self._change(updates=kept, current=self._current())
+                self._change(updates=kept, closed=self.world.closed + 1, current=self._current())
 
     def _take_update(self, update: Update) -> None:
         key = (update.station, update.session)
         known = self.world.updates
-        self._change(updates={**known, key: update})
+        self._change(updates={**known, key: update}, closed=self.world.closed + update.closed)
         if key not in known or self._unsure:
             self._change(current=self._current())
         if update.posterior is not None:

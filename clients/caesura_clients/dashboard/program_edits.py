@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -19,7 +19,8 @@ from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program
-from caesura_protocol.programs.app_times import PLACED, may_retime
+from caesura_protocol.number_words import fixed
+from caesura_protocol.programs.app_times import PLACED, edited_times, may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS, formats_of
@@ -139,7 +140,7 @@ def _change(mark: AppChange) -> str:
     if isinstance(mark.inferred, float | int) and unit:
         return f"{words} (taught {scale * mark.inferred:.4g} {unit})"
     if isinstance(mark.inferred, tuple) and unit:
-        taught = ", ".join(f"{scale * float(x or 0.0):.0f}" for x in mark.inferred)
+        taught = ", ".join(fixed(scale * float(x or 0.0), 0) for x in mark.inferred)
         return f"{words} (taught {taught} {unit})"
     return words
 
@@ -181,19 +182,29 @@ _VALUES: Sequence[tuple[str, Callable[[App], bool], Callable[[App], Any]]] = (
 )
 
 
-def findings(program: Program) -> tuple[list[list[str]], dict[int, list[list[str]]]]:
-    """What a check finds without a robot: of the whole program, and by app; each (severity, reason).
+class CheckedProgram(NamedTuple):
+    """Apps at the times of the document, and what a check finds without a robot, each (severity, reason)."""
 
-    Nothing while a program without edits is being taught: what it lacks may still come.
+    apps: Sequence[App]
+    of_program: list[list[str]]
+    of_apps: dict[int, list[list[str]]]
+
+
+def checked(program: Program) -> CheckedProgram:
+    """Lay a program out once, and check it.
+
+    Nothing is found while a program without edits is being taught: what it lacks may still come.
     """
     if not program.apps or not (program.complete or program.edits):
-        return [], {}
+        return CheckedProgram(program.apps, [], {})
     if len(program.apps) > CHECKED:
+        times = edited_times(program.apps, (), program.edits)
         reason = f"not checked here, because it has more than {CHECKED} apps: caesura check"
-        return [["warning", reason]], {}
+        return CheckedProgram(program.apps if times is None else times.apps, [["warning", reason]], {})
+    made = document(program)
     of_program: list[list[str]] = []
     of_apps: dict[int, list[list[str]]] = {}
-    for one in document_findings(document(program)):
+    for one in document_findings(made):
         into = of_program if one.index is None else of_apps.setdefault(one.index, [])
         into.append([one.severity, one.reason])
-    return of_program, of_apps
+    return CheckedProgram(made.apps, of_program, of_apps)

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_title
-from caesura_protocol.messages import App, Program, Vector
+from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import curve_of
-from caesura_protocol.programs.app_times import edited_times
 
 Array = NDArray[np.float64]
 
@@ -42,10 +41,8 @@ class _Drawn(NamedTuple):
     via: list[list[float]]
 
 
-def program_path(program: Program, first: int = 0) -> list[dict[str, Any]]:
-    """The rows of the apps from number `first` on, counted from 0."""
-    times = edited_times(program.apps, (), program.edits)
-    apps = program.apps if times is None else times.apps
+def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
+    """The rows of the apps from number `first` on, counted from 0. apps: at the times of the document."""
     rows: list[dict[str, Any]] = []
     place = _target_before(apps, first)
     for index in range(first, len(apps)):

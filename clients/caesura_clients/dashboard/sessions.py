@@ -19,8 +19,22 @@ def sessions(world: DashboardState) -> list[dict[str, Any]]:
 OFFERED = 50  # sessions that may take the place of a part
 
 
-def taught_again(world: DashboardState, station: str, session: str) -> list[list[str]]:
-    """The closed sessions of a station that have apps, the newest first, beside this one: (name, words)."""
+class PartChoice:
+    """The sessions that may take the place of a part, made anew only where one of them changed."""
+
+    def __init__(self) -> None:
+        self._made_of: tuple[str, str, int] | None = None
+        self._rows: list[list[str]] = []
+
+    def of(self, world: DashboardState, station: str, session: str) -> list[list[str]]:
+        """Closed sessions of a station that have apps, beside this one, the newest first: (name, words)."""
+        made_of = station, session, world.closed
+        if made_of != self._made_of:
+            self._made_of, self._rows = made_of, _taught_again(world, station, session)
+        return self._rows
+
+
+def _taught_again(world: DashboardState, station: str, session: str) -> list[list[str]]:
     known = {**world.stored, **world.updates}
     others = [
         one

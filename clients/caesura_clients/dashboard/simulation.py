@@ -31,12 +31,53 @@ POINTS = 600  # of a run that are sent
 MM = 1000.0
 
 
+class SimulatorBusyError(EditRefused):
+    """Another simulation is under way."""
+
+
+class Simulation:
+    """The process of one simulation; any thread may end it, at any time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._child: subprocess.Popen[str] | None = None
+        self.is_ended = False
+
+    def end(self) -> None:
+        """Kill its process, and start no other one."""
+        with self._lock:
+            self.is_ended = True
+            if self._child is not None:
+                self._child.kill()
+
+    def outcome(self, command: Sequence[str]) -> tuple[str, int]:
+        """Run a command to its end; what it says, and its exit code. Raises EditRefused."""
+        with self._lock:
+            self._check_goes_on()
+            self._child = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            )
+        with self._child as child:
+            try:
+                said, _ = child.communicate(timeout=LONGEST_S)
+            except subprocess.TimeoutExpired:
+                raise EditRefused(f"Not simulated: no result after {LONGEST_S:g} s.") from None
+            finally:
+                child.kill()  # nothing where it has ended
+        self._check_goes_on()
+        return said, child.returncode
+
+    def _check_goes_on(self) -> None:
+        if self.is_ended:
+            raise EditRefused("Not simulated: cancelled.")
+
+
 class Simulator:
     """Simulates one program at a time."""
 
     def __init__(self) -> None:
         self._one = threading.Lock()
-        self._child: subprocess.Popen[str] | None = None
+        self._current = Simulation()
 
     def __enter__(self) -> Self:
         return self
@@ -44,13 +85,18 @@ class Simulator:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if (child := self._child) is not None:
-            child.kill()
+        self._current.end()
 
-    def run(self, program: Program, speed: str) -> dict[str, Any]:
+    @property
+    def is_busy(self) -> bool:
+        """Whether a simulation is under way."""
+        return self._one.locked()
+
+    def run(self, program: Program, speed: str, simulation: Simulation | None = None) -> dict[str, Any]:
         """Run it: {said, stopped, points}; points are [t, x, y, z], [s] of the run and [mm].
 
-        stopped: a check or a guard has stopped it. Raises EditRefused where it cannot be run at all.
+        stopped: a check or a guard has stopped it. simulation: by which another thread ends it. Raises
+        EditRefused where it cannot be run at all or is ended.
         """
         if speed not in SPEEDS:
             raise EditRefused(f"Not simulated: speed {speed[:20]!r}, expected {' or '.join(SPEEDS)}.")
@@ -58,10 +104,9 @@ class Simulator:
             many = f"the program has {len(program.apps)} apps, at most {MOST_APPS} are simulated here"
             raise EditRefused(f"Not simulated: {many}.")
         if not self._one.acquire(blocking=False):
-            raise EditRefused(
-                "Not simulated: another simulation is under way on this dashboard; wait for it."
-            )
+            raise SimulatorBusyError("Not simulated: another simulation is under way on this dashboard.")
         try:
+            self._current = simulation or Simulation()
             with tempfile.TemporaryDirectory(prefix="caesura-simulation-") as folder:
                 return self._run(program, speed, Path(folder))
         finally:
@@ -89,17 +134,8 @@ class Simulator:
 
     def _command(self, words: Sequence[str], made: Path) -> tuple[str, bool]:
         """Run a command that makes a file; what it says, and whether it ended well. Raises EditRefused."""
-        command = [sys.executable, "-m", "caesura_clients", *words]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
-            self._child = child
-            try:
-                said, _ = child.communicate(timeout=LONGEST_S)
-            except subprocess.TimeoutExpired:
-                raise EditRefused(f"Not simulated: no result after {LONGEST_S:g} s.") from None
-            finally:
-                child.kill()  # nothing where it has ended
-                self._child = None
+        said, code = self._current.outcome([sys.executable, "-m", "caesura_clients", *words])
         lines = said.strip()
         if not made.exists():
             raise EditRefused(f"Not simulated: {lines.removeprefix('error: ')}")
-        return lines, child.returncode == 0
+        return lines, code == 0

@@ -33,6 +33,7 @@ class DashboardState:
 
     updates: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # by station and session
     stored: Mapping[tuple[str, str], Update] = field(default_factory=dict)  # read from the journal
+    closed: int = 0  # how often a session that is over came, changed or went
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
     standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station

@@ -71,6 +71,13 @@ class SuiteVerdicts:
     missing: list[str]
 
 
+class RoundTripSpeed(StrEnum):
+    """How fast a program runs."""
+
+    TAUGHT = "taught"
+    OPTIMAL = "optimal"
+
+
 class Format(StrEnum):
     """How results are written."""
 
@@ -101,6 +108,9 @@ def evaluate(
         str | None,
         typer.Option(help=f"Suites {', '.join(TAUGHT)} and {ROUNDTRIP}: which arm.", show_default="panda"),
     ] = None,
+    speed: Annotated[
+        RoundTripSpeed, typer.Option(help="Roundtrip: as taught, or within the arm's limits and no pauses.")
+    ] = RoundTripSpeed.TAUGHT,
     data: Annotated[
         Path,
         typer.Option(
@@ -158,6 +168,7 @@ def evaluate(
                 suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
             )
             _check_robot(robot, suite_name)
+            _check_speed(speed, suite_name)
             if evidence:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
@@ -167,7 +178,7 @@ def evaluate(
             elif suite_name == ROUNDTRIP and not recordings:
                 people = range(first_seed, first_seed + (seeds or THESIS_SEEDS))
                 page = (
-                    _round_trip_page(people, robot or "panda", workers)
+                    _round_trip_page(people, robot or "panda", speed, workers)
                     if mutated is None
                     else _mutation_page(mutated, workers)
                 )
@@ -218,14 +229,14 @@ def _thesis_page(_data: Path, seeds: range, workers: int) -> ResultPage:
     )
 
 
-def _round_trip_page(seeds: range, robot: str, workers: int) -> ResultPage:
+def _round_trip_page(seeds: range, robot: str, speed: RoundTripSpeed, workers: int) -> ResultPage:
     from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
 
-    cases = program_round_trip.cases(seeds, robot)
+    cases = program_round_trip.cases(seeds, robot, speed.value)
     summary = program_round_trip.summarise(
         _with_progress(each(program_round_trip.run_round_trip, cases, workers=workers), cases)
     )
-    title = program_round_trip.title(seeds, robot)
+    title = program_round_trip.title(seeds, robot, speed.value)
     return ResultPage(
         text=lambda: program_round_trip.as_text(summary, title),
         markdown=lambda: program_round_trip.as_markdown(summary, title),
@@ -338,6 +349,11 @@ def _check_robot(robot: str | None, suite_name: str | None) -> None:
         raise TruthError(f"--robot {robot} is for a --suite of {suites}, in which a robot is simulated")
 
 
+def _check_speed(speed: RoundTripSpeed, suite_name: str | None) -> None:
+    if speed is not RoundTripSpeed.TAUGHT and suite_name != ROUNDTRIP:
+        raise TruthError(f"--speed {speed} is for --suite {ROUNDTRIP}, in which programs run")
+
+
 def _draw(result: calibration.CalibrationReport, file: Path) -> None:
     try:
         diagram.write(result, file)
@@ -353,7 +369,7 @@ def _ablated() -> list[Method]:
 
 
 def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
-    unknown = sorted(set(presets) - set(PRESETS))
+    unknown = sorted(set(presets) - {*PRESETS, *WITHOUT})
     if unknown:
         raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=sorted(PRESETS))
     own: list[Method] = [PresetMethod(name) for name in dict.fromkeys(presets)]

@@ -14,6 +14,7 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import announce_compilation
+from caesura_lab.report.from_start import from_start
 from caesura_lab.report.report_data import ReportData, collect
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
@@ -64,7 +65,7 @@ def _report(recording: Recording, out: Path, preset: str, annotation: Path | Non
 
 def _collected(recording: Recording, preset: str, truth: Truth | None) -> ReportData:
     try:
-        return collect(recording, preset, truth)
+        return from_start(collect(recording, preset, truth))
     except (ProtocolError, ValueError) as error:
         raise SourceError(f"{recording.name}: {str(error).removeprefix('malformed: ')}") from error
 

@@ -17,6 +17,7 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_clients.cli.recording_questions import Answered, ask_about
 from caesura_clients.cli.result_tables import (
     apps_table,
+    clock_lines,
     doubtful_apps,
     ignored_line,
     phases_table,
@@ -27,6 +28,7 @@ from caesura_lab.recording_notes import recording_notes
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
+from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled
 from caesura_service.offline_segmentation import as_json, segment_recording
@@ -131,18 +133,20 @@ def _write(path: Path, view: PipelineView) -> None:
 
 
 def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
+    clock = clock_of(view.segments)
     return Group(
-        segments_table(view.segments, title=f"{recording.name} ({preset})"),
-        *([phases_table(view.phases, title="phases")] if len(view.phases) > 1 else []),
-        apps_table(view.apps, title="task program"),
+        *clock_lines(clock),
+        segments_table(view.segments, f"{recording.name} ({preset})", clock),
+        *([phases_table(view.phases, "phases", clock)] if len(view.phases) > 1 else []),
+        apps_table(view.apps, "task program", clock),
         *doubtful_apps(view.apps),
         view.wrench.note,
         *recording_notes(recording, preset),
-        *_warnings(recording, view),
+        *_warnings(recording, view, clock),
     )
 
 
-def _warnings(recording: Recording, view: PipelineView) -> Iterator[str]:
+def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> Iterator[str]:
     """What a reader must know of what is not in the tables."""
     if NO_GRIPPER in view.notes:
         yield NO_GRIPPER
@@ -151,6 +155,6 @@ def _warnings(recording: Recording, view: PipelineView) -> Iterator[str]:
     if view.repeats:
         yield f"{view.repeats} of {view.samples} samples were dropped: their time did not advance"
     for gap in view.gaps[:SHOWN_GAPS]:
-        yield f"nothing is known between {gap.t0:.2f} s and {gap.tn:.2f} s"
+        yield f"nothing is known between {clock.shown(gap.t0)} s and {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:
         yield f"and {len(view.gaps) - SHOWN_GAPS} more gaps; is t in seconds?"

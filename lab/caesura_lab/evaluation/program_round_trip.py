@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
 from caesura_protocol.messages import App
+from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
@@ -39,6 +40,7 @@ LIMITS_N: Mapping[str, float] = MappingProxyType(  # of the simulated cell, by s
 SCENARIOS = tuple(LIMITS_N)
 TARGET_M, FORCE_SHARE = 0.01, 0.15
 PATH_M, PATH_RAD = 0.005, math.radians(2.0)
+TimingName = Literal["taught", "optimal"]
 EVERY = 10  # ticks of 1 ms, of which one is compared
 AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
 REST_N = 1e-6
@@ -46,11 +48,12 @@ REST_N = 1e-6
 
 @dataclass(frozen=True)
 class RoundTripCase:
-    """One person who teaches one scenario on one arm."""
+    """One person who teaches one scenario on one arm; the program runs as taught, or at its fastest."""
 
     scenario: str
     seed: int
     robot: str = "panda"
+    speed: TimingName = "taught"
 
 
 @dataclass(frozen=True)
@@ -87,8 +90,15 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
     limit_n = LIMITS_N[case.scenario]
     taught = segment_recording(recording, setting=CellSettings(force_limit_n=limit_n))
     simulated_cell = SimulatedCell(teaching.scenario, teaching.person, case.seed)
+    safety = Safety(force_n=limit_n)
+    run_apps: Sequence[App] = taught.apps
+    if case.speed == "optimal":
+        # Its extra need not be installed where programs run as taught.
+        from caesura_lab.retiming import optimal  # noqa: PLC0415
+
+        run_apps = optimal(document_of_apps(tuple(taught.apps), case.scenario, safety), robot=robot).apps
     try:
-        done = execute(taught.apps, simulated_cell, Safety(force_n=limit_n), robot=robot)
+        done = execute(run_apps, simulated_cell, safety, robot=robot)
     except RefusedError as refused:
         return RoundTripResult(case, _kinds(taught.apps), (), (), (), f"refused: {refused.report.errors[0]}")
     again = segment_recording(done.recording).apps
@@ -195,9 +205,9 @@ def _kinds(apps: Iterable[App]) -> tuple[str, ...]:
     return tuple(app.kind for app in apps)
 
 
-def cases(seeds: Sequence[int], robot: str = "panda") -> list[RoundTripCase]:
-    """Every scenario by every person, on one arm."""
-    return [RoundTripCase(scenario, seed, robot) for scenario in SCENARIOS for seed in seeds]
+def cases(seeds: Sequence[int], robot: str = "panda", speed: TimingName = "taught") -> list[RoundTripCase]:
+    """Every scenario by every person, on one arm, at one speed."""
+    return [RoundTripCase(scenario, seed, robot, speed) for scenario in SCENARIOS for seed in seeds]
 
 
 def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripResult]]:
@@ -206,11 +216,11 @@ def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripRes
     return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
 
 
-def title(seeds: Sequence[int], robot: str = "panda") -> str:
+def title(seeds: Sequence[int], robot: str = "panda", speed: TimingName = "taught") -> str:
     """Return the title: what was measured, and within which limits."""
     return (
-        f"round trip on {robot}: people {seeds[0]} to {seeds[-1]}; the same apps, targets within "
-        f"{1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
+        f"round trip on {robot}, speed {speed}: people {seeds[0]} to {seeds[-1]}; "
+        f"the same apps, targets within {1000 * TARGET_M:.0f} mm, forces within {100 * FORCE_SHARE:.0f} %, "
         f"paths within {1000 * PATH_M:.0f} mm and {math.degrees(PATH_RAD):.0f}°"
     )
 

@@ -10,9 +10,9 @@ from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import WIDTH_OBJECT_M, WIDTH_OPEN_M
 from caesura_lab.teacher.scenarios import Scenario
+from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.safety import DEFAULT, Safety
 
-GRIP_REACH_M = 0.04  # the object is between the fingers within this distance from where it stands
 SETTLED_M = 1e-4
 
 

@@ -33,11 +33,11 @@ SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between
 LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
-COMPLIANT_M = 0.012  # from which depth on a target in a contact is one in a compliant surface
-PUSH_IN_S = 0.3  # least time for pushing it in
-PUSH_IN_M_PER_S = 0.09  # on its way there, on average
-BOTTOM_M_PER_S, BEYOND_M = 0.02, 0.008  # with which it meets the bottom, and how far beyond it is searched
-SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that: its bottom may be hard
+BOTTOM_M_PER_S = 0.02  # with which the bottom of what is pushed in is met: it may be hard
+SINKING_PER_S = 6.0  # for each metre that is left to the bottom it may sink so many metres a second faster
+SUNK_M = 0.002  # above the bottom
+URGING_NS_PER_M = 300.0  # by which it is sped up, as long as it resists with less than the force
+SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
@@ -51,6 +51,7 @@ class SkillController:
         self.setpoint = Setpoint(arm.measured.position, arm.measured.rotation)
         self.contact_direction: Array | None = None  # direction in which it stands on something
         self._pressed_n, self._correction_n = 0.0, 0.0
+        self._settled_s = 0.0  # in which the contact that the last app made came to rest
 
     @property
     def measured(self) -> ArmMeasurement:
@@ -59,6 +60,7 @@ class SkillController:
 
     def run(self, app: App, following: App | None) -> None:
         """Execute an app. Raises RobotStopped."""
+        self._settled_s = 0.0
         _SKILLS[app.kind](self, app, following)
 
     def hold_position(self, seconds: float, force_n: float | None = None) -> None:
@@ -72,7 +74,7 @@ class SkillController:
             self.tick(still)
 
     def pause(self, seconds: float, following: App | None) -> None:
-        """Hold between two apps; the time in which a contact is released is part of it.
+        """Hold between two apps; the times in which a contact comes to rest and is released are part of it.
 
         Where a hand crept in a rest to the start of the next path, the setpoint does.
         """
@@ -90,7 +92,7 @@ class SkillController:
             and following is not None
             and APP_KINDS[following.kind].has_target
         )
-        self.hold_position(max(seconds - RELEASE_S, 0.0) if leaves else seconds)
+        self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0))
 
     def send_fingers(self, width_m: float) -> None:
         """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles."""
@@ -99,6 +101,8 @@ class SkillController:
         world.send_fingers(width_m, safety.gripper_m_per_s)
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
             self.hold_position(FINGER_POLL_S, STANDING_N)
+            if not world.held_kg:
+                self.arm.load_kg = 0.0
             if world.fingers_still:
                 break
         self.hold_position(SETTLE_S, STANDING_N)
@@ -153,11 +157,14 @@ class SkillController:
         aside: Array | None = None,
         path: Curve | None = None,
         screw: ScrewMotion | None = None,
+        depth_m: float = 0.0,
     ) -> None:
         """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
 
         path: to follow across that direction meanwhile; along it the force decides. The direction turns with
-        the tool. screw: what is turned meanwhile, until it is tight.
+        the tool. screw: what is turned meanwhile, until it is tight. depth_m: by which what is pressed gives
+        way; it is pushed in with the force alone, and slower towards the bottom. Half of the time is left for
+        what is held there, so pushing in may take half as long again.
         """
         if self.contact_direction is None:
             raise RobotStopped(NOTHING_TO_PRESS)
@@ -167,42 +174,34 @@ class SkillController:
         began_n, sunk = self._pressed_n, 0.0
         still = self.setpoint.still
         torque_stop = TorqueStop(screw)
-        for k in range(1, round(seconds / DT) + 1):
+        ticks, k, waited = round(seconds / DT), 0, 0
+        while k - waited < ticks:
+            k += 1
+            waited += 2 * k > ticks > 2 * waited and depth_m - sunk > SUNK_M
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            fast = max(float(along @ self.measured.twist[:3]) - BOTTOM_M_PER_S, 0.0)
-            slowed_n = min(SINKING_NS_PER_M * fast, want + self._correction_n)
-            push = along * (want + self._correction_n - slowed_n) + share * aside
+            left_m = max(depth_m - sunk, 0.0)
+            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.measured.force))
+            fast = speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
+            slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
+            sinks = left_m > SUNK_M
+            spared = max(1.0 - resists / want, 0.0) if sinks else 0.0
+            urged_n = URGING_NS_PER_M * max(-fast, 0.0) * spared
+            push = along * (want + self._correction_n - slowed_n + urged_n) + share * aside
             measured = self.tick(replace(setpoint, push=push, along=along))
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = 0.0 if slowed_n else want + float(along @ measured.force)
+            wrong = 0.0 if slowed_n or sinks else want + float(along @ measured.force)
             corrected = self._correction_n + FORCE_GAIN_PER_S * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
-            if sunk > self.safety.search_m:
+            if sunk > max(depth_m, 0.0) + self.safety.search_m:
                 raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
         deep = along * (along @ (self.measured.position - self.setpoint.position))
         self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
-
-    def push_compliant(self, depth_m: float, force_n: float, seconds: float) -> None:
-        """Push a compliant surface in by a depth [m] along the contact, until it resists with a force [N]."""
-        along = self.contact_direction
-        if along is None:
-            raise RobotStopped(NOTHING_TO_PRESS)
-        start = self.setpoint.position
-        leaving = along * max(float(along @ self.measured.twist[:3]), 0.0)
-        arriving = BOTTOM_M_PER_S * along
-        ends = [start, start + depth_m * along]
-        path = Curve.through([0.0, seconds], ends, leaving=leaving, arriving=arriving)
-        for k in range(1, round((seconds + BEYOND_M / BOTTOM_M_PER_S) / DT) + 1):
-            measured = self.tick(self._setpoint_at(path, k * DT))
-            if -float(along @ measured.force) >= force_n:
-                break
-        self._enter_contact(along)
 
     def release_contact(self) -> None:
         """Ramp the contact force down to zero, and hold the place that was reached."""
@@ -261,11 +260,11 @@ class SkillController:
         still = replace(self.setpoint, push=MEET_N * along)
         for _ in range(round(MEET_S / DT)):
             self.tick(still)
+        self._settled_s = MEET_S
         self._enter_contact(along)
 
     def _enter_contact(self, along: Array) -> None:
         self.contact_direction = along
-        self.arm.load_kg = 0.0  # what is held rests on what is stood on
         self._pressed_n, self._correction_n = max(-float(along @ self.measured.force), 0.0), 0.0
         self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
@@ -324,15 +323,11 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
     seconds, depth = _seconds(app), float(along @ (target - controller.setpoint.position))
-    if depth > COMPLIANT_M and not slides:
-        sinking = min(max(PUSH_IN_S, depth / PUSH_IN_M_PER_S), 0.5 * seconds)
-        controller.push_compliant(depth, straight, sinking)
-        seconds -= sinking
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
-    controller.press(straight, seconds, None if slides else aside, path, app.screw)
+    controller.press(straight, seconds, None if slides else aside, path, app.screw, 0.0 if slides else depth)
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:
@@ -345,8 +340,6 @@ def _grasp(controller: SkillController, app: App, following: App | None) -> None
 def _move_fingers(controller: SkillController, app: App, following: App | None) -> None:
     width = controller.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
     controller.send_fingers(width)
-    if not controller.arm.world.held_kg:
-        controller.arm.load_kg = 0.0
 
 
 _SKILLS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {

@@ -14,9 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_lab.execution.cell_simulation import GRIP_REACH_M
 from caesura_lab.execution.executor import SimulatedCell
-from caesura_lab.execution.skills import COMPLIANT_M
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
@@ -26,9 +24,11 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.paths import knots_of
+from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.rotations import matrix_of
 
 AROUND_M = 0.02  # of a surface beyond what is touched of it
+COMPLIANT_M = 0.012  # from which depth on what is pressed gives way
 LEVEL_COSINE = 0.94  # of 20°: a force that leans further is not that of a level surface
 NEED = "name the cell with --scenario"
 DOWN = (1.0, 0.0, 0.0, 0.0)  # fingers down, where a program states no orientation

@@ -7,7 +7,10 @@ multiple of `SHIFT_S`, and a float that gets smaller by that is exact.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from operator import itemgetter
 from typing import NamedTuple, TypeVar
 
 from caesura_protocol.app_kinds import APP_KINDS
@@ -74,10 +77,14 @@ def scaled(app: A, factor: float) -> A:
 
 
 class EditedTimes(NamedTuple):
-    """Apps and gaps at the times of the edited program. Gaps are those within an app."""
+    """Apps and gaps at the times of the edited program. Gaps are those within an app.
+
+    follows: whether each app follows the one before it as when they were taught; True for the first.
+    """
 
     apps: tuple[App, ...]
     gaps: tuple[Gap, ...]
+    follows: tuple[bool, ...]
 
 
 def edited_times(
@@ -90,15 +97,20 @@ def edited_times(
     deleted = [place for edit in edits if edit.state == "applied" for place in _left_out(edit)]
     if not deleted and not any(map(_is_elsewhere, apps)):
         return None
-    taught = [*deleted, *((app.added, app.t0) for app in apps)]
+    taught: dict[int | None, list[float]] = {}  # when apps began [s], in order, by the edit that added them
+    for added, t0 in sorted((*deleted, *((app.added, app.t0) for app in apps)), key=itemgetter(1)):
+        taught.setdefault(added, []).append(t0)
     made: list[App] = []
     missing: list[Gap] = []
+    follows = (True, *(_followed(before, app, taught) for before, app in pairwise(apps)))
     for index, app in enumerate(apps):
-        t0 = made[-1].tn + _pause_s(apps[index - 1], app, taught) if made else min(one.t0 for one in apps)
+        before = apps[index - 1] if index else None
+        pause_s = app.t0 - before.tn if before and follows[index] else 0.0
+        t0 = made[-1].tn + pause_s if made else min(one.t0 for one in apps)
         shifted = earlier(app, math.floor((app.t0 - t0) / SHIFT_S) * SHIFT_S)
         made.append(shifted if app.speed is None else scaled(shifted, app.speed))
         missing += () if is_taught_again(app) else _gaps_within(app, made[-1], gaps)
-    return EditedTimes(tuple(made), tuple(missing))
+    return EditedTimes(tuple(made), tuple(missing), follows)
 
 
 def _is_elsewhere(app: App) -> bool:
@@ -117,13 +129,13 @@ def _left_out(edit: ProgramEdit) -> list[Taught]:
             return []
 
 
-def _pause_s(before: App, app: App, taught: Sequence[Taught]) -> float:
-    """The pause [s] that was taught between two apps; 0 where another one began in between."""
+def _followed(before: App, app: App, taught: Mapping[int | None, Sequence[float]]) -> bool:
+    """Whether an app followed another one when they were taught: no third one began in between."""
     if before.added != app.added or app.t0 < before.tn:
-        return 0.0
-    starts = [t for added, t in taught if added == app.added and t != before.t0]
-    between = any(before.tn - EVEN_S <= t < app.t0 - EVEN_S for t in starts)
-    return 0.0 if between else app.t0 - before.tn
+        return False
+    starts = taught[app.added]
+    first, last = bisect_left(starts, before.tn - EVEN_S), bisect_left(starts, app.t0 - EVEN_S)
+    return all(t == before.t0 for t in starts[first:last])
 
 
 def _gaps_within(app: App, made: App, gaps: Sequence[Gap]) -> list[Gap]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.rotations import angle_between
 
@@ -43,15 +44,19 @@ class AppPair(NamedTuple):
 
 
 def differences(one: ProgramFile, other: ProgramFile) -> list[str]:
-    """Return the differences of a program from another one, app by app; none for equal ones."""
+    """Return the differences of a program from an earlier one, app by app; none for equal ones.
+
+    A number is that of the program itself, and one that follows `was` that of the earlier one.
+    """
     found = [f"program: {words}" for words in _of_programs(one, other)]
     for first, second, words in compared(one.apps, other.apps):
         if second is None and first is not None:
             found.append(f"{_named(one.apps, first)} is added")
         elif first is None and second is not None:
-            found.append(f"without {_named(other.apps, second)}")
-        elif first is not None and words:
-            found.append(f"{_named(one.apps, first)}: {'; '.join(words)}")
+            found.append(f"without what was {_named(other.apps, second)}")
+        elif first is not None and second is not None and words:
+            before = "" if first == second else f", was app {app_number(second)}"
+            found.append(f"{_named(one.apps, first)}{before}: {'; '.join(words)}")
     return found
 
 
@@ -138,7 +143,7 @@ def _of_poses(one: App, other: App, least: LeastDifferences) -> Iterator[str]:
     if one.target is not None and other.target is not None:
         apart = math.dist(one.target, other.target)
         if apart >= least.metres:
-            yield f"target {1000 * apart:.1f} mm away"
+            yield f"target {fixed(1000 * apart, 1)} mm away"
     elif one.target != other.target:
         yield "target given" if one.target else "no target any more"
     if one.orientation is not None and other.orientation is not None:

@@ -62,6 +62,7 @@ class ProgramStep(App):
     """An app, and what must hold before it is run."""
 
     preconditions: tuple[Precondition, ...] = ()
+    follows: bool = True  # the app before it, as when they were taught; False where an edit put it there
 
 
 class ProgramFile(BaseModel):
@@ -102,6 +103,10 @@ def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase]
     phases: those of its session, by which its apps are grouped.
     """
     times = edited_times(program.apps, program.gaps, program.edits)
+    if times is None:
+        apps = tuple(_step(app) for app in program.apps)
+    else:
+        apps = tuple(map(_step, times.apps, times.follows))
     if program.force_limit_n is not None:
         safety = safety.model_copy(update={"force_n": program.force_limit_n})
     return ProgramFile(
@@ -114,7 +119,7 @@ def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase]
         complete=program.complete,
         safety=safety,
         units=dict(UNITS if times is None else UNITS_EDITED),
-        apps=tuple(_step(app) for app in (program.apps if times is None else times.apps)),
+        apps=apps,
         notes=program.notes,
         gaps=program.gaps if times is None else times.gaps,
         name=program.name,
@@ -207,5 +212,6 @@ def _place_in(content: dict[str, Any], place: Place) -> str:
     return f"{name}: {dotted(place[2:])}" if place[2:] else name
 
 
-def _step(app: App) -> ProgramStep:
-    return ProgramStep.model_validate(app.model_dump() | {"preconditions": APP_KINDS[app.kind].preconditions})
+def _step(app: App, follows: bool = True) -> ProgramStep:
+    facts = {"preconditions": APP_KINDS[app.kind].preconditions, "follows": follows}
+    return ProgramStep.model_validate(app.model_dump() | facts)

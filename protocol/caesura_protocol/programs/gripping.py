@@ -8,6 +8,8 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription, gripper, grippers, robot_description
 
+GRIP_REACH_M = 0.04  # an object is between the fingers within this distance from where it was grasped
+
 
 def gripper_of(program: ProgramFile) -> GripperDescription | None:
     """Return the gripper that a program states, or that its robot has; None where neither is known.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Vector
+from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.safety import Safety
 
@@ -67,7 +68,7 @@ def straight_legs(
 def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
     """Times (k,) [s] and poses (k, 3 or 7), close together along the curve."""
     if app.target is None:
-        raise ValueError(f"{app.kind} at {app.t0:.2f} s has no target")
+        raise ValueError(f"{app.kind} at {fixed(app.t0, 2)} s has no target")
     if app.path is None:
         turned = app.orientation or ()
         ends = [(*place, *turned) for place in (before, app.target) if place is not None]

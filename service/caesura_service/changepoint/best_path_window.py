@@ -41,6 +41,11 @@ class PathSegment:
         return self.start, self.before
 
 
+def outline_of(lattice: SegmentModelSet, path: Iterable[PathSegment]) -> list[tuple[int, int]]:
+    """Of each segment where it starts and the number of its kind."""
+    return [(ended.start, lattice.best_kind(ended.kind_log_evidence, ended.group)) for ended in path]
+
+
 class FinalPath(Sequence[PathSegment]):
     """The segments that no later observation can undo, oldest first, as rows of numbers; only grows."""
 

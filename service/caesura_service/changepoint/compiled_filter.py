@@ -142,6 +142,11 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
             node = parent
         return path[::-1]
 
+    def outline(self) -> list[tuple[int, int]]:
+        """As `map_path`, of each segment where it starts and the number of its kind."""
+        count = steps.outline(self._here, self._path)
+        return [(start, kind) for start, kind in self._path[count - 1 :: -1].tolist()]
+
     @property
     def _living(self) -> int:
         """Hypotheses, which stand in the first places."""
@@ -151,6 +156,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         """From now on."""
         self._model, self._state, self._table = model, state, table_of(model, state)
         self._here, self._left = self._table.ctypes.data, state.counters["left"]
+        self._path = np.zeros((state.node_start.size + 1, 2), np.int64)  # scratch
 
     def _settle(self) -> None:
         """Take over what has become final."""
@@ -183,4 +189,5 @@ def compile_now() -> None:
     small = CompiledRunLengthFilter(lattice, Geometric(10.0), FilterParameters(window=2, certain=1.0))
     for _ in range(3):
         small.step(ModelInput(np.zeros(3), np.zeros(3)))
+    small.outline()
     small.condition(2)

@@ -6,7 +6,8 @@ of strokes does; a movement ends at a corner, and everything else inside it is a
 the sensor and grows with speed; free space has a bias, and contact is a change; a load differs from free
 space by its weight alone; residuals are correlated; speed separates movement from rest; a surface never
 drives what slides along it; two rests, or two contacts, do not follow each other; nothing lasts less than
-0.4 s. `WITHOUT` leaves each of them out and keeps the others.
+0.4 s; a movement that the rotation explains is a turn. `WITHOUT` leaves each of them out and keeps the
+others.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to t
 # the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
 HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
+TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
 LOAD_KG = 3.0  # of the heaviest load: what a Panda carries
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
@@ -191,6 +193,7 @@ DEFAULT = Preset(
     refractory_s=REFRACTORY_S,
     unrepeated=UNREPEATED,
     power=JOINT_POWER,
+    turn_share=TURN_SHARE,
     filter=FilterParameters(certain=CERTAIN),
 )
 STROKES = Preset("strokes", stroke_channels, STROKE_KINDS, continuous=True, refractory_s=STROKES_REFRACTORY_S)
@@ -311,5 +314,6 @@ WITHOUT: Mapping[str, Preset] = {
         replace(DEFAULT, name="without_transitions", unrepeated=()),
         replace(DEFAULT, name="without_refractory", refractory_s=0.0),
         replace(DEFAULT, name="without_power", power=1.0),
+        replace(DEFAULT, name="without_explained_turns", turn_share=0.0),
     )
 }

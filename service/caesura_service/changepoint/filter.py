@@ -69,6 +69,9 @@ class ChangepointFilter(Protocol):
     def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the final ones on; the last is still growing."""
 
+    def outline(self) -> list[tuple[int, int]]:
+        """Of each segment of `map_path` where it starts and the number of its kind."""
+
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
         """Smoothed probability that a segment starts at observation `start`."""
 

@@ -41,6 +41,9 @@ class Preset:
 
     `unrepeated` has groups of kinds of which no two segments follow each other. `power` of the joint makes
     stated probabilities mean what they say; it does not change the best segmentation.
+
+    `turn_share` names a movement a turning where the rotation explains it: of the squared path of a point at
+    a hand's breadth from the axis, the centre may move by this share. 0 leaves the kinds' evidence to decide.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Preset:
     threshold: float | None = None
     unrepeated: tuple[tuple[str, ...], ...] = ()
     power: float = 1.0
+    turn_share: float = 0.0
     filter: FilterParameters = field(default_factory=FilterParameters)
 
     def lattice(

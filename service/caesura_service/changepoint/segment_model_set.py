@@ -126,6 +126,11 @@ class SegmentModelSet:
         tempered: Array = self.power * kind_log_evidence
         return tempered
 
+    def best_kind(self, kind_log_evidence: Array, group: int | None) -> int:
+        """Number of the kind with most evidence, (kinds,), of a group, or of all without one."""
+        inside = range(len(self.kinds)) if group is None else self.members[group]
+        return max(inside, key=kind_log_evidence.tolist().__getitem__)
+
     def weigh(self, kind_log_evidence: Array) -> Array:
         """(…, kinds) log weight of each kind of one segment: its evidence to the power, its prior as it is.
 

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate
 from types import MappingProxyType
 
-from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
+from caesura_service.changepoint.best_path_window import NOTHING, PathSegment, outline_of
 from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
 from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 
 INTERVAL_PROBABILITY = 0.9
+TURNING = "turning"
 MOST_ODDS = 700.0  # log, against a kind: the exponential of more is infinite
+
+
+IsTurn = Callable[[], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,42 +53,54 @@ class InferredSegment:
         return self.start_stands and self.end_final
 
 
-def verdict(lattice: SegmentModelSet, ended: PathSegment) -> Classification:
+def verdict(lattice: SegmentModelSet, ended: PathSegment, is_turn: IsTurn | None = None) -> Classification:
     """The best kind of the group that the best segmentation has, and the probability of its name.
 
     Given where the segment begins and ends, and the group of the segment before it: a kind that may not
     follow that one has no probability, unless the best segmentation repeats it, as it may after a gap.
+
+    is_turn: whether a movement is a turn in place. Such a movement is named a turning, and its probability is
+    that of the movement and of the turning together.
     """
     kinds, values = lattice.kinds, lattice.weigh(ended.kind_log_evidence)
     if ended.before not in (NOTHING, ended.group):
         values = values + lattice.log_transition[ended.before][lattice.groups]
-    values, best = values.tolist(), _best(lattice, ended)
+    values, best = values.tolist(), lattice.best_kind(ended.kind_log_evidence, ended.group)
     possible = [kind for kind, value in enumerate(values) if kind != best and value > -math.inf]
     possible.sort(key=values.__getitem__, reverse=True)
     odds = [math.exp(min(values[kind] - values[best], MOST_ODDS)) for kind in possible]
-    alike = [kinds[kind].name == kinds[best].name for kind in possible]
+    shown = _shown(lattice, ended, best, is_turn)
+    alike = [kinds[kind].name in (kinds[best].name, shown.name) for kind in possible]
     others = [kind for kind, same in zip(possible, alike, strict=True) if not same]
     in_favour = 1.0 + sum([value for value, same in zip(odds, alike, strict=True) if same])
     odds_against = sum([value for value, same in zip(odds, alike, strict=True) if not same])
     probability = in_favour / (in_favour + odds_against)
     if not others:
-        return Classification(kinds[best], probability, None, 0.0)
+        return Classification(shown, probability, None, 0.0)
     second = others[0]
-    return Classification(kinds[best], probability, kinds[second], values[best] - values[second])
+    return Classification(shown, probability, kinds[second], values[best] - values[second])
 
 
-def _best(lattice: SegmentModelSet, ended: PathSegment) -> int:
-    """The number of a segment's kind: the most probable one of its group, or of all where it has no group."""
-    inside = range(len(lattice.kinds)) if ended.group is None else lattice.members[ended.group]
-    return max(inside, key=ended.kind_log_evidence.tolist().__getitem__)
+def _shown(lattice: SegmentModelSet, ended: PathSegment, best: int, is_turn: IsTurn | None) -> SegmentKind:
+    """The kind that a segment is shown as: the best one, or the turning in place of a movement."""
+    kind, values = lattice.kinds[best], ended.kind_log_evidence.tolist()
+    turns = [
+        number
+        for number, other in enumerate(lattice.kinds)
+        if other.name == TURNING and other.contact == kind.contact
+    ]
+    if is_turn is None or not turns or kind.motion != "motion" or kind.name == TURNING:
+        return kind
+    return lattice.kinds[max(turns, key=values.__getitem__)] if is_turn() else kind
 
 
 def outline(
     online: ChangepointFilter, decided: ThresholdSegmenter | None = None
 ) -> tuple[int, list[tuple[int, int]]]:
     """How many segments are final; of each that is not, where it starts and the number of its kind."""
-    final, growing = _ended(online, decided)
-    return len(final), [(ended.start, _best(online.lattice, ended)) for ended in growing]
+    if decided is None:
+        return len(online.final), online.outline()
+    return len(decided.final), outline_of(online.lattice, decided.path())
 
 
 def stretches(
@@ -92,10 +109,12 @@ def stretches(
     *,
     decided: ThresholdSegmenter | None = None,
     known: Mapping[int, InferredSegment] = MappingProxyType({}),
+    is_turn: Callable[[int, int], bool] | None = None,
 ) -> list[InferredSegment]:
     """The best segmentation so far, from the final segment number `first` on; or else what was `decided`.
 
     known: those of an earlier look, by their start; what nothing can change any more is taken from there.
+    is_turn: whether the movement from one observation to another, the last not included, is a turn in place.
     """
     final, growing = _ended(online, decided)
     settled, path = len(final), [*final[first:], *growing]
@@ -106,7 +125,9 @@ def stretches(
         stretch = known.get(ended.start)
         if stretch is None or not stretch.stands:
             around = starts[i], starts[i + 1], starts[i + 2]
-            stretch = _stretch(online, ended, around, first + i, settled, stretch)
+            turns = None if is_turn is None else partial(is_turn, *around[1:])
+            found_kind = verdict(online.lattice, ended, turns)
+            stretch = _stretch(online, found_kind, around, first + i, settled, stretch)
         found.append(stretch)
     return found
 
@@ -120,7 +141,7 @@ def _ended(
 
 def _stretch(
     online: ChangepointFilter,
-    ended: PathSegment,
+    found: Classification,
     starts: tuple[int, int, int],
     number: int,
     settled: int,
@@ -128,7 +149,7 @@ def _stretch(
 ) -> InferredSegment:
     """starts: of the segment before, of this one, and of the one after; known: what it was before."""
     before, start, after = starts
-    found, is_over = verdict(online.lattice, ended), number < settled
+    is_over = number < settled
     if known is not None and known.start_stands and min(known.end, after) > start + INTERVAL_REACH:
         return replace(known, end=after, verdict=found, end_final=is_over)
     return InferredSegment(

@@ -14,7 +14,8 @@ from collections.abc import Collection, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.best_path_window import FinalPath, PathSegment
+from caesura_service.changepoint.best_path_window import FinalPath, PathSegment, outline_of
+from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,7 @@ class RunLengthFilterBase:
 class SmoothedProbabilities(ABC):
     """What follows from the joints and the smoothed probabilities of a filter, however it computes them."""
 
+    lattice: SegmentModelSet
     final: FinalPath
     _smoothing: RunLengthFilterBase
 
@@ -112,6 +114,10 @@ class SmoothedProbabilities(ABC):
     @abstractmethod
     def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
+
+    def outline(self) -> list[tuple[int, int]]:
+        """Of each segment of `map_path` where it starts and the number of its kind."""
+        return outline_of(self.lattice, self.map_path())
 
     @property
     def posterior(self) -> Array:

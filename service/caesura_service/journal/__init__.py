@@ -11,6 +11,7 @@ from caesura_service.journal.journal import (
     Outcome,
     Record,
     Recordable,
+    StoredOutcome,
 )
 from caesura_service.journal.memory import MemoryJournal
 from caesura_service.journal.peer_journals import PeerCopy, PeerJournals
@@ -49,4 +50,5 @@ __all__ = [
     "Resolution",
     "SessionExtent",
     "SqliteJournal",
+    "StoredOutcome",
 ]

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import zlib
 
-import msgpack  # type: ignore[import-untyped]
+from caesura_protocol.packing import Packing
 
 Value = int | float | str | bytes | None
+
+_PACKING = Packing()
 
 
 def checksum(*values: Value) -> int:
     """CRC-32 of the values of a row, types and boundaries included."""
-    return zlib.crc32(msgpack.packb(values))
+    return zlib.crc32(_PACKING.pack(values))
 
 
 def is_intact(crc: int | None, *values: Value) -> bool:

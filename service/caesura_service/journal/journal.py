@@ -86,6 +86,13 @@ class Copy(NamedTuple):
         return self.closed, self.last_seq, self.edits, self.described, self.size
 
 
+class StoredOutcome(NamedTuple):
+    """A session with an outcome."""
+
+    key: Key
+    size: int  # [bytes] of its records; 0 while the outcome waits to be written
+
+
 class Journal(Protocol):
     """Append-only records of many sessions. One thread appends."""
 
@@ -126,7 +133,13 @@ class Journal(Protocol):
         """Store the outcome of a closed session; one without an outcome is replayed."""
 
     def outcome(self, station: str, session: str) -> Outcome | None:
-        """Return the outcome of a session; None where there is none or it is unreadable."""
+        """Return the outcome of a session; None where there is none or it is unreadable.
+
+        Any thread may call it, as `outcomes`; neither waits for a write.
+        """
+
+    def outcomes(self) -> tuple[StoredOutcome, ...]:
+        """Return the sessions with an outcome, the newest first."""
 
     def release(self, station: str, session: str) -> None:
         """Release a closed session: from now on the journal decides whether it is kept."""

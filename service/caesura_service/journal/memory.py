@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Set
 
 from caesura_protocol.messages import Close, Describe, EditProgram, JournalReport, SampleBatch
 from caesura_service.journal.edits import Edit
-from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record
+from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record, StoredOutcome
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its samples
@@ -102,6 +102,11 @@ class MemoryJournal:
     def outcome(self, station: str, session: str) -> Outcome | None:
         """Return the outcome of a session; None without one."""
         return self._outcomes.get((station, session))
+
+    def outcomes(self) -> tuple[StoredOutcome, ...]:
+        """Return the sessions with an outcome, the newest first."""
+        sizes = list(self._sizes.items())
+        return tuple(StoredOutcome(key, size) for key, size in reversed(sizes) if key in self._outcomes)
 
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Delete a damaged session: memory keeps none."""

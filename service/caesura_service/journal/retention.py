@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 DAY_S = 86400.0
@@ -26,7 +27,7 @@ class JournalSettings:
     size_bytes: int = 10 * GB  # of all sessions
     sessions: int = 20_000  # of a station
 
-    @property
+    @cached_property
     def open_bytes(self) -> int:
         """That the open sessions of one station may take, so that none takes the place of all."""
         return max(self.size_bytes // 2, self.waiting_bytes)

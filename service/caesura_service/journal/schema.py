@@ -147,6 +147,9 @@ INSERT OR REPLACE INTO outcomes (session_id, opening, last_seq, snapshot, crc)
 SELECT id, ?, ?, ?, ? FROM sessions WHERE station = ? AND session = ?"""
 SELECT_OUTCOME = """
 SELECT outcomes.* FROM outcomes JOIN sessions ON id = session_id WHERE station = ? AND session = ?"""
+SELECT_OUTCOMES = f"""
+SELECT station, session, size FROM sessions JOIN outcomes ON session_id = id
+WHERE {KNOWN} AND closed ORDER BY id DESC"""
 _SELECT_COPIES = f"""
 SELECT
     coalesce((

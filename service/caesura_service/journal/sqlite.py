@@ -32,7 +32,16 @@ from caesura_service.journal.checksums import checksum
 from caesura_service.journal.deletion import delete_batch, mark_deleted
 from caesura_service.journal.edits import Edit
 from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
-from caesura_service.journal.journal import Copy, JournalDamagedError, JournalError, Key, Outcome, Record
+from caesura_service.journal.journal import (
+    Copy,
+    JournalDamagedError,
+    JournalError,
+    Key,
+    Outcome,
+    Record,
+    StoredOutcome,
+)
+from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.rows import (
     ROW_BYTES,
@@ -59,6 +68,7 @@ from caesura_service.journal.schema import (
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
     SELECT_OUTCOME,
+    SELECT_OUTCOMES,
     SELECT_ROWS,
     SELECT_SESSIONS,
     SELECT_USAGE,
@@ -103,6 +113,7 @@ class SqliteJournal:
         self._outcomes: dict[Key, Outcome] = {}  # of sessions that have ended, to be written
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
+        self._reading = threading.Lock()  # of the connection that only reads; it waits for no write
         self._error: JournalError | None = None
         self._size = 0  # [bytes] as of the last look
         self._open_bytes: Counter[str] = (
@@ -131,6 +142,7 @@ class SqliteJournal:
                 if damage and not repair_indices(self._database, self.path, damage):
                     self._start_new_file(stack, damage)
                 self._quarantine_damaged()
+            self._reader = stack.enter_context(open_for_reading(self.path))
             stack.callback(self.flush)
             if not self._alone:
                 stack.callback(self._delete_rest)
@@ -278,9 +290,19 @@ class SqliteJournal:
             waiting = self._outcomes.get((station, session))
         if waiting is not None:
             return waiting
-        with self._writing, map_sqlite_errors(self.path):
-            found = self._database.execute(SELECT_OUTCOME, (station, session)).fetchone()
+        with self._reading, map_sqlite_errors(self.path):
+            found = self._reader.execute(SELECT_OUTCOME, (station, session)).fetchone()
         return None if found is None else outcome_of((station, session), *found)
+
+    def outcomes(self) -> tuple[StoredOutcome, ...]:
+        """Return the sessions with an outcome, the newest first."""
+        with self._guard:
+            sizes = dict.fromkeys(reversed(self._outcomes), 0)
+        with self._reading, map_sqlite_errors(self.path):
+            sizes |= {
+                (station, session): size for station, session, size in self._reader.execute(SELECT_OUTCOMES)
+            }
+        return tuple(StoredOutcome(key, size) for key, size in sizes.items())
 
     def keep_overview(self, key: Key, session_id: int, content: bytes) -> None:
         """Keep an overview of a session; records are written between its parts. Raises JournalError."""

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
-from weakref import WeakKeyDictionary
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, SampleBatch
@@ -28,7 +27,7 @@ class InstrumentedRegistry(Registry):
         self.station_counters = StationCounterSet(monotonic())
         self._event_logger = SessionEventLogger(monotonic)
         # Each session at its last count: reading it in between does not change the count.
-        self._last_states: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
+        self._last_states: dict[Session, SessionState] = {}
 
     def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
         """Execute a command; opening may close or release other sessions of the station."""
@@ -104,6 +103,12 @@ class InstrumentedRegistry(Registry):
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
         return self.index.sessions.get(station or "", ())
+
+    def _update_index(self) -> None:
+        super()._update_index()
+        held = {session for sessions in self.index.sessions.values() for session in sessions}
+        known = self._last_states.items()
+        self._last_states = {session: state for session, state in known if session in held}
 
     def _last_state(self, session: Session) -> SessionState:
         return self._last_states.get(session) or self._update_last_state(session)

@@ -1,12 +1,13 @@
 """Sessions that ended and are no longer held: their outcomes, read from the journal page by page.
 
 An instance answers for the stations that it holds, from its own journal. A session whose outcome was not
-written, or only in another instance's journal, is not listed.
+written, or only in another instance's journal, is not listed, and does not fill a page.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Program, Snapshot
@@ -31,17 +32,14 @@ class StoredSessions:
 
     def page(self, matches: Callable[[Key], bool], wanted: StoredPage) -> Iterator[Snapshot]:
         """The outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError."""
-        found = [
-            one
-            for one in reversed(self._journal.copies())
-            if one.closed and matches(one.key) and self.answers_for(*one.key)
-        ]
-        size = 0
-        for one in found[wanted.skip : wanted.skip + wanted.limit]:
+        asked = (one for one in self._journal.outcomes() if matches(one.key) and self.answers_for(*one.key))
+        size, left = 0, wanted.limit
+        for one in islice(asked, wanted.skip, None):
             size += one.size
-            if size > max(PAGE_BYTES, one.size):
+            if not left or size > max(PAGE_BYTES, one.size):
                 return
             if (outcome := self._journal.outcome(*one.key)) is not None:
+                left -= 1
                 yield _edited(outcome.snapshot)
 
     def program(self, station: str, session: str) -> Program | None:

@@ -1,6 +1,6 @@
 """From segments and gripper events to apps. Rules: thesis 4.2.5.
 
-- A motion becomes Cartesian Motion, or Move To Contact where contact follows.
+- A motion becomes Cartesian Motion, or Move To Contact where contact follows, at once or after a rest.
 - A contact becomes Apply Force, its vector scaled to the limit; where the gripper grasps or lets go
   during it, Grasp or Gripper Move takes its place. Sliding applies its force on the way to a target.
 - A transport becomes Transport with the average load of the whole carry, weighted by time; Hold likewise.
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, takewhile
+from itertools import dropwhile, groupby, takewhile
 from types import MappingProxyType
 
 import numpy as np
@@ -79,10 +79,10 @@ def task_program(
     rest = list(grips)
     apps: list[App] = []
     for number, group in enumerate(groups):
-        following = groups[number + 1][0] if number + 1 < len(groups) else None
         build = _BUILDERS.get(_group_key(group[0]))
         if build is not None:
-            apps += build(_Group(group, following, rest, moment_at, force_limit_n, paths))
+            after = [one[0] for one in groups[number + 1 : number + 3]]
+            apps += build(_Group(group, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
     return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
 
@@ -98,11 +98,22 @@ class _Group:
     """Consecutive segments that make up one thing, and what is needed to build its apps."""
 
     steps: list[ProgramSegment]
-    following: ProgramSegment | None
+    after: Sequence[ProgramSegment]  # the first steps of the two groups that follow
     grips: list[GripperAction]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
     force_limit_n: float | None
     paths: Paths | None
+
+    @property
+    def contact(self) -> ProgramSegment | None:
+        """The contact that follows, at once or after a rest: who presses after a rest touched it before."""
+        after = list(dropwhile(self._rests, self.after))
+        return after[0] if after and after[0].touches else None
+
+    def _rests(self, step: ProgramSegment) -> bool:
+        segment = step.segment
+        turns = self.paths is not None and self.paths.turning(segment.t0, segment.tn)
+        return segment.kind == "steady" and not turns
 
     def moving(
         self,
@@ -140,17 +151,15 @@ class _Group:
 
     def touch(self) -> _End | None:
         """Where the contact that follows was made."""
-        approach, following = self.steps[-1].segment, self.following
-        if following is None:
-            return None
-        return self.touched(following, observed(approach.t0, approach.tn))
+        approach, contact = self.steps[-1].segment, self.contact
+        return None if contact is None else self.touched(contact, observed(approach.t0, approach.tn))
 
     def rest(self, step: ProgramSegment) -> _End | None:
         """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
-        following = self.following
-        if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
+        rests = self.after[:1]
+        if not rests or step is not self.steps[-1] or rests[0].segment.kind != "steady":
             return None
-        t = min(step.segment.tn + SETTLES_S, following.segment.tn)
+        t = min(step.segment.tn + SETTLES_S, rests[0].segment.tn)
         return _End(t, _where(self.moment_at(t)))
 
     def touched(self, contact: ProgramSegment, approach: Sequence[float] = ()) -> _End:
@@ -237,11 +246,11 @@ def _arrives(step: ProgramSegment) -> bool:
 
 def _meets(group: _Group) -> bool:
     """Does its last movement end at the contact that follows?"""
-    following = group.following
-    if following is None or not following.touches:
+    contact = group.contact
+    if contact is None:
         return False
-    t0, tn = following.segment.t0 - GRIP_SLACK_S, following.segment.tn + GRIP_SLACK_S
-    return not _arrives(following) or any(t0 <= grip.t <= tn for grip in group.grips)
+    t0, tn = contact.segment.t0 - GRIP_SLACK_S, contact.segment.tn + GRIP_SLACK_S
+    return not _arrives(contact) or any(t0 <= grip.t <= tn for grip in group.grips)
 
 
 def _press(group: _Group) -> App:

@@ -23,6 +23,7 @@ from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import (
     MAX_PROGRAM_EDITS,
     MAX_TAUGHT_AGAIN,
+    MAX_TAUGHT_AGAIN_HELD,
     App,
     AppChange,
     AppField,
@@ -42,6 +43,7 @@ from caesura_protocol.messages import (
     Undo,
     Vector,
 )
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.app_times import earlier, is_taught_again, may_retime
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
@@ -92,9 +94,9 @@ class EditLog(NamedTuple):
             why = "the program has too many edits: undo some"
             raise ProtocolError("conflict", why, value=len(active) + 1, limit=MAX_PROGRAM_EDITS)
         held = len(apps) + sum(len(edit.apps) for edit in active)
-        if held > MAX_TAUGHT_AGAIN:
-            why = "the edits of the program hold too many apps that were taught again: undo some"
-            raise ProtocolError("conflict", why, value=held, limit=MAX_TAUGHT_AGAIN)
+        if held > MAX_TAUGHT_AGAIN_HELD:
+            why = "the edits hold too many apps that were taught again, with those replaced since: undo some"
+            raise ProtocolError("conflict", why, value=held, limit=MAX_TAUGHT_AGAIN_HELD)
         made = ProgramEdit(
             number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
         )
@@ -128,8 +130,14 @@ def with_edits(program: Program, log: EditLog) -> Program:
 def check_applies(program: Program, log: EditLog) -> None:
     """Check that the last edit of a log applies to the inferred program. Raises ProtocolError `conflict`."""
     made = apply(program.apps, log.active, program.force_limit_n)
-    if made.edits and _is_left_out(made.edits[-1]):
+    if not made.edits:
+        return
+    if _is_left_out(made.edits[-1]):
         raise ProtocolError("conflict", str(made.edits[-1].reason))
+    standing = sum(map(is_taught_again, made.apps))
+    if isinstance(made.edits[-1].action, ReplacePart) and standing > MAX_TAUGHT_AGAIN:
+        why = "the program would have too many apps that were taught again: replace or undo some of them"
+        raise ProtocolError("conflict", why, value=standing, limit=MAX_TAUGHT_AGAIN)
 
 
 def _is_left_out(edit: ProgramEdit) -> bool:
@@ -288,10 +296,12 @@ class _Draft:
             return f"{what} that edit {wanted.added} added is not in the program"
         apps = [self.items[index].inferred for index in self._near(wanted)]
         near = [app for app in apps if app.added is None and app.t0 < wanted.tn and wanted.t0 < app.tn]
-        named = [f"'{app_title(app.kind)}' at {app.t0:.2f} to {app.tn:.2f} s" for app in near[:NAMED]]
+        named = [
+            f"'{app_title(app.kind)}' at {fixed(app.t0, 2)} to {fixed(app.tn, 2)} s" for app in near[:NAMED]
+        ]
         more = f" and {len(near) - NAMED} more" if len(near) > NAMED else ""
         now = f": now there is {', '.join(named)}{more}" if named else ""
-        return f"{what} at {wanted.t0:.2f} to {wanted.tn:.2f} s is no longer in the program{now}"
+        return f"{what} at {fixed(wanted.t0, 2)} to {fixed(wanted.tn, 2)} s is no longer in the program{now}"
 
     def _behind(self, after: AppReference | None) -> int:
         return 0 if after is None else self._place(after) + 1

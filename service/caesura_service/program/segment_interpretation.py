@@ -6,10 +6,10 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
-- a rest at the end of a stroke, shorter than half a second, is the end of the stroke;
+- a rest at either end of a stroke or of a turn in contact, shorter than half a second, is part of it;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
-  to weigh in the air. What they hold is, and so is what only hangs on the robot; a load that rests for less
-  than a second is on its way;
+  to weigh in the air. What they hold is, and so is what only hangs on the robot. What
+  stands where it was gripped is not held yet;
 - a movement far out of what was pressed goes on in the air.
 What an operator has named is what it is.
 """
@@ -24,6 +24,7 @@ from statistics import median
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
@@ -33,15 +34,15 @@ OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a bo
 ROUNDED_S = 1e-6
 BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
+LASTING = 5  # observations over which a force is averaged
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 SURE_SDS = 2.0  # deviations of a load from nothing
-HOLD_S = 1.0  # a load is held for so long where it is meant: hesitating takes less
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
-STROKE_ENDS_S = 0.5  # a rest at the end of a stroke that is shorter than this is no press of its own
+STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
     ("motion", "free"): "motion",
@@ -124,9 +125,10 @@ def kept_steps(
             contact = _contact_before(behind, beside, last)
             if contact is not None and last is not None and not read.touches:
                 read = _still_touching(contact, _base(last, moment_at), read, moment_at)
-            kept += [] if _pauses(read) or _ends_stroke(last, before, read) else [read]
+            kept += [] if _stands(last, read) or _ends_stroke(last, before, read) else [read]
         before = step
-    return kept
+    around = zip(kept, [None, *kept], [*kept[1:], None], strict=False)
+    return [step for step, last, after in around if not _begins_stroke(step, last, after)]
 
 
 def observed(begin: float, end: float) -> list[float]:
@@ -200,19 +202,49 @@ def _still_touching(
     segment, forces = step.segment, _forces(observed(step.segment.t0, step.segment.tn), moment_at)
     moved = np.subtract(segment.position_end, segment.position_start)
     leaves = float(moved @ normal) > max(OUT_M, OUT_SHARE * length(moved))
-    if leaves or not len(forces) or ((forces - base) @ normal).min() < PUSHES_BACK_N:
+    if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < PUSHES_BACK_N:
         return step
     held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
     return replace(_as(step, "contact", force_held=held), base=base)
 
 
+def _least_lasting(pushes: NDArray[np.float64]) -> float:
+    """[N] the least mean over `LASTING` observations: one of them is as good as the sensor's noise."""
+    return float(sliding_window_view(pushes, min(LASTING, len(pushes))).mean(axis=1).min())
+
+
+def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
+    """Is it a load that seems to be held, but stands where the contact before it was?"""
+    segment = step.segment
+    if last is None or not last.touches or segment.kind != "hold" or segment.corrected:
+        return False
+    return length(np.subtract(segment.position_end, last.segment.position_end)) < OUT_M
+
+
 def _ends_stroke(last: ProgramSegment | None, before: ProgramSegment | None, step: ProgramSegment) -> bool:
-    """Is it the rest at the end of a stroke along a surface, the last step that was kept?"""
+    """Is it the short rest at the end of a stroke, the last step that was kept?"""
     if last is None or before is None or last.index != before.index:
         return False
+    return _is_stroke(last) and _rests_shortly(step)
+
+
+def _begins_stroke(step: ProgramSegment, last: ProgramSegment | None, after: ProgramSegment | None) -> bool:
+    """Is it the short rest between the touch and the stroke that follows, while the force rises?"""
+    if after is None or after.index != step.index + 1 or (last is not None and last.touches):
+        return False
+    return _is_stroke(after) and _rests_shortly(step)
+
+
+def _is_stroke(step: ProgramSegment) -> bool:
+    """Does it move along a surface, or turn in contact? What gives way is pressed in."""
     segment = step.segment
-    slid = last.touches and last.segment.motion == "motion" and not gives_way(last.segment)
-    return slid and segment.kind == "contact" and not step.lasts(STROKE_ENDS_S) and not segment.corrected
+    moves = step.touches and segment.motion == "motion"
+    return moves and (segment.kind == "turning" or not gives_way(segment))
+
+
+def _rests_shortly(step: ProgramSegment) -> bool:
+    segment = step.segment
+    return segment.kind == "contact" and not step.lasts(STROKE_REST_S) and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
@@ -263,12 +295,6 @@ def _in_hand(
     return step if carried else _as(step, "free")
 
 
-def _pauses(step: ProgramSegment) -> bool:
-    """Is it but the pause between two carries? Their times keep it, as they keep every other rest."""
-    segment = step.segment
-    return segment.kind == "hold" and not step.lasts(HOLD_S) and not segment.corrected
-
-
 def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
     """Whether the fingers hold something in the middle of it; None where they have not said anything."""
     middle = 0.5 * (step.segment.t0 + step.segment.tn)
@@ -313,12 +339,25 @@ def _lets_go(
     if not contact:
         return True
     base, normal = contact[0].base, _direction(contact[0].force)
-    if np.subtract(segment.position_end, contact[-1].segment.position_start) @ normal <= 0.0:
+    if np.subtract(segment.position_end, _touched_at(contact[-1], moment_at)) @ normal <= 0.0:
         return True
-    times = observed(segment.t0, segment.tn)
-    presses = [t for t in times if _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N]
+    presses = _pressing(observed(segment.t0, segment.tn), base, normal, moment_at)
     gone = moment_at(presses[-1]).position if presses else segment.position_start
     return length(np.subtract(segment.position_end, gone)) < IN_AIR_M
+
+
+def _touched_at(contact: ProgramSegment, moment_at: MomentAt) -> Vector:
+    """Where [m] a contact first pushes back: its segment may begin on the way down to it."""
+    times = observed(contact.segment.t0, contact.segment.tn)
+    presses = _pressing(times, contact.base, _direction(contact.force), moment_at)
+    return moment_at(presses[0]).position if presses else contact.segment.position_start
+
+
+def _pressing(
+    times: Sequence[float], base: Vector, normal: NDArray[np.float64], moment_at: MomentAt
+) -> list[float]:
+    """[s] Those at which it is pressed."""
+    return [t for t in times if _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N]
 
 
 def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> float:

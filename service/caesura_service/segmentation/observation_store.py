@@ -83,10 +83,10 @@ class ObservationStore:
     def observed(self, index: int) -> ModelInput:
         """What the segment models see of an observation."""
         row = self._row(index)
-        force, rotation = np.array(row[_FORCE]) / row[_SCALE], np.array(row[_ROTATION])
+        force, rotation = np.array(row[_FORCE]), np.array(row[_ROTATION])
         torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
-        torsion = torsion_of(np.array(row[_FORCE]), torque)
-        return ModelInput(np.array(row[_POSITION]), force, row[_HOLDING], rotation, torsion)
+        torsion = torsion_of(force, torque)
+        return ModelInput(np.array(row[_POSITION]), force / row[_SCALE], row[_HOLDING], rotation, torsion)
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""

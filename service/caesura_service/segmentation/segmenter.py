@@ -23,6 +23,7 @@ from caesura_service.segmentation.observation_store import ObservationStore
 from caesura_service.segmentation.payload_estimation import Load, is_baseline, weigh
 from caesura_service.segmentation.screwing import screw_of
 from caesura_service.segmentation.time_slices import give_way
+from caesura_service.segmentation.turning import is_turn_in_place
 from caesura_service.signals import WrenchCapabilities
 from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
 
@@ -115,7 +116,8 @@ class Segmenter:
             return []
         self._final += self.unlooked
         known = {start: seen.stretch for start, seen in self._seen.items()}
-        found = stretches(self.online, len(self.settled), decided=self._decided, known=known)
+        named = self._is_turn if self._orientation and self._preset.turn_share else None
+        found = stretches(self.online, len(self.settled), decided=self._decided, known=known, is_turn=named)
         fresh = [self._as_said(stretch) for stretch in found]
         every, first = [*self._baseline, *fresh], len(self._baseline)
         seen: list[_Seen] = []
@@ -131,6 +133,12 @@ class Segmenter:
         free = (one for one in reversed(fresh[:count]) if is_baseline(one, self._history, self._bias_n))
         self._baseline = [*islice(free, 1)] or self._baseline
         return parts[count:]
+
+    def _is_turn(self, start: int, end: int) -> bool:
+        """Whether the movement from an observation to another, the last not included, is a turn in place."""
+        begin, last = start - self._joins(start), end - 1
+        duration_s = self._history.t(last) - self._history.t(begin)
+        return is_turn_in_place(self._history.course(begin, last), duration_s, self._preset.turn_share)
 
     def _as_said(self, stretch: InferredSegment) -> InferredSegment:
         """Return the segment as corrected: given its ends, the kind is the whole inference."""

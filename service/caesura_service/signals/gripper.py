@@ -228,5 +228,4 @@ class GripperTracker:
 
 
 def _leading_zeros(values: Array) -> int:
-    other = np.flatnonzero(values)
-    return int(other[0]) if len(other) else len(values)
+    return next((i for i, value in enumerate(values.tolist()) if value), len(values))

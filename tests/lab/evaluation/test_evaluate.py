@@ -54,6 +54,12 @@ def test_json_says_the_same_as_markdown(tmp_path: Path):
     assert method["recordings"] == 1
 
 
+def test_default_without_a_principle_is_a_preset_too():
+    result = run(BUTTON, "--preset", "default", "--preset", "without_explained_turns", "--no-baselines")
+    assert result.exit_code == 0, result.output
+    assert "without_explained_turns" in "".join(result.stdout.split())
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
+from caesura_lab.report.from_start import from_start
 from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
 from caesura_lab.report.tables import notes, program_table, ranges, segments_table
 from caesura_protocol.formats.read import load_recording
@@ -138,3 +141,31 @@ def test_a_row_says_what_its_segment_says(content: ReportData):
 
 def test_numbers_in_a_row_are_written_as_a_range():
     assert ranges([0, 1, 2, 7, 9, 10]) == "0–2, 7, 9–10"
+
+
+def test_times_of_day_are_shown_from_the_start(recording: Recording, content: ReportData):
+    of_day = replace(recording, t=recording.t + 1_700_000_001.05)
+    shifted = collect(of_day, "default", truth_of(content, 1_700_000_001.05))
+    shown = from_start(shifted)
+    start = shifted.view.segments[0].t0
+    assert notes(shown.view, shown.notes)[1].startswith("Times [s] from 2023-11-14 22:13:21 UTC on")
+    for table in (segments_table, program_table):
+        cells = [cell for row in table(shown.view).rows for cell in row]
+        assert "0.00" in cells or table is program_table
+        assert not any(cell.startswith("1700") for cell in cells)
+    assert [one.t for one in shown.view.changepoints] == [one.t - start for one in shifted.view.changepoints]
+    for before, after in (
+        (shifted.signals.t, shown.signals.t),
+        (shifted.changes.t, shown.changes.t),
+        (shifted.run_lengths.start_t, shown.run_lengths.start_t),
+    ):
+        assert np.array_equal(before - start, after)
+    assert shown.truth is not None
+    changed = [one.t - start for one in shifted.view.changepoints]
+    assert [one.t for one in shown.truth.points] == pytest.approx(changed, abs=1e-6)
+    assert from_start(content) is content, "a session that counts from 0 stays as it is"
+
+
+def truth_of(content: ReportData, later_s: float) -> Truth:
+    points = tuple(TrueChangepoint(one.t + later_s, 0.1) for one in content.view.changepoints)
+    return Truth("bag", (later_s, later_s + 10.0), points, (TrueSegment(later_s, later_s + 1.0, "motion"),))

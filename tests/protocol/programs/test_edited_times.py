@@ -102,10 +102,20 @@ def test_two_programs_are_compared_app_by_app():
         "program: name 'pick', was none",
         "app 1 'above' (move to contact): name 'above', was none; target 20.0 mm away",
         "app 2 (grasp): gripper width 40 mm, was 50 mm",
-        "without app 3 (transport)",
+        "without what was app 3 (transport)",
     ]
     assert differences(before, after)[-1] == "app 3 (transport) is added"
     assert c.kind == "transport"
+
+
+def test_a_difference_states_which_program_counts_an_app_so():
+    before = written(*pick_and_place())
+    first, second, _, fourth, opened, retract = pick_and_place()
+    wide = opened.model_copy(update={"gripper_width": 0.07})
+    assert differences(written(first, second, fourth, wide, retract), before) == [
+        "without what was app 3 (transport)",
+        "app 4 (move gripper), was app 5: gripper width 70 mm, was 80 mm",
+    ]
 
 
 def test_a_check_accepts_the_times_of_another_order():

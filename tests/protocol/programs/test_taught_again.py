@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
+
 from caesura_protocol.messages import App, AppChange, AppPath, Gap, Program, Quaternion, Vector, ViaPoint
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
@@ -32,10 +34,13 @@ def again(t0: float, start: Vector, target: Vector, **changes: Any) -> App:
     return move(t0, start, target, changes=AGAIN, added=1, **changes)
 
 
-def found(*apps: App, gaps: tuple[Gap, ...] = ()) -> list[tuple[int | None, str]]:
+def program(*apps: App, gaps: tuple[Gap, ...] = ()) -> Program:
     fields = {"station": "cell-1", "session": "s1", "instance": "test-1", "epoch": 1, "version": 4, "t": 12.0}
-    program = Program(**fields, complete=True, apps=apps, gaps=gaps, robot="panda")
-    return [(one.index, one.reason) for one in document_findings(document(program))]
+    return Program(**fields, complete=True, apps=apps, gaps=gaps, robot="panda")
+
+
+def found(*apps: App, gaps: tuple[Gap, ...] = ()) -> list[tuple[int | None, str]]:
+    return [(one.index, one.reason) for one in document_findings(document(program(*apps, gaps=gaps)))]
 
 
 def beside(point: Vector, off_m: float) -> Vector:
@@ -48,7 +53,7 @@ def test_a_part_that_meets_its_neighbours_within_the_tolerance_has_no_finding():
 
 def test_a_part_that_does_not_meet_its_neighbours_is_found_at_both_ends_with_the_distance():
     shown = found(move(0.0, A, B), again(1.0, beside(B, 0.004), C), move(2.0, beside(C, 0.0125), D))
-    assert [(index, reason.split(":")[0]) for index, reason in shown] == [
+    assert [(index, reason.split(",")[0]) for index, reason in shown] == [
         (1, "begins 4.0 mm from where the app before it ends"),
         (2, "begins 12.5 mm from where the app before it ends"),
     ]
@@ -71,3 +76,20 @@ def test_a_gap_of_the_replaced_part_is_none_of_the_new_one():
     gap = (Gap(t0=1.2, tn=1.5, reason="evicted"),)
     assert "was not observed" in found(move(0.0, A, B), move(1.0, B, C), gaps=gap)[0][1]
     assert found(move(0.0, A, B), again(1.0, B, C), gaps=gap) == []
+
+
+def test_a_finding_of_a_part_states_which_move_closes_the_step():
+    apart = (move(0.0, A, B), again(1.0, beside(B, 0.0125), C))
+    ((_, reason),) = found(*apart)
+    assert reason.endswith("insert a move to (200, 213, 300) mm before it, or teach it again from there")
+    closing = app("cartesian_motion", 1.0, 2.0, beside(B, 0.0125), orientation=DOWN, added=2)
+    assert found(apart[0], closing, apart[1]) == []
+
+
+@pytest.mark.parametrize(("off_m", "severity"), [(0.03, "warning"), (0.05, "error")])
+def test_fingers_that_close_where_the_object_is_not_are_an_error(off_m: float, severity: str):
+    grasp = app("grasp", 1.0, 2.0, beside(B, off_m), gripper_width=0.05, changes=AGAIN, added=1)
+    opening = app("gripper_move", 3.0, 4.0, beside(B, off_m), gripper_width=0.08, changes=AGAIN, added=1)
+    report = document_findings(document(program(move(0.0, A, B), grasp, opening)))
+    assert [(one.severity, one.index) for one in report] == [(severity, 1)]
+    assert f"insert a move to (200, {1000 * (0.2 + off_m):.0f}, 300) mm before it" in report[0].reason

@@ -13,6 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from caesura_service.changepoint import evidence
+from caesura_service.changepoint.best_path_window import outline_of
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.guided_motion import GuidedMotion
@@ -65,6 +66,7 @@ def assert_agree(compiled: CompiledRunLengthFilter, reference: RunLengthFilter) 
         assert_close(getattr(compiled, name), getattr(reference, name), 1e-11, name)
     assert_close(compiled.posterior, reference.posterior, 1e-7, "posterior")
     assert_close(compiled.smoothed, reference.smoothed, 1e-7, "smoothed")
+    assert compiled.outline() == outline_of(compiled.lattice, compiled.map_path())
     for own, others in ((compiled.map_path(), reference.map_path()), (compiled.final, reference.final)):
         assert [segment.start for segment in own] == [segment.start for segment in others]
         for one, other in zip(own, others, strict=True):

@@ -34,6 +34,7 @@ TOUCHED = {
     "without_transitions": set(),
     "without_refractory": set(),
     "without_power": set(),
+    "without_explained_turns": set(),
 }
 
 
@@ -50,10 +51,15 @@ def test_leaving_a_principle_out_changes_its_channels_and_nothing_else(name: str
     assert kinds == ({"transport", "hold", "turning"} if name == "without_load_by_weight" else set())
     changed = {
         field
-        for field in ("unrepeated", "refractory_s", "mean_segment_s", "power", "filter")
+        for field in ("unrepeated", "refractory_s", "mean_segment_s", "power", "turn_share", "filter")
         if getattr(WITHOUT[name], field) != getattr(DEFAULT, field)
     }
-    of_preset = {"transitions": "unrepeated", "refractory": "refractory_s", "power": "power"}
+    of_preset = {
+        "transitions": "unrepeated",
+        "refractory": "refractory_s",
+        "power": "power",
+        "explained_turns": "turn_share",
+    }
     expected = of_preset.get(name.removeprefix("without_"))
     assert changed == ({expected} if expected else set())
 

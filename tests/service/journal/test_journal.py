@@ -149,6 +149,20 @@ def test_how_a_session_ended_is_kept_as_it_was_until_the_session_is_forgotten(jo
     assert journal.outcome("cell-1", "s1") is None
 
 
+def test_sessions_with_an_outcome_are_listed_the_newest_first_whether_written_or_not(journal):
+    for name in ("s2", "s3", "s1", "s4"):
+        journal.append(Record("cell-1", name, 0.0, opening(name)))
+        journal.append(Record("cell-1", name, 1.0, closing(-1, name)))
+    for name in ("s2", "s3", "s1"):
+        journal.store_outcome("cell-1", outcome_of(name))
+    assert {one.key for one in journal.outcomes()} == {("cell-1", name) for name in ("s1", "s2", "s3")}
+    journal.flush()
+    assert [one.key[1] for one in journal.outcomes()] == ["s1", "s3", "s2"]
+    assert all(one.size > 0 for one in journal.outcomes())
+    journal.delete("cell-1", "s3")
+    assert [one.key[1] for one in journal.outcomes()] == ["s1", "s2"]
+
+
 def test_a_session_with_a_close_is_a_closed_one(journal):
     for session in ("s1", "s2"):
         journal.append(record(session, 0))

@@ -292,6 +292,14 @@ def test_the_reason_of_an_edit_names_few_apps():
     assert str(listed.reason).endswith("at 2.00 to 3.00 s and 47 more")
 
 
+def test_the_reason_of_an_edit_is_short_whatever_time_it_names():
+    for t0 in (1e308, -1e308):
+        gone = DeleteApp(app=AppReference(kind="grasp", t0=t0, tn=1e308))
+        (edit,) = edited((), gone).edits
+        assert str(edit.reason).startswith(f"the app 'grasp' at {t0:g} to 1e+308 s is no longer in")
+        assert len(str(edit.reason)) < 100
+
+
 def test_an_edit_is_compared_with_apps_of_its_time_alone(monkeypatch):
     first, *_ = taught()
     many = [first.model_copy(update={"t0": float(i), "tn": i + 1.0}) for i in range(300)]
@@ -432,9 +440,42 @@ def test_a_part_that_makes_no_sense_is_refused_with_the_reason():
         check_applies(program(taught()), log(PART, PART, again=AGAIN))
     with pytest.raises(ProtocolError, match="session s2 has no apps"):
         check_applies(program(taught()), log(PART))
-    with pytest.raises(ProtocolError, match="too many apps that were taught again") as refused:
-        log(*[PART] * 4, again=AGAIN[:1] * 100)
+
+
+def parts(*placed: tuple[int, int | None]) -> EditLog:
+    """Parts of 100 apps each in the place of an app of `taught`, or of all that an earlier edit taught."""
+    made = EditLog()
+    many = tuple(
+        app("cartesian_motion", float(k), k + 1.0, (0.0, -0.5, 0.3), orientation=None) for k in range(100)
+    )
+    for place, replaced in placed:
+        old = taught()[place]
+        first, last = ref(old), ref(old)
+        if replaced is not None:
+            begins = [AppReference(kind=one.kind, t0=old.t0 + one.t0, tn=old.t0 + one.tn) for one in many]
+            first, last = (one.model_copy(update={"added": replaced}) for one in (begins[0], begins[-1]))
+        action = ReplacePart(first=first, last=last, session="s2")
+        command = EditProgram(session="s1", revision=made.revision, author="Ann", action=action)
+        made = made.after(command, 100.0, many)
+    return made
+
+
+def test_apps_that_an_edit_replaces_do_not_count_as_taught_again():
+    three = parts((0, None), (1, None), (2, None))
+    check_applies(program(taught()), three)
+    again = parts((0, None), (1, None), (2, None), (1, 2))
+    check_applies(program(taught()), again)
+    assert [one.state for one in with_edits(program(taught()), again).edits] == ["applied"] * 4
+    with pytest.raises(ProtocolError, match="would have too many apps that were taught again") as refused:
+        check_applies(program(taught()), parts((0, None), (1, None), (2, None), (3, None)))
     assert (refused.value.value, refused.value.limit) == (400, 300)
+
+
+def test_what_edits_hold_for_undo_is_bounded_too():
+    parts(*[(0, None)] * 10)
+    with pytest.raises(ProtocolError, match="those replaced since: undo some") as refused:
+        parts(*[(0, None)] * 11)
+    assert (refused.value.value, refused.value.limit) == (1100, 1000)
 
 
 def test_a_document_keeps_durations_outside_the_part_and_pauses_within_it():

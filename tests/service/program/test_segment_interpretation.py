@@ -183,9 +183,31 @@ def test_what_springs_back_after_a_press_takes_the_hand_along() -> None:
             "motion", 3.0, 3.4, position_start=(0.0, 0.0, 0.3), position_end=(0.0, 0.0, 0.316),
             force_start=(0.0, 0.0, 13.0), force_end=(0.0, 0.0, 3.0),
         ),
-        at=lambda t: replace(drifted(t, pushed_n=10.0 if 2.0 < t < 3.1 else 0.0), position=(0.0, 0.0, 0.3)),
+        at=lambda t: replace(
+            drifted(t, pushed_n=10.0 if 2.0 < t < 3.1 else 0.0),
+            position=(0.0, 0.0, 0.325 if t < 2.1 else 0.3),
+        ),
     )  # fmt: skip
     assert kinds(made) == ["move_to_contact", "apply_force"]
+
+
+def test_a_contact_that_begins_on_the_way_down_is_left_from_where_it_was_touched() -> None:
+    """Its segment began 13 mm above the surface, so lifting off by 12 mm seemed to stay within it."""
+
+    def at(t: float) -> Moment:
+        height = 0.313 if t < 2.1 else 0.3 if t < 3.0 else 0.3 + 0.012 * min((t - 3.0) / 0.6, 1.0)
+        return replace(drifted(t, pushed_n=10.0 if 2.1 < t < 3.0 else 0.0), position=(0.0, 0.0, height))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(10.0), position_start=(0.0, 0.0, 0.313)),
+        segment(
+            "motion", 3.0, 3.6, position_start=(0.0, 0.0, 0.3), position_end=(0.0, 0.0, 0.312),
+            force_start=(0.0, 0.0, 13.0), force_end=(0.0, 0.0, 3.0),
+        ),
+        at=at,
+    )  # fmt: skip
+    assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
 
 
 @pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
@@ -227,13 +249,79 @@ def test_a_rest_with_something_between_the_fingers_is_a_hold_whatever_it_weighs(
 
 
 @pytest.mark.parametrize(
-    ("seconds", "becomes"), [(0.6, ["transport"] * 2), (1.5, ["transport", "hold", "transport"])]
+    ("seconds", "becomes"), [(0.2, ["transport"] * 2), (0.6, ["transport", "hold", "transport"])]
 )
-def test_a_load_that_rests_for_a_moment_is_on_its_way(seconds: float, becomes: list[str]) -> None:
+def test_a_load_that_rests_is_held_there(seconds: float, becomes: list[str]) -> None:
     load = {"load_kg": 0.4, "load_sd_kg": 0.05}
     rest, onward = 2.0 + seconds, 4.0 + seconds
     carry = segment("transport", 0.0, 2.0, **load), segment("hold", 2.0, rest, **load)
     assert kinds(program(*carry, segment("transport", rest, onward, **load))) == becomes
+
+
+@pytest.mark.parametrize(("lifted_m", "becomes"), [(0.002, ["transport"]), (0.02, ["hold", "transport"])])
+def test_a_load_that_stands_where_it_was_gripped_is_not_held_yet(lifted_m: float, becomes: list[str]) -> None:
+    here, above = (0.0, 0.0, 0.2), (0.0, 0.0, 0.2 + lifted_m)
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(10.0), position_start=here, position_end=here),
+        segment("hold", 4.0, 4.6, **load, position_start=above, position_end=above),
+        segment("transport", 4.6, 6.0, **load),
+        grips=(replace(GRASP, t=3.0),),
+    )
+    assert kinds(made) == ["move_to_contact", "grasp", *becomes]
+
+
+@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
+def test_a_short_rest_at_the_end_of_a_turn_in_contact_is_its_end(seconds: float, presses: int) -> None:
+    turn = segment("sliding", 3.0, 5.0, **held(9.0)).model_copy(update={"kind": "turning"})
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(9.0)),
+        turn,
+        segment("contact", 5.0, 5.0 + seconds, **held(9.0)),
+        segment("motion", 5.0 + seconds, 7.0, **ACROSS),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 + seconds else 0.0),
+    )
+    assert kinds(made)[2:] == ["apply_force"] * (1 + presses) + ["cartesian_motion"]
+
+
+@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
+def test_a_short_press_between_a_touch_and_a_stroke_is_its_beginning(seconds: float, presses: int) -> None:
+    """Its force still rises: a press of 7.5 N was taught where the stroke has 16 N."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.0 + seconds, **held(7.5)),
+        segment("sliding", 2.0 + seconds, 4.0, **held(16.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 16.0),
+    )
+    assert kinds(made) == ["move_to_contact", *["apply_force"] * (1 + presses)]
+    assert made[-1].force_taught == pytest.approx((0.0, 0.0, -16.0))
+
+
+def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> None:
+    """The program pressed without a contact, so its own check refused it."""
+    made = program(
+        segment("motion", 0.0, 2.0), segment("steady", 2.0, 2.6), segment("contact", 2.6, 4.0, **held(9.0))
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force"]
+
+
+def test_a_contact_lasts_through_the_noise_of_its_force() -> None:
+    """5 N with 2 N of noise: a single observation below 3 N ended the contact."""
+
+    def at(t: float) -> Moment:
+        noise = 2.0 if round(t / 0.1) % 2 else -2.5
+        return drifted(t, pushed_n=0.0 if t < 2.0 else 5.0 + (noise if 3.0 < t < 5.0 else 0.0))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(5.0)),
+        segment("motion", 3.0, 5.0, **ACROSS),
+        segment("contact", 5.0, 6.0, **held(5.0)),
+        at=at,
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "apply_force"]
 
 
 def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> None:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -11,19 +16,22 @@ from caesura_clients import Caesura, query
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.sessions import sessions
 from caesura_protocol.errors import NotFound, ProtocolError
-from caesura_protocol.keys import SampleRange, session_key
+from caesura_protocol.keys import SampleRange, StoredPage, session_key
 from caesura_protocol.messages import Snapshot
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.journal import SqliteJournal
+from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
 from harness.journals import ended, taught, written
-from harness.processes import eventually
+from harness.processes import DEADLINE_S, eventually
 
 TAUGHT = 36  # sessions; the service holds the last 16 of a station
 NAMES = [f"s{i:02d}" for i in range(TAUGHT)]
 STORED = NAMES[-17::-1]  # the newest first
+INDEX: Any = SimpleNamespace(sessions={"cell-1": [SimpleNamespace(name="held")]})  # of an instance
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +82,29 @@ def test_the_dashboard_lists_them_page_by_page_and_opens_one_by_its_name(caesura
         assert follower.world.update("cell-1", "s00") is not None
         assert [follower.read_stored() for _ in range(3)] == [16, 4, 0]
         assert {row["session"] for row in sessions(follower.world)} == set(NAMES)
+
+
+def test_a_page_waits_for_no_write_of_the_journal(tmp_path: Path):
+    for name in ("s1", "s2"):
+        written(tmp_path, taught(1.0), session=name, closed=ended("motion", t=1.0, session=name))
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal, ThreadPoolExecutor(1) as reader:
+        stored = StoredSessions(journal, lambda: INDEX)
+        with journal._writing:
+            page = reader.submit(lambda: list(stored.page(lambda _key: True, StoredPage())))
+            assert names(page.result(DEADLINE_S)) == ["s2", "s1"]
+
+
+def test_sessions_without_an_outcome_do_not_fill_a_page(tmp_path: Path):
+    for i in range(6):
+        name = f"s{i}"
+        result = ended("motion", t=1.0, session=name) if i in {0, 3} else None
+        written(tmp_path, taught(1.0), session=name, closed=result)
+    with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
+        stored = StoredSessions(journal, lambda: INDEX)
+        pages = [names([*stored.page(lambda _key: True, StoredPage(1, skip))]) for skip in range(3)]
+        assert pages == [["s3"], ["s0"], []]
+        with closing(sqlite3.connect(journal.path)) as file, file:
+            file.execute("UPDATE outcomes SET snapshot = x'00' WHERE session_id = 4")
+        assert names([*stored.page(lambda _key: True, StoredPage(1))]) == ["s0"], (
+            "one that is damaged neither"
+        )

@@ -21,8 +21,8 @@ from caesura_clients.dashboard.elements import (
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
-from caesura_clients.dashboard.sessions import taught_again
-from caesura_clients.dashboard.simulation import SPEEDS
+from caesura_clients.dashboard.sessions import PartChoice
+from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
@@ -35,6 +35,7 @@ class SessionPage:
         self._gateway, self._corrector, self._desk = site.gateway, site.corrector, site.desk
         self._station, self._session = station, session
         self._simulator = site.simulator
+        self._simulation: Simulation | None = None  # the one of this page that is under way
         self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
         with page(title, "/" if session is None else "/sessions"):
@@ -51,15 +52,18 @@ class SessionPage:
             self._program = ProgramTimeline(
                 self._edit_program,
                 self._simulate,
+                self._cancel,
                 editable=self._program_desk is not None,
                 speeds=() if site.simulator is None else SPEEDS,
             )
         self._timeline_of: wire.Program | None = None
         self._timeline: dict[str, Any] = {}
+        self._parts = PartChoice()
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
         self._columns_of = ""  # which session
         self._tick()
         ui.timer(TICK_S, self._tick)
+        ui.context.client.on_delete(self._cancel)
 
     def _tick(self) -> None:
         gateway = self._gateway
@@ -103,8 +107,10 @@ class SessionPage:
         """In words, made anew only where it changed: a long one takes its time."""
         if program is not self._timeline_of:
             self._timeline_of, self._timeline = program, timeline(program)
-        sessions = taught_again(self._gateway.world, program.station, program.session)
-        self._program.show({**self._timeline, "sessions": sessions})
+        is_edited = self._program_desk is not None
+        parts = self._parts.of(self._gateway.world, program.station, program.session) if is_edited else []
+        elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
+        self._program.show({**self._timeline, "sessions": parts, "elsewhere": elsewhere})
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""
@@ -152,14 +158,24 @@ class SessionPage:
     async def _simulate(self, event: GenericEventArguments) -> None:
         """Run the program that is shown on the simulated robot, without delaying any other page."""
         program = self._timeline_of
-        if self._simulator is None or program is None:
+        if self._simulator is None or program is None or self._simulation is not None:
             return
+        mine = self._simulation = Simulation()
         try:
-            found = await run.io_bound(self._simulator.run, program, str(event.args))
+            found = await run.io_bound(self._simulator.run, program, str(event.args), mine)
+        except SimulatorBusyError:
+            found = {"said": "", "stopped": False, "points": []}  # as long as it lasts, the page states it
         except EditRefused as refused:
-            found = {"said": str(refused), "stopped": True, "points": []}
-        if found is not None:  # else the dashboard is ending
+            found = {"said": str(refused), "stopped": not mine.is_ended, "points": []}
+        finally:
+            self._simulation = None
+        if found is not None and not self._program.is_deleted:  # else the dashboard, or the page, is ending
             self._program.simulated(found)
+
+    def _cancel(self) -> None:
+        """End the simulation of this page, if one is under way."""
+        if self._simulation is not None:
+            self._simulation.end()
 
 
 def line_of(seen: StationSummary, update: Update | None) -> str:

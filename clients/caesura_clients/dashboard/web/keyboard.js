@@ -8,8 +8,8 @@ export const keyboard = {
       const actions = {
         ArrowLeft: () => this.step(-step),
         ArrowRight: () => this.step(step),
-        Home: () => this.goto(this.begin),
-        End: () => this.goto(this.newest),
+        Home: () => this.jump(this.begin),
+        End: () => this.jump(this.newest),
         PageUp: () => this.hop(-1),
         PageDown: () => this.hop(1),
         Enter: () => this.insert(),
@@ -39,6 +39,11 @@ export const keyboard = {
     goto(t) {
       this.cursor = this.within(t);
       this.reveal(this.cursor);
+    },
+    jump(t) { // what is selected and out of view then would be removed unseen
+      this.goto(t);
+      const [from, to] = this.view();
+      if (this.selected !== null && (this.selected < from || this.selected > to)) this.selected = null;
     },
     hop(by) {
       const times = this.changepoints.map(([t]) => t);

@@ -9,7 +9,7 @@ export default {
   mixins: [live],
   components: { AppEdit, ProgramPath },
   props: { editable: Boolean, speeds: Array },
-  emits: ["edit", "simulate"],
+  emits: ["edit", "simulate", "cancel"],
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "" }),
   template: `
     <section aria-labelledby="program-title">
@@ -33,8 +33,8 @@ export default {
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
-      <program-path v-if="program && program.path.length" :rows="program.path" :speeds="speeds" ref="path"
-        @simulate="(speed) => $emit('simulate', speed)"></program-path>
+      <program-path v-if="program && program.path.length" :rows="program.path" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
+        @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
       <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">

@@ -1,16 +1,17 @@
 // The path of a program in three dimensions: each app in the colour of its kind, via points, forces, and where the
 // robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
 import { contextOf, inkOf, watchLook } from "caesura-dashboard/canvas.js";
+import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
-const MARGIN = 34, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
+const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
 const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y", "z"];
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
-  props: { rows: Array, speeds: Array },
-  emits: ["simulate"],
+  props: { rows: Array, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
+  emits: ["simulate", "cancel"],
   data: () => ({
     angles: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
     run: null, follows: false, speed: "taught", said: "", stopped: false, busy: false,
@@ -23,14 +24,15 @@ export default {
           <button aria-label="Enlarge the path" @click="zoom *= 1.25">+</button><button aria-label="Shrink the path" @click="zoom /= 1.25">−</button></span>
         <span v-if="speeds.length" class="group"><label>Speed <select class="simulated-speed" v-model="speed">
           <option v-for="name in speeds" :key="name" :value="name">{{ name }}</option></select></label>
-        <button class="simulate" :disabled="busy" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button></span>
+        <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
+        <button v-if="busy" ref="cancel" class="cancel-simulation" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
         <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
         <output>{{ words }}</output>
       </div>
-      <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ said }}</p>
+      <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ stands }}</p>
       <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"
         @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointercancel="held = null" @keydown="key"></canvas>
     </details>`,
@@ -44,6 +46,9 @@ export default {
     },
     at() { // the app that is run at the time, or that was run last before it
       return this.rows.findLast(({ points }) => points[0][0] <= this.shown) || this.rows[0];
+    },
+    stands() {
+      return this.said || (this.elsewhere ? "Another simulation is under way on this dashboard." : "");
     },
     words() {
       const [x, y, z] = this.place().map((value) => value.toFixed(0));
@@ -91,9 +96,12 @@ export default {
       Object.assign(this, { busy: true, said: "", stopped: false });
       this.asked = JSON.stringify(this.rows);
       this.$emit("simulate", this.speed);
+      this.$nextTick(() => this.$refs.cancel?.focus()); // a disabled button has no focus
     },
     simulated({ said, stopped, points }) {
+      const held = document.activeElement === this.$refs.cancel;
       Object.assign(this, { busy: false, said, stopped, run: null });
+      if (held) this.$nextTick(() => this.$refs.simulate.focus());
       if (this.asked !== JSON.stringify(this.rows)) this.said = "The program has changed meanwhile: simulate it again.";
       else if (points.length) this.run = Object.freeze(points);
       this.followRun(this.run !== null);
@@ -154,16 +162,16 @@ export default {
         return [Math.min(...all), Math.max(...all)];
       };
       const [[left, rightmost], [low, high]] = [ends(right), ends(up)];
-      const room = (pixels, mm) => (pixels - 2 * MARGIN) / Math.max(mm, LEAST_MM);
-      const scale = this.zoom * Math.min(room(width, rightmost - left), room(height, high - low));
-      const [x, y] = [(left + rightmost) / 2, (low + high) / 2];
-      return { scale, of: (place) => [width / 2 + scale * (along(right, place) - x), height / 2 - scale * (along(up, place) - y)] };
+      const room = (pixels, mm) => pixels / Math.max(mm, LEAST_MM), bottom = height - LEGEND_PX - MARGIN / 2;
+      const scale = this.zoom * Math.min(room(width - 2 * MARGIN, rightmost - left), room(bottom - MARGIN, high - low));
+      const [x, y, middle] = [(left + rightmost) / 2, (low + high) / 2, (MARGIN + bottom) / 2];
+      return { scale, of: (place) => [width / 2 + scale * (along(right, place) - x), middle - scale * (along(up, place) - y)] };
     },
     paint() {
       const canvas = this.$refs.canvas, context = contextOf(canvas), { text: ink, faint, paper } = inkOf();
       const [width, height] = [canvas.clientWidth, canvas.clientHeight], { scale, of } = this.projection(width, height);
       Object.assign(context, { lineCap: "round", lineJoin: "round", font: "12px system-ui, sans-serif", textBaseline: "middle" });
-      this.frame(context, height, scale, faint);
+      const legend = this.frame(context, height, scale, faint);
       const line = (places, colour, width) => {
         context.beginPath();
         places.forEach((place, i) => context[i ? "lineTo" : "moveTo"](...of(place)));
@@ -183,29 +191,38 @@ export default {
         line(places, KINDS[row.kind].colour, row === this.at ? 4 : 2);
         row.via.forEach(([, ...place]) => dot(place, 2.5, paper));
       }
-      const labels = []; // [x, y, words]; those at one place are written as one
-      const label = ([x, y], words) => {
-        const shared = labels.find(([x0, y0]) => Math.hypot(x - x0, y - y0) < LABEL_PX);
-        if (shared) shared[2].push(words);
-        else labels.push([x, y, [words]]);
-      };
-      for (const row of this.rows) {
-        const place = row.points[0].slice(1), [x, y] = of(place);
-        dot(place, 3.5, KINDS[row.kind].colour);
-        label([x + 8, y - 8], row.number);
-        const tip = row.force && this.arrow(context, of(row.points.at(-1).slice(1)), row.force, ink);
-        if (tip) label(tip, `${Math.hypot(...row.force).toFixed(1)} N`);
-      }
-      context.fillStyle = ink;
-      for (const [x, y, words] of labels) context.fillText(words.join(", "), x, y);
       if (this.run) {
         context.setLineDash([5, 4]);
         line(this.run.map(([, ...place]) => place), ink, 1.5);
         context.setLineDash([]);
       }
+      const numbers = [], forces = []; // [x, y, what]; those at one place are written as one
+      const label = (labels, [x, y], what) => {
+        const shared = labels.find(([x0, y0]) => Math.hypot(x - x0, y - y0) < LABEL_PX);
+        if (shared) shared[2].push(what);
+        else labels.push([x, y, [what]]);
+      };
+      for (const row of this.rows) {
+        const place = row.points[0].slice(1);
+        dot(place, 3.5, KINDS[row.kind].colour);
+        label(numbers, of(place), row.number);
+        const tip = row.force && this.arrow(context, of(row.points.at(-1).slice(1)), row.force, ink);
+        if (tip) label(forces, tip, Math.hypot(...row.force));
+      }
       dot(this.place(), 6, ink);
+      const wanted = [
+        ...numbers.map(([x, y, all]) => [x, y, ranges(all)]),
+        ...forces.map(([x, y, all]) => [x, y, `${span(all)} N`]),
+      ];
+      const marks = this.rows.flatMap(({ points }) => points.map(([, ...place]) => of(place)));
+      const widthOf = (words) => context.measureText(words).width;
+      Object.assign(context, { fillStyle: ink, strokeStyle: paper, lineWidth: 3 });
+      for (const { x, y, height: high, words } of placedLabels(wanted, { width, height }, legend, marks, widthOf)) {
+        context.strokeText(words, x, y + high / 2); // it can be read upon a line
+        context.fillText(words, x, y + high / 2);
+      }
     },
-    arrow(context, [x, y], force, ink) { // what the robot exerts; where its words stand, if it can be seen
+    arrow(context, [x, y], force, ink) { // what the robot exerts; its tip, if it can be seen
       const [right, up] = this.directions(), newton = Math.hypot(...force);
       const way = [right, up].map((axis) => axis.reduce((sum, share, i) => sum + share * force[i], 0));
       const length = newton ? Math.min(LONGEST_PX, FORCE_PX_PER_N * newton) / newton : 0, [dx, dy] = [way[0] * length, -way[1] * length];
@@ -220,26 +237,31 @@ export default {
       context.lineTo(x + dx - 5 * ux + 4 * uy, y + dy - 5 * uy - 4 * ux);
       Object.assign(context, { strokeStyle: ink, lineWidth: 1.5 });
       context.stroke();
-      return [x + dx + 6, y + dy + 4];
+      return [x + dx, y + dy];
     },
-    frame(context, height, scale, faint) { // the base's axes, and a bar that says how long things are
-      const [right, up] = this.directions(), [x0, y0] = [34, height - 44];
+    frame(context, height, scale, faint) { // the base's axes, and a bar that says how long things are; the boxes of both
+      const [right, up] = this.directions(), [x0, y0] = [LEGEND_PX / 2, height - LEGEND_PX / 2];
       Object.assign(context, { strokeStyle: faint, fillStyle: faint, lineWidth: 1.5 });
       AXES.forEach((name, i) => {
-        const [x, y] = [x0 + 22 * right[i], y0 - 22 * up[i]];
+        const [x, y] = [x0 + 20 * right[i], y0 - 20 * up[i]];
         if (Math.hypot(right[i], up[i]) < 0.15) return;
         context.beginPath();
         context.moveTo(x0, y0);
         context.lineTo(x, y);
         context.stroke();
-        context.fillText(name, x0 + 30 * right[i] - 3, y0 - 30 * up[i]);
+        context.fillText(name, x0 + 27 * right[i] - 3, y0 - 27 * up[i]);
       });
       const bar = BARS_MM.find((mm) => mm * scale <= BAR_PX) || BARS_MM.at(-1), y = height - 12;
       context.beginPath();
-      context.moveTo(12, y);
-      context.lineTo(12 + bar * scale, y);
+      context.moveTo(LEGEND_PX, y);
+      context.lineTo(LEGEND_PX + bar * scale, y);
       context.stroke();
-      context.fillText(`${bar} mm`, 18 + bar * scale, y);
+      context.fillText(`${bar} mm`, LEGEND_PX + bar * scale + 6, y);
+      const words = 6 + context.measureText(`${bar} mm`).width;
+      return [
+        { x: 0, y: height - LEGEND_PX, width: LEGEND_PX, height: LEGEND_PX },
+        { x: LEGEND_PX, y: y - 8, width: bar * scale + words, height: 16 },
+      ];
     },
   },
 };

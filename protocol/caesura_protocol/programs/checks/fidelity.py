@@ -1,4 +1,6 @@
-"""What was taught and is not reproduced: a program beside its demonstration. Warnings only.
+"""What was taught and is not reproduced: a program beside its demonstration.
+
+Warnings, with one exception: fingers that close where the object is not.
 
 What does not end up in an app shows where an app begins: its path says where the demonstration was then, and
 the app before it where the robot is.
@@ -14,17 +16,21 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
-from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
+from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.document import ProgramStep
+from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
 SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
-TAUGHT_APART = "a part was taught again, and what leads from one to the other is in no app"
+TAUGHT_APART = "a part was taught again"
+EDITED_APART = "the way between them was not taught"
 STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less
 
 
@@ -50,16 +56,23 @@ def fidelity_findings(
         found += _missing_paths(apps)
     pose: ViaPoint | None = None
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
+    led = True  # whether what was taught led from the pose to this app
     for index, app in enumerate(apps):
-        before = apps[index - 1] if index else None
         part = part_of(app)
-        missed = _seam(pose, app) if part != taught_in else _motion_before(before, pose, app, safety)
-        reasons = [*_path_deviation(app), *missed, *_force_limits(app)]
+        led = led and part == taught_in and _follows(app)
+        if led:
+            missed = _motion_before(pose, app)
+        else:
+            missed = _seam(pose, app, EDITED_APART if part == taught_in else TAUGHT_APART)
+        pauses = _pause_before(apps[index - 1], app, safety) if index else ()
+        reasons = [*_path_deviation(app), *pauses, *missed, *_force_limits(app)]
         if quality is not None:
             reasons += _gaps_within(app, quality.gaps)
         found += [Finding("warning", index, app.kind, *reason) for reason in reasons]
+        if not led and (off := _off_object(pose, app)):
+            found.append(Finding("error", index, app.kind, *off))
         if app.target is not None:
-            pose, taught_in = _pose_after(app, pose), part
+            pose, taught_in, led = _pose_after(app, pose), part, not _is_redirected(app)
     return found
 
 
@@ -72,24 +85,22 @@ def _path_deviation(app: App) -> Iterator[Reason]:
         return
     if path.deviation_m > path.tolerance_m * (1.0 + EVEN):
         yield (
-            f"deviates by up to {1000 * path.deviation_m:.1f} mm from the path that was taught, "
-            f"{1000 * path.tolerance_m:.1f} mm were asked for",
+            f"deviates by up to {fixed(1000 * path.deviation_m, 1)} mm from the path that was taught, "
+            f"{fixed(1000 * path.tolerance_m, 1)} mm were asked for",
             path.deviation_m,
             path.tolerance_m,
         )
     if path.deviation_rad > path.tolerance_rad * (1.0 + EVEN):
         yield (
-            f"deviates by up to {math.degrees(path.deviation_rad):.1f}° from the orientations taught, "
-            f"{math.degrees(path.tolerance_rad):.1f}° were asked for",
+            f"deviates by up to {fixed(math.degrees(path.deviation_rad), 1)}° from the orientations taught, "
+            f"{fixed(math.degrees(path.tolerance_rad), 1)}° were asked for",
             path.deviation_rad,
             path.tolerance_rad,
         )
 
 
-def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: Safety) -> Iterator[Reason]:
-    """Find motion between two apps that no app reproduces."""
-    if before is None:
-        return
+def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
+    """Find a pause between two apps that the robot does not keep."""
     pause = app.t0 - before.tn
     if pause > safety.pause_s:
         yield (
@@ -97,28 +108,57 @@ def _motion_before(before: App | None, pose: ViaPoint | None, app: App, safety: 
             pause,
             safety.pause_s,
         )
+
+
+def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
+    """Find motion between two apps that no app reproduces."""
     if pose is None or app.path is None:
         return
-    start, when = app.path.start, f"{min(pose.t, app.path.start.t):.1f}–{app.path.start.t:.1f} s"
+    start, when = app.path.start, f"{fixed(min(pose.t, app.path.start.t), 1)}–{fixed(app.path.start.t, 1)} s"
     moved = math.dist(start.position, pose.position)
     if moved > STEPPED_M:
-        yield (f"begins where {1000 * moved:.0f} mm taught at {when} lead, in no app", moved, STEPPED_M)
+        yield (f"begins where {fixed(1000 * moved, 0)} mm taught at {when} lead, in no app", moved, STEPPED_M)
     turned = _orientation_change(pose, start)
     if turned > STEPPED_RAD:
         degrees = math.degrees(turned)
         yield (f"rotation of {degrees:.0f}° taught at {when} is in no app", turned, STEPPED_RAD)
 
 
-def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
-    """Find that a part which was taught again does not meet its neighbour."""
+def _follows(app: App) -> bool:
+    """Whether an app follows the one before it as when they were taught; so it does without an edit."""
+    return app.follows if isinstance(app, ProgramStep) else True
+
+
+def _is_redirected(app: App) -> bool:
+    """Whether an edit gave an app another target than it was taught with."""
+    return any(mark.field == "target" for mark in app.changes)
+
+
+def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
+    """Find that the fingers close where nothing was grasped: a grasp stays where the app before it ends."""
+    if pose is None or app.kind != "grasp" or app.target is None:
+        return None
+    off = math.dist(app.target, pose.position)
+    if off <= GRIP_REACH_M:
+        return None
+    reason = (
+        f"grasps {fixed(1000 * off, 0)} mm from where it was taught to, "
+        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {_in_mm(app.target)} before it"
+    )
+    return reason, off, GRIP_REACH_M
+
+
+def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
+    """Find that an app does not begin where the app before it ends. why: they were not taught in a row."""
     start = _start_of(app)
-    if pose is None or start is None:
+    if pose is None or start is None or _off_object(pose, app):
         return
     tolerance_m = TOLERANCE_M if app.path is None else app.path.tolerance_m
     off = math.dist(start.position, pose.position)
     if off > tolerance_m * (1.0 + EVEN):
         yield (
-            f"begins {1000 * off:.1f} mm from where the app before it ends: {TAUGHT_APART}",
+            f"begins {fixed(1000 * off, 1)} mm from where the app before it ends, because {why}: "
+            f"insert a move to {_in_mm(start.position)} before it, or teach it again from there",
             off,
             tolerance_m,
         )
@@ -127,10 +167,15 @@ def _seam(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
     if turned > tolerance_rad * (1.0 + EVEN):
         degrees = math.degrees(turned)
         yield (
-            f"begins turned by {degrees:.1f}° from the app before it: {TAUGHT_APART}",
+            f"begins turned by {degrees:.1f}° from the app before it, because {why}: "
+            "teach one of the two again as the other one is turned",
             turned,
             tolerance_rad,
         )
+
+
+def _in_mm(point: Vector) -> str:
+    return f"({', '.join(fixed(1000 * x, 0) for x in point)}) mm"
 
 
 def _start_of(app: App) -> ViaPoint | None:
@@ -169,7 +214,11 @@ def _force_limits(app: App) -> Iterator[Reason]:
 def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
     for gap in gaps:
         if gap.t0 < app.tn and app.t0 < gap.tn:
-            yield (f"was not observed from {gap.t0:.2f} to {gap.tn:.2f} s: look at what it does", None, None)
+            yield (
+                f"was not observed from {fixed(gap.t0, 2)} to {fixed(gap.tn, 2)} s: look at what it does",
+                None,
+                None,
+            )
 
 
 def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.timing import ProgramTiming
 
@@ -21,5 +22,5 @@ def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
         yield Finding("error", None, None, reason, float(timing.speed), limit)
         return
     apps = ", ".join(str(index + 1) for index in timing.retimed) or "none"
-    durations = f"{timing.taught_s:.2f} s taught, {timing.seconds:.2f} s now"
+    durations = f"{fixed(timing.taught_s, 2)} s taught, {fixed(timing.seconds, 2)} s now"
     yield Finding("warning", None, None, f"re-timed (speed {timing.speed}): apps {apps}; {durations}")

@@ -10,6 +10,7 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import JOINTS_MOST, App
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 
@@ -49,7 +50,7 @@ def value_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
         ]
     for index, (before, app) in enumerate(pairwise(apps), start=1):
         if app.t0 < before.t0:
-            reason = f"begins at {app.t0:.2f} s, before the app before it at {before.t0:.2f} s"
+            reason = f"begins at {fixed(app.t0, 2)} s, before the app before it at {fixed(before.t0, 2)} s"
             found.append(Finding("error", index, app.kind, reason, app.t0, before.t0))
     return found
 

@@ -403,6 +403,35 @@ def best_pair(here):
 
 
 @compiled
+def outline(here, path):
+    """Start, and number of the best kind of its group, of each segment of the best segmentation.
+
+    path: (n, 2), one more than there are nodes; the youngest segment comes first. Returns how many there are.
+    """
+    model, state = model_at(here), state_at(here)
+    me = state.counters[0]
+    place, group = best_pair(here)
+    path[0, 0], path[0, 1] = state.starts[place], best_kind(state.kinds[:, place], model.groups, group)
+    node, n = state.nodes[group, place], 1
+    while node not in (me.root, FREE):
+        kind = best_kind(state.node_kinds[node], model.groups, state.node_group[node])
+        node = state.node_parent[node]
+        path[n, 0], path[n, 1] = state.node_start[node], kind
+        n += 1
+    return n
+
+
+@compiled
+def best_kind(kinds, groups, group):
+    """Number of the kind of a group with most evidence, the first of several."""
+    best = -1
+    for kind in range(kinds.size):
+        if groups[kind] == group and (best < 0 or kinds[kind] > kinds[best]):
+            best = kind
+    return best
+
+
+@compiled
 def event_probability(here, start, others):
     """`RunLengthFilter.event_probability` of a start in the window, nothing near it being decided."""
     state = state_at(here)

@@ -1,0 +1,27 @@
+"""Packing with msgpack; a thread keeps its packer, since a new one allocates a buffer for every message."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import msgpack  # type: ignore[import-untyped]
+
+KEPT_BYTES = 1 << 20  # of the buffer, which grows with its longest payload
+
+
+class Packing(threading.local):
+    """Packs values; any thread may call it."""
+
+    def __init__(self, default: Callable[[Any], Any] | None = None) -> None:
+        """default: returns what stands for a value that msgpack does not know."""
+        self._default = default
+        self._packer = msgpack.Packer(default=default)
+
+    def pack(self, value: object) -> bytes:
+        """Pack a value. Raises as msgpack and `default` do."""
+        payload: bytes = self._packer.pack(value)
+        if len(payload) > KEPT_BYTES:
+            self._packer = msgpack.Packer(default=self._default)
+        return payload

@@ -1,0 +1,64 @@
+"""The clock of a session as people read it: one that shows the time of day is read from the session's start.
+
+Most sessions count from 0. Where samples have the time of day, as in a rosbag2, tables show seconds from the
+first segment on, and when that was. What people type is read in the same way. Files and messages keep the
+clock of the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+from caesura_protocol.messages import Segment
+from caesura_protocol.number_words import LONG, fixed
+
+OF_DAY_S = 1e8  # from here on a time is one of day: no robot has counted seconds for three years
+
+
+class SessionClock(NamedTuple):
+    """start_s: what people read as 0 [s] of the session's clock."""
+
+    start_s: float = 0.0
+
+    def shown(self, t: float, decimals: int = 2) -> str:
+        """A time [s] of the session as people read it."""
+        return fixed(t - self.start_s, decimals)
+
+    def brief(self, t: float) -> str:
+        """A time [s] with as few decimals as it has."""
+        return f"{t - self.start_s:g}"
+
+    def read(self, t: float) -> float:
+        """A time [s] as a person typed it, on the session's clock; one of day is taken as it is."""
+        return t if is_of_day(t) else t + self.start_s
+
+    @property
+    def words(self) -> str:
+        """From when on times are shown; empty where they are those of the session's clock.
+
+        >>> SessionClock(1700000001.25).words, SessionClock().words
+        ('times [s] from 2023-11-14 22:13:21 UTC on, the start', '')
+        """
+        return f"times [s] from {moment(self.start_s)} UTC on, the start" if self.start_s else ""
+
+
+def clock_from(t: float) -> SessionClock:
+    """The clock of what begins at a time [s] of its session."""
+    return SessionClock(t if is_of_day(t) else 0.0)
+
+
+def clock_of(segments: Sequence[Segment]) -> SessionClock:
+    """The clock of a session, by its segments."""
+    return clock_from(segments[0].t0) if segments else SessionClock()
+
+
+def is_of_day(t: float) -> bool:
+    """Whether a time [s] is one of day."""
+    return OF_DAY_S <= t < LONG / 10
+
+
+def moment(t: float) -> str:
+    """A time of day [s] as a date, UTC."""
+    return f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M:%S}"

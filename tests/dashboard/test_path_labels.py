@@ -1,0 +1,128 @@
+"""Labels of the path in three dimensions, in a browser as wide as a phone: whole, and none upon another."""
+
+from __future__ import annotations
+
+import http.server
+import json
+import threading
+from collections.abc import Iterator
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+import nicegui
+from playwright.sync_api import Page
+
+from caesura_clients.dashboard.elements import WEB
+from dashboard.browser import THEMES, Theme, chromium, needs_chromium
+
+pytestmark = needs_chromium
+PHONE = {"width": 390, "height": 844}
+PAGE = """<!doctype html><link rel="stylesheet" href="/web/style.css">
+<script type="importmap">{"imports": {"vue": "/vue.js", "caesura-dashboard/": "/web/"}}</script>
+<div id="app" style="padding: 16px"></div><script>
+  window.texts = [];
+  const canvas = CanvasRenderingContext2D.prototype, { fillText, clearRect } = canvas;
+  canvas.clearRect = function (...all) { window.texts = []; clearRect.apply(this, all); };
+  canvas.fillText = function (words, x, y) {
+    window.texts.push([words, x, y, this.measureText(words).width]);
+    fillText.call(this, words, x, y);
+  };
+</script><script type="module">
+  import { createApp, h } from "vue";
+  import Path from "caesura-dashboard/program_path.js";
+  createApp({ render: () => h(Path, { rows: ROWS, speeds: [], elsewhere: false }) }).mount("#app");
+</script>"""
+HIGH_PX = 12.0  # of a text, about its middle
+
+
+class Text(NamedTuple):
+    words: str
+    x: float
+    y: float
+    width: float
+
+    def meets(self, other: Text) -> bool:
+        beside = self.x + self.width <= other.x or other.x + other.width <= self.x
+        return not beside and abs(self.y - other.y) < HIGH_PX
+
+
+def row(number: int, *places: tuple[float, float, float], force: list[float] | None = None) -> dict[str, Any]:
+    points = [[number + 0.5 * i, *place] for i, place in enumerate(places)]
+    kind = "motion" if force is None else "sliding"
+    return {"number": number, "words": "app", "kind": kind, "points": points, "via": [], "force": force}
+
+
+def strokes() -> list[dict[str, Any]]:
+    """A reach, strokes with a press that end close together at the edge of the picture, and a way back."""
+    pressed = [
+        row(2 + k, (8.0 * k, 150.0, 0.0), (8.0 * k + 4.0, 158.0, 0.0), force=[0.0, 0.0, -12.0 - k])
+        for k in range(7)
+    ]
+    return [
+        row(1, (0.0, 0.0, 120.0), (0.0, 150.0, 0.0)),
+        *pressed,
+        row(9, (52.0, 158.0, 0.0), (60.0, 0.0, 120.0)),
+    ]
+
+
+class Web(http.server.SimpleHTTPRequestHandler):
+    """The page, the components beside it, and Vue as the dashboard serves it."""
+
+    def do_GET(self) -> None:
+        if self.path == "/":
+            content, kind = PAGE.replace("ROWS", json.dumps(strokes())).encode(), "text/html"
+        elif self.path == "/vue.js":
+            vue = Path(nicegui.__file__).parent / "static" / "vue.esm-browser.prod.js"
+            content, kind = vue.read_bytes(), "text/javascript"
+        else:
+            super().do_GET()
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", kind)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *words: object) -> None:
+        """Nothing."""
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("web")
+    (folder / "web").symlink_to(WEB)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Web, directory=str(folder))) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Page]:
+    with chromium() as browser:
+        yield browser.new_page(viewport=PHONE)
+
+
+@pytest.mark.parametrize("theme", THEMES)
+@pytest.mark.parametrize("view", ["3D", "top", "front", "side"])
+def test_labels_of_a_path_are_whole_and_apart_on_a_phone(url: str, page: Page, view: str, theme: Theme):
+    page.goto(url)
+    page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+    page.get_by_role("button", name=view, exact=True).click()
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    texts = [Text(*one) for one in page.evaluate("window.texts")]
+    width, height = page.locator("canvas").evaluate("(canvas) => [canvas.clientWidth, canvas.clientHeight]")
+    assert any(one.words.startswith("1") for one in texts), "the first app has its number"
+    assert any(one.words.endswith(" N") for one in texts) or view == "top", "forces have their sizes"
+    for one in texts:
+        assert 0.0 <= one.x <= one.x + one.width <= width, one
+        assert HIGH_PX / 2 <= one.y <= height - HIGH_PX / 2, one
+    assert [(one, other) for one, other in combinations(texts, 2) if one.meets(other)] == []

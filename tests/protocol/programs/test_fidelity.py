@@ -1,0 +1,123 @@
+"""What a check states of the motion between two apps: taught where their neighbourhood was, else a step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from caesura_protocol.messages import (
+    App,
+    AppChange,
+    AppPath,
+    AppReference,
+    DeleteApp,
+    Gap,
+    Program,
+    ProgramEdit,
+    Vector,
+    ViaPoint,
+)
+from caesura_protocol.programs.checks import DemonstrationQuality, document_findings, fidelity_findings
+from caesura_protocol.programs.document import document
+from caesura_protocol.programs.safety import DEFAULT
+from harness.programs import app
+
+MOVED = (AppChange(field="place", author="Ann", edit=1),)
+
+
+def move(t0: float, start: Vector, target: Vector, **fields: Any) -> App:
+    path = AppPath(
+        start=ViaPoint(t=t0, position=start, orientation=None),
+        tn=t0 + 1.0,
+        length_m=math.dist(start, target),
+        deviation_m=0.0,
+        deviation_rad=0.0,
+        tolerance_m=0.002,
+        tolerance_rad=0.02,
+    )
+    return app("cartesian_motion", t0, t0 + 1.0, target, path=path, **fields)
+
+
+def program(*apps: App, edits: tuple[ProgramEdit, ...] = ()) -> Program:
+    fields = {"station": "cell-1", "session": "s1", "instance": "test-1", "epoch": 1, "version": 4, "t": 12.0}
+    return Program(**fields, complete=True, apps=apps, edits=edits, robot="panda")
+
+
+def found(*apps: App, edits: tuple[ProgramEdit, ...] = ()) -> list[tuple[int | None, str]]:
+    return [(one.index, one.reason) for one in document_findings(document(program(*apps, edits=edits)))]
+
+
+def changed(app: App, *changes: AppChange) -> App:
+    return app.model_copy(update={"changes": changes})
+
+
+def there(x: float) -> Vector:
+    return x, 0.2, 0.3
+
+
+# Between the first and the second one a hand moved on by 50 mm, which is in no app.
+FIRST = move(0.0, there(0.1), there(0.2))
+SECOND = move(1.5, there(0.25), there(0.4))
+THIRD = move(2.5, there(0.4), there(0.6))
+TAUGHT = "begins where 50 mm taught at 1.0–1.5 s lead, in no app"
+
+
+def test_motion_that_was_taught_between_two_neighbours_is_found_with_its_time():
+    assert found(FIRST, SECOND, THIRD) == [(1, TAUGHT)]
+
+
+def test_between_apps_in_another_order_nothing_is_said_to_be_taught():
+    shown = found(changed(THIRD, *MOVED), FIRST, SECOND)
+    assert [(index, reason.split(",")[0]) for index, reason in shown] == [
+        (1, "begins 500.0 mm from where the app before it ends"),
+        (2, "begins where 50 mm taught at 2.0–2.5 s lead"),  # neighbours still, at their new times
+    ]
+
+
+def test_an_app_that_was_moved_and_moved_back_has_its_neighbours_again():
+    assert [(index, "taught at" in reason) for index, reason in found(FIRST, changed(SECOND, *MOVED))] == [
+        (1, True)
+    ]
+
+
+def test_over_a_deleted_app_nothing_is_said_to_be_taught():
+    gone = AppReference(kind="cartesian_motion", t0=SECOND.t0, tn=SECOND.tn)
+    edit = ProgramEdit(number=1, author="Ann", at=0.0, action=DeleteApp(app=gone), state="applied")
+    ((index, reason),) = found(FIRST, THIRD, edits=(edit,))
+    assert index == 1
+    assert reason.startswith("begins 200.0 mm from where the app before it ends, because the way between")
+
+
+def test_an_app_without_a_pose_does_not_hide_that_another_one_came_between():
+    opening = app("gripper_move", 1.0, 1.0, gripper_width=0.08)
+    shown = found(changed(THIRD, *MOVED), opening, move(1.0, there(0.2), there(0.4)))
+    assert [reason.split(",")[0] for index, reason in shown if index == 2] == [
+        "begins 400.0 mm from where the app before it ends"
+    ]
+
+
+def test_where_a_target_was_edited_nothing_is_said_to_be_taught():
+    target = AppChange(field="target", author="Ann", edit=1, inferred=there(0.25))
+    begun = move(0.0, there(0.1), there(0.2))
+    shown = found(changed(begun, target), move(1.0, there(0.25), there(0.4)))
+    assert [reason.split(",")[0] for index, reason in shown if index == 1] == [
+        "begins 50.0 mm from where the app before it ends"
+    ]
+
+
+def test_findings_are_short_whatever_numbers_a_file_states():
+    huge = FIRST.path.model_copy(
+        update={
+            "start": ViaPoint(t=1e308, position=(1e305, 1e305, 1e305), orientation=None),
+            "tn": 1.1e308,
+            "deviation_m": 1e305,
+            "deviation_rad": 1e300,
+        }
+    )
+    spoilt = SECOND.model_copy(update={"path": huge})
+    gap = (Gap(t0=-1e308, tn=1e308, reason="source"),)
+    for apps in ((FIRST, spoilt), (FIRST, changed(THIRD, *MOVED), spoilt)):
+        shown = fidelity_findings(apps, DemonstrationQuality(gap), DEFAULT)
+        steps = document_findings(document(program(*apps)))
+        assert len(shown) > 3
+        assert max(len(one.reason) for one in (*shown, *steps)) < 250

@@ -1,0 +1,25 @@
+"""Packing: the bytes of msgpack, whatever was packed before."""
+
+from __future__ import annotations
+
+import msgpack
+import pytest
+
+from caesura_protocol.packing import KEPT_BYTES, Packing
+
+
+@pytest.mark.parametrize("value", [(1, None, 2.5, "x"), {"a": b"b"}, b"c" * (KEPT_BYTES + 1)])
+def test_a_packer_that_is_used_again_gives_the_bytes_of_a_new_one(value: object) -> None:
+    packing = Packing()
+    assert [packing.pack(value) for _ in range(3)] == 3 * [msgpack.packb(value)]
+
+
+def test_what_cannot_be_packed_leaves_nothing_behind() -> None:
+    packing = Packing()
+    with pytest.raises(TypeError):
+        packing.pack((1, 2, object()))
+    assert packing.pack(3) == msgpack.packb(3)
+
+
+def test_what_stands_for_a_value_is_packed_in_its_place() -> None:
+    assert Packing(str).pack([1j]) == msgpack.packb(["1j"])

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import dropwhile, groupby, takewhile
+from itertools import groupby, takewhile
 from types import MappingProxyType
 
 import numpy as np
@@ -106,9 +106,17 @@ class _Group:
 
     @property
     def contact(self) -> ProgramSegment | None:
-        """The contact that follows, at once or after a rest: who presses after a rest touched it before."""
-        after = list(dropwhile(self._rests, self.after))
-        return after[0] if after and after[0].touches else None
+        """The contact that follows, at once or after a rest: who presses after a rest touched it before.
+
+        None where the fingers move in that rest: nothing was touched before they did.
+        """
+        rests = [step.segment for step in takewhile(self._rests, self.after)]
+        after = self.after[len(rests) :]
+        if not after or not after[0].touches:
+            return None
+        grips = (grip.t for grip in self.grips)
+        moves = any(rest.t0 <= t < rest.tn - GRIP_SLACK_S for t in grips for rest in rests)
+        return None if moves else after[0]
 
     def _rests(self, step: ProgramSegment) -> bool:
         segment = step.segment

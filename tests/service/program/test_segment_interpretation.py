@@ -307,6 +307,31 @@ def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> 
     assert kinds(made) == ["move_to_contact", "apply_force"]
 
 
+@pytest.mark.parametrize(("released_s", "becomes"), [(3.0, "cartesian_motion"), (4.9, "move_to_contact")])
+def test_fingers_that_open_in_a_rest_open_before_what_is_pressed_after_it(
+    released_s: float, becomes: str
+) -> None:
+    """The movement went to where the press began 2 s later, and the fingers opened there."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 5.0),
+        segment("contact", 5.0, 7.0, **held(9.0)),
+        grips=(replace(RELEASE, t=released_s),),
+    )
+    assert made[0].kind == becomes
+    assert "gripper_move" in kinds(made)
+    if becomes == "cartesian_motion":
+        assert kinds(made)[1:] == ["gripper_move", "apply_force"]
+        assert made[0].target == pytest.approx(moment_at(2.0).position)
+
+
+def test_what_is_gripped_while_it_is_touched_before_a_turn_was_touched_by_the_movement_before_it() -> None:
+    turn = segment("sliding", 2.4, 4.0, **held(9.0)).model_copy(update={"kind": "turning"})
+    touched = segment("contact", 2.0, 2.4, **held(9.0))
+    made = program(segment("motion", 0.0, 2.0), touched, turn, grips=(replace(GRASP, t=2.05),))
+    assert kinds(made) == ["move_to_contact", "grasp", "apply_force"]
+
+
 def test_a_contact_lasts_through_the_noise_of_its_force() -> None:
     """5 N with 2 N of noise: a single observation below 3 N ended the contact."""
 

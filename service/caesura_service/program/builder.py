@@ -81,7 +81,7 @@ def task_program(
     for number, group in enumerate(groups):
         build = _BUILDERS.get(_group_key(group[0]))
         if build is not None:
-            after = [one[0] for one in groups[number + 1 : number + 3]]
+            after = groups[number + 1 : number + 3]
             apps += build(_Group(group, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
     return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
@@ -98,7 +98,7 @@ class _Group:
     """Consecutive segments that make up one thing, and what is needed to build its apps."""
 
     steps: list[ProgramSegment]
-    after: Sequence[ProgramSegment]  # the first steps of the two groups that follow
+    after: Sequence[Sequence[ProgramSegment]]  # the steps of the two groups that follow
     grips: list[GripperAction]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
     force_limit_n: float | None
@@ -110,8 +110,9 @@ class _Group:
 
         None where the fingers move in that rest: nothing was touched before they did.
         """
-        rests = [step.segment for step in takewhile(self._rests, self.after)]
-        after = self.after[len(rests) :]
+        steps = [step for group in self.after for step in group]
+        rests = [step.segment for step in takewhile(self._rests, steps)]
+        after = steps[len(rests) :]
         if not after or not after[0].touches:
             return None
         grips = (grip.t for grip in self.grips)
@@ -164,10 +165,10 @@ class _Group:
 
     def rest(self, step: ProgramSegment) -> _End | None:
         """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
-        rests = self.after[:1]
-        if not rests or step is not self.steps[-1] or rests[0].segment.kind != "steady":
+        following = self.after[0][0] if self.after else None
+        if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
             return None
-        t = min(step.segment.tn + SETTLES_S, rests[0].segment.tn)
+        t = min(step.segment.tn + SETTLES_S, following.segment.tn)
         return _End(t, _where(self.moment_at(t)))
 
     def touched(self, contact: ProgramSegment, approach: Sequence[float] = ()) -> _End:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from caesura_protocol.messages import App
-from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
+from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
 DRIFT_N = (2.0, -1.5, 3.0)  # of the sensor since it was tared
@@ -330,6 +331,35 @@ def test_what_is_gripped_while_it_is_touched_before_a_turn_was_touched_by_the_mo
     touched = segment("contact", 2.0, 2.4, **held(9.0))
     made = program(segment("motion", 0.0, 2.0), touched, turn, grips=(replace(GRASP, t=2.05),))
     assert kinds(made) == ["move_to_contact", "grasp", "apply_force"]
+
+
+def test_a_turn_in_the_second_of_two_rests_before_a_press_comes_before_the_contact() -> None:
+    """Between the rests lies a movement that is too short for an app."""
+
+    def poses(t0: float, tn: float) -> Any:
+        t = np.linspace(t0, tn, 60)
+        half = 0.5 * np.clip((t - 3.0) / 0.5, 0.0, 1.0)
+        zero = np.zeros_like(t)
+        return t, np.column_stack([zero, zero, zero + 0.2, zero, zero, np.sin(half), np.cos(half)])
+
+    made = task_program(
+        [
+            ProgramSegment(i, one, 1.0)
+            for i, one in enumerate(
+                (
+                    segment("motion", 0.0, 2.0),
+                    segment("steady", 2.0, 2.6),
+                    segment("motion", 2.6, 2.8),
+                    segment("steady", 2.8, 4.0),
+                    segment("contact", 4.0, 5.0, **held(9.0)),
+                )
+            )
+        ],
+        (),
+        moment_at,
+        paths=Paths(poses),
+    )
+    assert kinds(made) == ["cartesian_motion", "cartesian_motion", "apply_force"]
 
 
 def test_a_contact_lasts_through_the_noise_of_its_force() -> None:

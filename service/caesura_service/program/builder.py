@@ -159,9 +159,13 @@ class _Group:
         return App.model_validate(fields | changes)
 
     def touch(self) -> _End | None:
-        """Where the contact that follows was made."""
+        """Where the contact that follows was made; a rest before it is a pause, no part of the path."""
         approach, contact = self.steps[-1].segment, self.contact
-        return None if contact is None else self.touched(contact, observed(approach.t0, approach.tn))
+        if contact is None:
+            return None
+        end = self.touched(contact, observed(approach.t0, approach.tn))
+        at_once = contact is self.after[0][0]
+        return end if at_once else replace(end, t=min(end.t, approach.tn))
 
     def rest(self, step: ProgramSegment) -> _End | None:
         """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""

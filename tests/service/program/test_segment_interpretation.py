@@ -308,6 +308,24 @@ def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> 
     assert kinds(made) == ["move_to_contact", "apply_force"]
 
 
+def test_the_path_to_a_contact_ends_before_the_rest_that_follows() -> None:
+    """The rest was a pause after the contact, and its three seconds were in the path of 2 s too."""
+
+    def poses(t0: float, tn: float) -> Any:
+        t = np.linspace(t0, tn, 60)
+        return t, np.column_stack([0.0 * t, 0.0 * t, 0.1 * np.minimum(t, 2.0)])
+
+    parts = (
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 5.0),
+        segment("contact", 5.0, 7.0, **held(9.0)),
+    )
+    steps = [ProgramSegment(i, one, 1.0) for i, one in enumerate(parts)]
+    touching, pressing = task_program(steps, (), moment_at, paths=Paths(poses))
+    assert touching.path is not None
+    assert (touching.path.tn, touching.tn, pressing.t0) == (2.0, 2.0, 5.0)
+
+
 @pytest.mark.parametrize(("released_s", "becomes"), [(3.0, "cartesian_motion"), (4.9, "move_to_contact")])
 def test_fingers_that_open_in_a_rest_open_before_what_is_pressed_after_it(
     released_s: float, becomes: str

@@ -8,8 +8,8 @@ A segment is judged by itself. Here it is seen that
   recording, and a press is what is added to that;
 - a rest at either end of a stroke or of a turn in contact, shorter than half a second, is part of it;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
-  to weigh in the air. What they hold is, and so is what only hangs on the robot. What
-  stands where it was gripped is not held yet;
+  to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
+  gripped is not held yet;
 - a movement far out of what was pressed goes on in the air.
 What an operator has named is what it is.
 """

@@ -29,11 +29,10 @@ from caesura_protocol.messages import (
     ReplacePart,
     Undo,
 )
-from caesura_protocol.session_clock import SessionClock
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 from caesura_protocol.transport.network import Transport
 
 HALF = 0.5  # of the time of an app
-NO_OFFSET = SessionClock()
 
 
 def reference(app: App) -> AppReference:

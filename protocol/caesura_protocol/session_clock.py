@@ -44,6 +44,9 @@ class SessionClock(NamedTuple):
         return f"times [s] from {moment(self.start_s)} UTC on, the start" if self.start_s else ""
 
 
+NO_OFFSET = SessionClock()
+
+
 def clock_from(t: float) -> SessionClock:
     """The clock of what begins at a time [s] of its session."""
     return SessionClock(t if is_of_day(t) else 0.0)
@@ -51,7 +54,7 @@ def clock_from(t: float) -> SessionClock:
 
 def clock_of(segments: Sequence[Segment]) -> SessionClock:
     """The clock of a session, by its segments."""
-    return clock_from(segments[0].t0) if segments else SessionClock()
+    return clock_from(segments[0].t0) if segments else NO_OFFSET
 
 
 def is_of_day(t: float) -> bool:

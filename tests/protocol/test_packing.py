@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import msgpack
 import pytest
 
@@ -23,3 +26,21 @@ def test_what_cannot_be_packed_leaves_nothing_behind() -> None:
 
 def test_what_stands_for_a_value_is_packed_in_its_place() -> None:
     assert Packing(str).pack([1j]) == msgpack.packb(["1j"])
+
+
+def test_a_thread_packs_while_another_one_is_in_the_middle_of_a_value() -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slowly(_: object) -> str:
+        begun.set()
+        go_on.wait(5.0)
+        return "late"
+
+    packing = Packing(slowly)
+    with ThreadPoolExecutor(1) as pool:
+        slow = pool.submit(packing.pack, [1, object()])
+        assert begun.wait(5.0)
+        quick = packing.pack([2])
+        go_on.set()
+        assert slow.result(5.0) == msgpack.packb([1, "late"])
+    assert quick == msgpack.packb([2])

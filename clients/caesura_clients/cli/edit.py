@@ -12,12 +12,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
-from caesura_clients.cli.result_tables import NO_OFFSET
 from caesura_clients.client import Caesura
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.messages import Action, LimitForce
-from caesura_protocol.session_clock import SessionClock, clock_of
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
 from caesura_protocol.validation_words import first_finding
 
 # What stands behind each action on the command line.

@@ -14,13 +14,13 @@ from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
-from caesura_clients.cli.result_tables import NO_OFFSET, PLAIN, clock_lines, program_view
+from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
-from caesura_protocol.session_clock import SessionClock, clock_of
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
 from caesura_protocol.validation_words import first_finding
 
 MM = 0.001  # [m]

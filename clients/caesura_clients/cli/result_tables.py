@@ -32,9 +32,8 @@ from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
-from caesura_protocol.session_clock import SessionClock, clock_of, is_of_day, moment
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, is_of_day, moment
 
-NO_OFFSET = SessionClock()
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns

@@ -33,7 +33,7 @@ from caesura_lab.evaluation.suites import (
 )
 from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
-from caesura_protocol.distribution import install_command
+from caesura_protocol.distribution import import_extra, install_command
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description
@@ -168,7 +168,7 @@ def evaluate(
                 suite_name, calibrated=calibrated, otherwise=ablate or evidence, file=diagram_file
             )
             _check_robot(robot, suite_name)
-            _check_speed(speed, suite_name)
+            _check_speed(speed, suite_name, spoilt=mutated is not None)
             if evidence:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
                 cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
@@ -349,9 +349,14 @@ def _check_robot(robot: str | None, suite_name: str | None) -> None:
         raise TruthError(f"--robot {robot} is for a --suite of {suites}, in which a robot is simulated")
 
 
-def _check_speed(speed: RoundTripSpeed, suite_name: str | None) -> None:
-    if speed is not RoundTripSpeed.TAUGHT and suite_name != ROUNDTRIP:
-        raise TruthError(f"--speed {speed} is for --suite {ROUNDTRIP}, in which programs run")
+def _check_speed(speed: RoundTripSpeed, suite_name: str | None, *, spoilt: bool) -> None:
+    """Check that programs run at a speed. Raises CaesuraError; spoilt: those that run are spoilt ones."""
+    if speed is RoundTripSpeed.TAUGHT:
+        return
+    if suite_name != ROUNDTRIP or spoilt:
+        raise TruthError(f"--speed {speed} is for --suite {ROUNDTRIP} without --mutations")
+    with import_extra("retiming", f"the speed {speed}"):
+        import caesura_lab.retiming  # noqa: F401, PLC0415
 
 
 def _draw(result: calibration.CalibrationReport, file: Path) -> None:

@@ -187,7 +187,7 @@ class SkillController:
             fast = speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
             slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
             sinks = left_m > SUNK_M
-            spared = max(1.0 - resists / want, 0.0) if sinks else 0.0
+            spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
             urged_n = URGING_NS_PER_M * max(-fast, 0.0) * spared
             push = along * (want + self._correction_n - slowed_n + urged_n) + share * aside
             measured = self.tick(replace(setpoint, push=push, along=along))

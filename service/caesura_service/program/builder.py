@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import dropwhile, groupby, takewhile
+from itertools import groupby, takewhile
 from types import MappingProxyType
 
 import numpy as np
@@ -81,7 +81,7 @@ def task_program(
     for number, group in enumerate(groups):
         build = _BUILDERS.get(_group_key(group[0]))
         if build is not None:
-            after = [one[0] for one in groups[number + 1 : number + 3]]
+            after = groups[number + 1 : number + 3]
             apps += build(_Group(group, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
     return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
@@ -98,7 +98,7 @@ class _Group:
     """Consecutive segments that make up one thing, and what is needed to build its apps."""
 
     steps: list[ProgramSegment]
-    after: Sequence[ProgramSegment]  # the first steps of the two groups that follow
+    after: Sequence[Sequence[ProgramSegment]]  # the steps of the two groups that follow
     grips: list[GripperAction]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
     force_limit_n: float | None
@@ -106,9 +106,18 @@ class _Group:
 
     @property
     def contact(self) -> ProgramSegment | None:
-        """The contact that follows, at once or after a rest: who presses after a rest touched it before."""
-        after = list(dropwhile(self._rests, self.after))
-        return after[0] if after and after[0].touches else None
+        """The contact that follows, at once or after a rest: who presses after a rest touched it before.
+
+        None where the fingers move in that rest: nothing was touched before they did.
+        """
+        steps = [step for group in self.after for step in group]
+        rests = [step.segment for step in takewhile(self._rests, steps)]
+        after = steps[len(rests) :]
+        if not after or not after[0].touches:
+            return None
+        grips = (grip.t for grip in self.grips)
+        moves = any(rest.t0 <= t < rest.tn - GRIP_SLACK_S for t in grips for rest in rests)
+        return None if moves else after[0]
 
     def _rests(self, step: ProgramSegment) -> bool:
         segment = step.segment
@@ -150,16 +159,20 @@ class _Group:
         return App.model_validate(fields | changes)
 
     def touch(self) -> _End | None:
-        """Where the contact that follows was made."""
+        """Where the contact that follows was made; a rest before it is a pause, no part of the path."""
         approach, contact = self.steps[-1].segment, self.contact
-        return None if contact is None else self.touched(contact, observed(approach.t0, approach.tn))
+        if contact is None:
+            return None
+        end = self.touched(contact, observed(approach.t0, approach.tn))
+        at_once = contact is self.after[0][0]
+        return end if at_once else replace(end, t=min(end.t, approach.tn))
 
     def rest(self, step: ProgramSegment) -> _End | None:
         """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
-        rests = self.after[:1]
-        if not rests or step is not self.steps[-1] or rests[0].segment.kind != "steady":
+        following = self.after[0][0] if self.after else None
+        if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
             return None
-        t = min(step.segment.tn + SETTLES_S, rests[0].segment.tn)
+        t = min(step.segment.tn + SETTLES_S, following.segment.tn)
         return _End(t, _where(self.moment_at(t)))
 
     def touched(self, contact: ProgramSegment, approach: Sequence[float] = ()) -> _End:

@@ -8,8 +8,8 @@ A segment is judged by itself. Here it is seen that
   recording, and a press is what is added to that;
 - a rest at either end of a stroke or of a turn in contact, shorter than half a second, is part of it;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
-  to weigh in the air. What they hold is, and so is what only hangs on the robot. What
-  stands where it was gripped is not held yet;
+  to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
+  gripped is not held yet;
 - a movement far out of what was pressed goes on in the air.
 What an operator has named is what it is.
 """
@@ -42,6 +42,7 @@ ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than t
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
+STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
@@ -217,6 +218,8 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
     """Is it a load that seems to be held, but stands where the contact before it was?"""
     segment = step.segment
     if last is None or not last.touches or segment.kind != "hold" or segment.corrected:
+        return False
+    if step.lasts(STANDS_S):
         return False
     return length(np.subtract(segment.position_end, last.segment.position_end)) < OUT_M
 

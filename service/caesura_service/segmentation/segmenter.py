@@ -102,7 +102,11 @@ class Segmenter:
         follower.step(history.observed(index), boundary=after_gap, changepoint=said)
 
     def outline(self) -> tuple[int, list[tuple[int, int]]]:
-        """Changes wherever the demonstration is divided otherwise, named otherwise, or decided."""
+        """Changes where the demonstration is divided otherwise, evidence names it otherwise, or it settles.
+
+        Turns that the rotation explains are not in it. Such a name stays once the segment has ended, and
+        changes before that only with its end.
+        """
         return outline(self.online, self._decided) if self.online.count else (0, [])
 
     def look(self, quiet: int, *, finished: bool) -> list[SegmentEntry]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -76,6 +77,11 @@ def test_default_without_a_principle_is_a_preset_too():
             "--robot ur5e is for a --suite of ['teacher', 'skills', 'roundtrip']",
         ),
         ((BUTTON, "--robot", "ur5e"), "--robot ur5e is for a --suite of"),
+        ((BUTTON, "--speed", "optimal"), "--speed optimal is for --suite roundtrip"),
+        (
+            ("--suite", "roundtrip", "--mutations", "1", "--speed", "optimal"),
+            "--suite roundtrip without --mutations",
+        ),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
         (("/nowhere/x.npz",), "no such file"),
         ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
@@ -85,6 +91,18 @@ def test_misuse_is_one_line(arguments: tuple, expected: str):
     result = run(*arguments)
     assert result.exit_code == 1
     assert expected in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_the_speed_of_a_round_trip_says_in_one_line_which_extra_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(("toppra", "caesura_lab.retiming"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "toppra", None)
+    result = run("--suite", "roundtrip", "--speed", "optimal")
+    assert result.exit_code == 1
+    assert "the speed optimal needs toppra: pip install" in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
 
 

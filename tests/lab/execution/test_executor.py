@@ -232,6 +232,16 @@ def test_a_press_whose_bottom_lies_deeper_meets_it_gently(robot: Robot) -> None:
     assert pushed[-1] == pytest.approx(20.0, abs=1.0)
 
 
+def test_a_push_across_its_contact_towards_a_deeper_target_has_no_force_into_it(robot: Robot) -> None:
+    """It was divided by the force into the contact, which is 0 there."""
+    arm = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
+    controller = SkillController(arm, DEFAULT)
+    controller.contact_direction = np.array([0.0, 0.0, -1.0])
+    deeper = tuple(np.subtract(arm.measured.position, (0.0, 0.0, 0.01)).tolist())
+    controller.run(app("apply_force", 0.0, 1.0, deeper, force=(2.0, 0.0, 0.0)), None)
+    assert not arm.trace().contact.any()
+
+
 def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot) -> None:
     arm = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
     controller = SkillController(arm, DEFAULT)

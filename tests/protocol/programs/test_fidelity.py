@@ -14,6 +14,7 @@ from caesura_protocol.messages import (
     Gap,
     Program,
     ProgramEdit,
+    ScrewMotion,
     Vector,
     ViaPoint,
 )
@@ -116,7 +117,16 @@ def test_findings_are_short_whatever_numbers_a_file_states():
     )
     spoilt = SECOND.model_copy(update={"path": huge})
     gap = (Gap(t0=-1e308, tn=1e308, reason="source"),)
-    for apps in ((FIRST, spoilt), (FIRST, changed(THIRD, *MOVED), spoilt)):
+    screw = ScrewMotion(
+        axis=(0.0, 0.0, 1.0), point=(0.0, 0.0, 0.0), angle=1e300, pitch_m=1e300, pitch_sd_m=1e300
+    )
+    press: dict[str, Any] = {"force": (0.0, 0.0, -1e100), "force_taught": (0.0, 0.0, -1e101), "screw": screw}
+    others = (
+        app("apply_force", 1e300, 1.1e300, there(0.2), **press),
+        app("grasp", 1e300, 1.1e300, there(0.2), gripper_width=0.05, force_taught=(0.0, 0.0, -1e100)),
+        app("transport", 1e300, 1.1e300, there(0.3), load_kg=1e290, load_sd_kg=1e300),
+    )
+    for apps in ((FIRST, spoilt), (FIRST, changed(THIRD, *MOVED), spoilt), *((FIRST, one) for one in others)):
         shown = fidelity_findings(apps, DemonstrationQuality(gap), DEFAULT)
         steps = document_findings(document(program(*apps)))
         assert len(shown) > 3

@@ -104,7 +104,7 @@ def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
     pause = app.t0 - before.tn
     if pause > safety.pause_s:
         yield (
-            f"comes after a pause of {pause:.1f} s, which is shortened to {safety.pause_s:g} s",
+            f"comes after a pause of {fixed(pause, 1)} s, which is shortened to {safety.pause_s:g} s",
             pause,
             safety.pause_s,
         )
@@ -198,14 +198,17 @@ def _force_limits(app: App) -> Iterator[Reason]:
         )
     if app.force is None and app.force_taught is not None:
         newtons = float(np.linalg.norm(app.force_taught))
-        yield (f"was taught with a press of {newtons:.1f} N, which it does not reproduce", newtons, None)
+        reason = f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce"
+        yield (reason, newtons, None)
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
-        yield (f"turns by {degrees:.0f}° in contact, with a torque that was not measured", None, None)
+        reason = f"turns by {fixed(degrees, 0)}° in contact, with a torque that was not measured"
+        yield (reason, None, None)
     if app.load_kg is not None and app.load_sd_kg is not None and app.load_kg < SURE_SDS * app.load_sd_kg:
         least = SURE_SDS * app.load_sd_kg
         yield (
-            f"load {app.load_kg:.2f} ± {app.load_sd_kg:.2f} kg is below what can be measured, {least:.2f} kg",
+            f"load {fixed(app.load_kg, 2)} ± {fixed(app.load_sd_kg, 2)} kg is below what can be measured, "
+            f"{fixed(least, 2)} kg",
             app.load_kg,
             least,
         )

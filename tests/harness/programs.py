@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from caesura_protocol.app_kinds import AppKind
-from caesura_protocol.messages import App, Vector
+from caesura_protocol.messages import App, AppPath, Quaternion, Vector, ViaPoint
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
 
 DOWN = (-0.70710678, 0.70710678, 0.0, 0.0)  # fingers down, the hand turned to -y
@@ -28,6 +29,21 @@ def app(kind: AppKind, t0: float, tn: float, target: Vector | None = None, **fie
         "segments": (),
     }
     return App.model_validate(made | fields)
+
+
+def move(t0: float, start: Vector, target: Vector, orientation: Quaternion = DOWN, **fields: Any) -> App:
+    """A straight movement of one second, with its path."""
+    path = AppPath(
+        start=ViaPoint(t=t0, position=start, orientation=orientation),
+        tn=t0 + 1.0,
+        length_m=math.dist(start, target),
+        deviation_m=0.0,
+        deviation_rad=0.0,
+        tolerance_m=0.002,
+        tolerance_rad=0.02,
+    )
+    stated = {"path": path, "orientation": orientation} | fields
+    return app("cartesian_motion", t0, t0 + 1.0, target, **stated)
 
 
 def pick_and_place() -> tuple[App, ...]:

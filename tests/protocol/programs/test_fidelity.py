@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from caesura_protocol.messages import (
     App,
     AppChange,
-    AppPath,
     AppReference,
     DeleteApp,
     Gap,
@@ -21,22 +19,9 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.checks import DemonstrationQuality, document_findings, fidelity_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.safety import DEFAULT
-from harness.programs import app
+from harness.programs import app, move
 
 MOVED = (AppChange(field="place", author="Ann", edit=1),)
-
-
-def move(t0: float, start: Vector, target: Vector, **fields: Any) -> App:
-    path = AppPath(
-        start=ViaPoint(t=t0, position=start, orientation=None),
-        tn=t0 + 1.0,
-        length_m=math.dist(start, target),
-        deviation_m=0.0,
-        deviation_rad=0.0,
-        tolerance_m=0.002,
-        tolerance_rad=0.02,
-    )
-    return app("cartesian_motion", t0, t0 + 1.0, target, path=path, **fields)
 
 
 def program(*apps: App, edits: tuple[ProgramEdit, ...] = ()) -> Program:

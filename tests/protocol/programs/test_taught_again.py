@@ -7,27 +7,13 @@ from typing import Any
 
 import pytest
 
-from caesura_protocol.messages import App, AppChange, AppPath, Gap, Program, Quaternion, Vector, ViaPoint
+from caesura_protocol.messages import App, AppChange, Gap, Program, Vector
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
-from harness.programs import DOWN, app
+from harness.programs import DOWN, app, move
 
 AGAIN = (AppChange(field="taught_again", author="Ann", edit=1),)
 A, B, C, D = ((0.1, 0.2, 0.3), (0.2, 0.2, 0.3), (0.3, 0.2, 0.3), (0.4, 0.2, 0.3))
-
-
-def move(t0: float, start: Vector, target: Vector, orientation: Quaternion = DOWN, **changes: Any) -> App:
-    path = AppPath(
-        start=ViaPoint(t=t0, position=start, orientation=orientation),
-        tn=t0 + 1.0,
-        length_m=math.dist(start, target),
-        deviation_m=0.0,
-        deviation_rad=0.0,
-        tolerance_m=0.002,
-        tolerance_rad=0.02,
-    )
-    fields = {"path": path, "orientation": orientation} | changes
-    return app("cartesian_motion", t0, t0 + 1.0, target, **fields)
 
 
 def again(t0: float, start: Vector, target: Vector, **changes: Any) -> App:

@@ -29,7 +29,6 @@ from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.segment_interpretation import (
     ARRIVES_M,
-    PUSHES_BACK_N,
     GripperAction,
     Moment,
     MomentAt,
@@ -39,6 +38,7 @@ from caesura_service.program.segment_interpretation import (
     length,
     observed,
     pushed_in,
+    pushes_back,
 )
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
@@ -180,11 +180,7 @@ class _Group:
 
         Where nothing pushes back, at its first observation.
         """
-        least = _along(contact.base, contact.force) + PUSHES_BACK_N
-
-        def pushes(t: float) -> bool:
-            return _along(self.moment_at(t).force, contact.force) >= least
-
+        pushes = pushes_back(contact, self.moment_at)
         times = observed(contact.segment.t0, contact.segment.tn)
         early = list(takewhile(pushes, reversed(approach)))
         t = early[-1] if early else next(filter(pushes, times), times[0])

@@ -341,10 +341,10 @@ def _lets_go(
     contact = list(takewhile(lambda one: one.touches, reversed(kept)))
     if not contact:
         return True
-    base, normal = contact[0].base, _direction(contact[0].force)
+    normal = _direction(contact[0].force)
     if np.subtract(segment.position_end, _touched_at(contact[-1], moment_at)) @ normal <= 0.0:
         return True
-    presses = _pressing(observed(segment.t0, segment.tn), base, normal, moment_at)
+    presses = list(filter(pushes_back(contact[0], moment_at), observed(segment.t0, segment.tn)))
     gone = moment_at(presses[-1]).position if presses else segment.position_start
     return length(np.subtract(segment.position_end, gone)) < IN_AIR_M
 
@@ -352,15 +352,14 @@ def _lets_go(
 def _touched_at(contact: ProgramSegment, moment_at: MomentAt) -> Vector:
     """Where [m] a contact first pushes back: its segment may begin on the way down to it."""
     times = observed(contact.segment.t0, contact.segment.tn)
-    presses = _pressing(times, contact.base, _direction(contact.force), moment_at)
-    return moment_at(presses[0]).position if presses else contact.segment.position_start
+    t = next(filter(pushes_back(contact, moment_at), times), None)
+    return contact.segment.position_start if t is None else moment_at(t).position
 
 
-def _pressing(
-    times: Sequence[float], base: Vector, normal: NDArray[np.float64], moment_at: MomentAt
-) -> list[float]:
-    """[s] Those at which it is pressed."""
-    return [t for t in times if _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N]
+def pushes_back(contact: ProgramSegment, moment_at: MomentAt) -> Callable[[float], bool]:
+    """Whether what a contact touches pushes back at a time [s], in the direction of its force."""
+    base, normal = contact.base, _direction(contact.force)
+    return lambda t: _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N
 
 
 def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> float:

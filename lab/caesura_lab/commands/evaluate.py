@@ -35,6 +35,7 @@ from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.distribution import import_extra, install_command
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.programs.timing import RunSpeed
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
@@ -71,13 +72,6 @@ class SuiteVerdicts:
     missing: list[str]
 
 
-class RoundTripSpeed(StrEnum):
-    """How fast a program runs."""
-
-    TAUGHT = "taught"
-    OPTIMAL = "optimal"
-
-
 class Format(StrEnum):
     """How results are written."""
 
@@ -109,8 +103,8 @@ def evaluate(
         typer.Option(help=f"Suites {', '.join(TAUGHT)} and {ROUNDTRIP}: which arm.", show_default="panda"),
     ] = None,
     speed: Annotated[
-        RoundTripSpeed, typer.Option(help="Roundtrip: as taught, or within the arm's limits and no pauses.")
-    ] = RoundTripSpeed.TAUGHT,
+        RunSpeed, typer.Option(help="Roundtrip: as taught, or within the arm's limits and no pauses.")
+    ] = "taught",
     data: Annotated[
         Path,
         typer.Option(
@@ -229,14 +223,14 @@ def _thesis_page(_data: Path, seeds: range, workers: int) -> ResultPage:
     )
 
 
-def _round_trip_page(seeds: range, robot: str, speed: RoundTripSpeed, workers: int) -> ResultPage:
+def _round_trip_page(seeds: range, robot: str, speed: RunSpeed, workers: int) -> ResultPage:
     from caesura_lab.evaluation import program_round_trip  # noqa: PLC0415
 
-    cases = program_round_trip.cases(seeds, robot, speed.value)
+    cases = program_round_trip.cases(seeds, robot, speed)
     summary = program_round_trip.summarise(
         _with_progress(each(program_round_trip.run_round_trip, cases, workers=workers), cases)
     )
-    title = program_round_trip.title(seeds, robot, speed.value)
+    title = program_round_trip.title(seeds, robot, speed)
     return ResultPage(
         text=lambda: program_round_trip.as_text(summary, title),
         markdown=lambda: program_round_trip.as_markdown(summary, title),
@@ -349,9 +343,9 @@ def _check_robot(robot: str | None, suite_name: str | None) -> None:
         raise TruthError(f"--robot {robot} is for a --suite of {suites}, in which a robot is simulated")
 
 
-def _check_speed(speed: RoundTripSpeed, suite_name: str | None, *, spoilt: bool) -> None:
+def _check_speed(speed: RunSpeed, suite_name: str | None, *, spoilt: bool) -> None:
     """Check that programs run at a speed. Raises CaesuraError; spoilt: those that run are spoilt ones."""
-    if speed is RoundTripSpeed.TAUGHT:
+    if speed == "taught":
         return
     if suite_name != ROUNDTRIP or spoilt:
         raise TruthError(f"--speed {speed} is for --suite {ROUNDTRIP} without --mutations")

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_titl
 from caesura_protocol.messages import App
 from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.safety import CellSettings, Safety
+from caesura_protocol.programs.timing import RunSpeed
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
 
@@ -40,7 +41,6 @@ LIMITS_N: Mapping[str, float] = MappingProxyType(  # of the simulated cell, by s
 SCENARIOS = tuple(LIMITS_N)
 TARGET_M, FORCE_SHARE = 0.01, 0.15
 PATH_M, PATH_RAD = 0.005, math.radians(2.0)
-TimingName = Literal["taught", "optimal"]
 EVERY = 10  # ticks of 1 ms, of which one is compared
 AROUND_S = 0.3  # an app of the run may begin and end a little earlier or later on the same way
 REST_N = 1e-6
@@ -53,7 +53,7 @@ class RoundTripCase:
     scenario: str
     seed: int
     robot: str = "panda"
-    speed: TimingName = "taught"
+    speed: RunSpeed = "taught"
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _kinds(apps: Iterable[App]) -> tuple[str, ...]:
     return tuple(app.kind for app in apps)
 
 
-def cases(seeds: Sequence[int], robot: str = "panda", speed: TimingName = "taught") -> list[RoundTripCase]:
+def cases(seeds: Sequence[int], robot: str = "panda", speed: RunSpeed = "taught") -> list[RoundTripCase]:
     """Every scenario by every person, on one arm, at one speed."""
     return [RoundTripCase(scenario, seed, robot, speed) for scenario in SCENARIOS for seed in seeds]
 
@@ -216,7 +216,7 @@ def summarise(results: Iterable[RoundTripResult]) -> dict[str, list[RoundTripRes
     return {name: [t for t in ordered if t.case.scenario == name] for name in SCENARIOS}
 
 
-def title(seeds: Sequence[int], robot: str = "panda", speed: TimingName = "taught") -> str:
+def title(seeds: Sequence[int], robot: str = "panda", speed: RunSpeed = "taught") -> str:
     """Return the title: what was measured, and within which limits."""
     return (
         f"round trip on {robot}, speed {speed}: people {seeds[0]} to {seeds[-1]}; "

@@ -177,16 +177,16 @@ class SkillController:
         ticks, k, waited = round(seconds / DT), 0, 0
         while k - waited < ticks:
             k += 1
-            waited += 2 * k > ticks > 2 * waited and depth_m - sunk > SUNK_M
+            left_m = max(depth_m - sunk, 0.0)
+            sinks = left_m > SUNK_M
+            waited += 2 * k > ticks > 2 * waited and sinks
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            left_m = max(depth_m - sunk, 0.0)
             speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.measured.force))
             fast = speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
             slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
-            sinks = left_m > SUNK_M
             spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
             urged_n = URGING_NS_PER_M * max(-fast, 0.0) * spared
             push = along * (want + self._correction_n - slowed_n + urged_n) + share * aside

@@ -10,6 +10,7 @@ from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
 
 AppNumber = Annotated[int, Field(ge=0)]
 Speed = Annotated[float, Field(gt=0.0)] | Literal["optimal"]
+RunSpeed = Literal["taught", "optimal"]
 
 
 class ProgramTiming(BaseModel):

@@ -83,15 +83,17 @@ def verdict(lattice: SegmentModelSet, ended: PathSegment, is_turn: IsTurn | None
 
 def _shown(lattice: SegmentModelSet, ended: PathSegment, best: int, is_turn: IsTurn | None) -> SegmentKind:
     """The kind that a segment is shown as: the best one, or the turning in place of a movement."""
-    kind, values = lattice.kinds[best], ended.kind_log_evidence.tolist()
+    kind = lattice.kinds[best]
+    if is_turn is None or kind.motion != "motion" or kind.name == TURNING:
+        return kind
     turns = [
         number
         for number, other in enumerate(lattice.kinds)
         if other.name == TURNING and other.contact == kind.contact
     ]
-    if is_turn is None or not turns or kind.motion != "motion" or kind.name == TURNING:
+    if not turns or not is_turn():
         return kind
-    return lattice.kinds[max(turns, key=values.__getitem__)] if is_turn() else kind
+    return lattice.kinds[max(turns, key=ended.kind_log_evidence.tolist().__getitem__)]
 
 
 def outline(

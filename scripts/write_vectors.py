@@ -187,6 +187,7 @@ def examples() -> dict[str, Message]:
         position=(0.5625, -0.125, 0.25),
         orientation=(1.0, 0.0, 0.0, 0.0),
         velocity=(0.0625, 0.0, 0.125),
+        angular_velocity=(0.0, 0.25, -0.5),
     )
     path = AppPath(
         start=ViaPoint(t=0.0, position=(0.5, -0.25, 0.125), orientation=(1.0, 0.0, 0.0, 0.0)),

@@ -681,6 +681,7 @@ class ViaPoint(Message):
     position: Vector  # [m]
     orientation: Quaternion | None  # x y z w
     velocity: Vector | None = None  # [m/s] with which it was passed; None at the start
+    angular_velocity: Vector | None = None  # [rad/s] likewise; None where no orientation is known
 
 
 class AppPath(Message):

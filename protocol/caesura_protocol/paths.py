@@ -2,9 +2,10 @@
 
 It leads through knots, in time order: where the robot is, the via points, the target. Between two knots every
 coordinate (position, and the four of the quaternion, which is normalised afterwards) is the polynomial of
-degree five in time with the velocities and accelerations of both. At its ends it rests. Velocities of via
-points are those with which they were passed; what is not stated is estimated from three knots
-(`estimated_slopes`). So with two knots it is the straight line of minimum jerk, and the turn about one axis.
+degree five in time with the velocities and accelerations of both. At its ends it rests. Velocities and
+angular velocities of via points are those with which they were passed; what is not stated is estimated from
+three knots (`estimated_slopes`). So with two knots it is the straight line of minimum jerk, and the turn
+about one axis.
 
 >>> curve = Curve.through([0.0, 1.0], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 >>> curve.at(0.5)[0].round(3).tolist()
@@ -23,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from caesura_protocol.messages import App, Vector, ViaPoint
 from caesura_protocol.number_words import fixed
-from caesura_protocol.rotations import align_signs, turned_along, turning_of
+from caesura_protocol.rotations import align_signs, angular_velocities, quaternion_rates, turned_along
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)  # of a path, where no oth
 NAMED_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 POWERS = 6  # of a share of a leg, from 0 on
 _EXPONENTS = np.arange(float(POWERS))
+UNKNOWN = (math.nan,) * 3
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
 
@@ -55,7 +57,8 @@ class Curve:
     ) -> Curve:
         """The curve through knots at rising times.
 
-        passing: (k, 3) [m/s] at the knots, nan where it is to be estimated; at the ends it is not used.
+        passing: (k, 3) [m/s] at the knots, or (k, 6) with [rad/s], nan where it is to be estimated; at the
+        ends it is not used.
         leaving, arriving: (3,) [m/s] at the first and the last one, where it does not rest there. Quaternions
         take the sign nearer to the one before.
         """
@@ -64,13 +67,25 @@ class Curve:
             align_signs(knots[:, 3:])
         velocities = estimated_slopes(times, knots)
         if passing is not None:
-            stated = np.asarray(passing, dtype=np.float64)[1:-1]
-            velocities[1:-1, :3] = np.where(np.isnan(stated), velocities[1:-1, :3], stated)
+            stated = np.asarray(passing, dtype=np.float64)
+            rates = stated[:, :3]
+            if knots.shape[1] == 7 and stated.shape[1] == 6:
+                rates = np.hstack([rates, quaternion_rates(knots[:, 3:], stated[:, 3:])])
+            known = velocities[1:-1, : rates.shape[1]]
+            known[:] = np.where(np.isnan(rates[1:-1]), known, rates[1:-1])
         if leaving is not None:
             velocities[0, :3] = leaving
         if arriving is not None:
             velocities[-1, :3] = arriving
         return cls(times, knots, velocities, estimated_slopes(times, velocities))
+
+    @cached_property
+    def passing(self) -> Array:
+        """(k, 3) [m/s] at the knots, or (k, 6) with [rad/s] where quaternions are known."""
+        if self.values.shape[1] == 3:
+            return self.velocities
+        turning = angular_velocities(self.values[:, 3:], self.velocities[:, 3:])
+        return np.hstack([self.velocities[:, :3], turning])
 
     @cached_property
     def coefficients(self) -> Array:
@@ -139,7 +154,7 @@ def estimated_slopes(t: Array, values: Array) -> Array:
 
 
 def knots_of(app: App) -> tuple[Array, Array, Array]:
-    """Times (k,) [s], poses (k, 3 or 7) and velocities (k, 3) [m/s] of an app's path, start to target.
+    """Times (k,) [s], poses (k, 3 or 7) and velocities (k, 6) [m/s], [rad/s] of an app's path, to its target.
 
     A velocity is nan where none is stated. Raises ValueError for an app without path or target.
     """
@@ -149,8 +164,8 @@ def knots_of(app: App) -> tuple[Array, Array, Array]:
     points = (app.path.start, *app.path.via, end)
     turns = all(point.orientation is not None for point in points)
     poses = [(*point.position, *((point.orientation or ()) if turns else ())) for point in points]
-    passing = np.array([point.velocity or (np.nan,) * 3 for point in points])
-    return np.array([point.t for point in points]), np.array(poses, dtype=np.float64), passing
+    passing = [(*(point.velocity or UNKNOWN), *(point.angular_velocity or UNKNOWN)) for point in points]
+    return np.array([point.t for point in points]), np.array(poses, dtype=np.float64), np.array(passing)
 
 
 def curve_of(app: App) -> Curve:
@@ -165,10 +180,7 @@ def turning_at_points(app: App) -> list[Vector]:
     As `knots_of`.
     """
     curve = curve_of(app)
-    if curve.values.shape[1] == 3:
-        return []
-    knots = zip(curve.values[:-1, 3:], curve.velocities[:-1, 3:], curve.accelerations[:-1, 3:], strict=True)
-    return [tuple(turning_of(*knot)[0].tolist()) for knot in knots]
+    return [(x, y, z) for x, y, z in curve.passing[:-1, 3:].tolist()] if curve.values.shape[1] == 7 else []
 
 
 def path_in_words(app: App, unit: str = " via") -> str:

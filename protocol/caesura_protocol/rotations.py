@@ -74,6 +74,20 @@ def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Ar
     return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
 
 
+def angular_velocities(quaternions: Array, rates: Array) -> Array:
+    """Return the angular velocities (n, 3) [rad/s], base frame, of quaternions (n, 4) with rates (n, 4)."""
+    vectors, w = quaternions[:, :3], quaternions[:, 3:]
+    turned = w * rates[:, :3] - rates[:, 3:] * vectors + np.cross(vectors, rates[:, :3])
+    return np.asarray(2.0 * turned / np.vecdot(quaternions, quaternions)[:, None])
+
+
+def quaternion_rates(quaternions: Array, turning: Array) -> Array:
+    """Return the rates (n, 4) of quaternions (n, 4) that turn with (n, 3) [rad/s], base frame: q̇ = ½ ω q."""
+    vectors, w = quaternions[:, :3], quaternions[:, 3:]
+    along = w * turning + np.cross(turning, vectors)
+    return 0.5 * np.column_stack([along, -np.vecdot(turning, vectors)])
+
+
 def cross(one: Array, other: Array) -> Array:
     """Return the cross product (3,) of two vectors (3,): the bits of np.cross, in a twentieth of its time."""
     ax, ay, az = one.tolist()

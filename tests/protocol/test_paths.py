@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from tests.harness.programs import app
 
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
-from caesura_protocol.paths import Curve, path_in_words, turn_of
+from caesura_protocol.paths import Curve, curve_of, path_in_words, turn_of, turning_at_points
+from caesura_protocol.rotations import turning_of
 
 START, END = np.array([0.1, -0.5, 0.3]), np.array([0.3, -0.4, 0.1])
 PEAK = 1.875  # of a minimum-jerk movement over its mean
@@ -74,6 +75,34 @@ def test_a_turn_beyond_half_a_turn_is_named_in_full_and_one_that_comes_back_is_n
         axis=(0, 0, 1), point=(0, 0, 0), angle=9.0, pitch_m=0.001, pitch_sd_m=0.0, torque=None
     )
     assert turn_of(turning(0, 90, screw=screw)) == 9.0
+
+
+def test_a_turn_keeps_the_rate_that_its_via_points_state() -> None:
+    t = np.linspace(0.0, 2.0, 201)
+    angle = np.radians(100.0) * (t / 2.0 - np.sin(np.pi * t) / (2.0 * np.pi))  # one rise and fall of its rate
+    rate = np.gradient(angle, t)
+    quaternions = Rotation.from_rotvec(np.outer(angle, (0.0, 0.6, 0.8))).as_quat()
+    knots = [0, 60, 120, 200]
+    path = AppPath(
+        start=ViaPoint(t=0.0, position=START, orientation=quaternions[0]),
+        via=tuple(
+            ViaPoint(
+                t=float(t[k]),
+                position=START,
+                orientation=-quaternions[k],  # the same rotation
+                angular_velocity=(0.0, 0.6 * rate[k], 0.8 * rate[k]),
+            )
+            for k in knots[1:-1]
+        ),
+        tn=2.0, length_m=0.0, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    turned = app("cartesian_motion", 0.0, 2.0, target=START).model_copy(
+        update={"orientation": tuple(quaternions[-1].tolist()), "path": path}
+    )
+    curve = curve_of(turned)
+    seen = np.array([turning_of(*(part[3:] for part in curve.at(x)))[0] for x in t])
+    assert_allclose(seen @ (0.0, 0.6, 0.8), rate, atol=0.05 * rate.max())
+    assert_allclose(turning_at_points(turned)[1], rate[60] * np.array([0.0, 0.6, 0.8]), atol=1e-12)
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)

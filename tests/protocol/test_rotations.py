@@ -1,10 +1,12 @@
-"""Rotations: what is computed without numpy's wrappers has the bits of numpy."""
+"""Rotations: the bits of numpy without its wrappers, and rates of quaternions."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
-from caesura_protocol.rotations import cross
+from caesura_protocol.rotations import angular_velocities, cross, quaternion_rates
 
 
 def test_the_cross_product_has_the_bits_of_numpy() -> None:
@@ -14,3 +16,13 @@ def test_the_cross_product_has_the_bits_of_numpy() -> None:
     pairs[0, 0] = 0.0
     for one, other in pairs:
         assert cross(one, other).tobytes() == np.cross(one, other).tobytes()
+
+
+def test_the_rates_of_quaternions_and_angular_velocities_are_each_others_inverse() -> None:
+    rng = np.random.default_rng(1)
+    rotations, turning, step = Rotation.random(20, rng=rng), rng.normal(size=(20, 3)), 1e-6
+    quaternions = rotations.as_quat()
+    after = (Rotation.from_rotvec(step * turning) * rotations).as_quat()
+    rates = quaternion_rates(quaternions, turning)
+    assert_allclose((after - quaternions) / step, rates, atol=1e-5)
+    assert_allclose(angular_velocities(3.0 * quaternions, 3.0 * rates), turning, atol=1e-12)

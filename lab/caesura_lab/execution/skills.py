@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 
@@ -76,7 +77,8 @@ class SkillController:
     def pause(self, seconds: float, following: App | None) -> None:
         """Hold between two apps; the times in which a contact comes to rest and is released are part of it.
 
-        Where a hand crept in a rest to the start of the next path, the setpoint does.
+        Where a hand crept in a rest to the start of the next path, the setpoint does. On a contact that was
+        just made, the force of the next press rises before that press.
         """
         path = None if following is None else following.path
         if self.contact_direction is None and path is not None and seconds > 0.0:
@@ -87,12 +89,10 @@ class SkillController:
                 for k in range(1, round(seconds / DT) + 1):
                     self.tick(self._setpoint_at(creep, k * DT))
                 return
-        leaves = (
-            self.contact_direction is not None
-            and following is not None
-            and APP_KINDS[following.kind].has_target
-        )
-        self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0))
+        leaves = self.contact_direction is not None and _leaves_contact(following)
+        force = None if following is None or self._settled_s == 0.0 else following.force
+        force_n = None if force is None else float(np.linalg.norm(force))
+        self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
 
     def send_fingers(self, width_m: float) -> None:
         """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles."""
@@ -300,6 +300,11 @@ def _seconds(app: App) -> float:
     return app.tn - app.t0
 
 
+def _leaves_contact(following: App | None) -> TypeGuard[App]:
+    """Whether there is a next app and it leaves what is touched."""
+    return following is not None and APP_KINDS[following.kind].has_target
+
+
 def _move(controller: SkillController, app: App, following: App | None) -> None:
     _, rotation = target_pose(controller, app)
     controller.follow_path(app, approach=approach_direction(app, following, rotation))
@@ -323,6 +328,9 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
     seconds, depth = _seconds(app), float(along @ (target - controller.setpoint.position))
+    if not slides and app.path is None and _leaves_contact(following):
+        lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0)
+        seconds = max(seconds - lets_go_s, 0.5 * seconds)
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
@@ -15,9 +16,15 @@ ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is t
 ASTRAY_M = 0.01  # from where a path was taught to start
 LEAST_S = 1e-3
 ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is met
-LEAST_SEARCH_M_PER_S = 0.01
+LEAST_SEARCH_M_PER_S, LEAST_M_PER_S = 0.01, 1e-6
 EARLY_S, BLEND_S = 0.09, 0.3  # a via point sooner than that is no taught one; time to get onto such a path
-FINE, PACE_M, TURNED_M = 40, 0.01, 0.1  # looks at a leg; between two knots of the pace; a radian of a turn
+TURNED_M = 0.1  # what a radian of a turn counts as
+BRAKE_M_PER_S2 = 0.5  # towards a contact
+KNOT_S, LEAST_KNOTS, EASED = (
+    0.02,
+    8,
+    11,
+)  # between two knots of a path with brakes; legs; knots of a gentle start
 
 
 def app_path(
@@ -35,7 +42,7 @@ def app_path(
         turns = app.orientation is not None
         end = [*target, *(app.orientation or ())] if turns else target
         times, values = np.array([0.0, seconds]), np.array([end, end], dtype=np.float64)
-        passing = np.full((2, 3), np.nan)
+        passing = np.full((2, 6), np.nan)
     else:
         times, values, passing = knots_of(app)
         away = float(np.linalg.norm(values[0, :3] - position))
@@ -57,7 +64,7 @@ def app_path(
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
         values[0, 3:] = quaternion_of(rotation)
     curve = Curve.through(times, values, passing=passing, arriving=arriving)
-    return curve if arriving is None or len(times) == 2 else _paced(curve, arriving)
+    return curve if arriving is None else _braked(curve, arriving)
 
 
 def _blend(times: Array, values: Array, passing: Array, position: Array) -> None:
@@ -67,33 +74,26 @@ def _blend(times: Array, values: Array, passing: Array, position: Array) -> None
     for knot in range(1, int(np.searchsorted(times, back.t[-1]))):
         offset, velocity, _ = back.at(float(times[knot]))
         values[knot, :3] += offset
-        passing[knot] += velocity
+        passing[knot, :3] += velocity
 
 
-def _paced(curve: Curve, arriving: Array) -> Curve:
-    """The same path in the same time, with one rise and fall of the speed along it: minimum jerk.
+def _braked(curve: Curve, arriving: Array) -> Curve:
+    """The same path at the taught speed, slower where it could not stop at the contact's speed in time.
 
-    Towards a contact a hand is faster than a robot may be, so the taught speed is not followed there.
-    The way along it counts a turn as `TURNED_M` a radian.
+    Towards a contact a hand is faster than a robot may be. The robot brakes with about `BRAKE_M_PER_S2`, and
+    begins to brake gently.
     """
-    poses = curve.sampled(FINE)
-    step = np.diff(poses, axis=0)
-    turned = TURNED_M * 2.0 * np.linalg.norm(step[:, 3:], axis=1)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step[:, :3], axis=1) + turned)])
-    if along[-1] < 1e-6:
-        return curve
-    seconds, end = float(curve.t[-1]), float(np.linalg.norm(arriving))
-    law = Curve.through([0.0, seconds], [[0.0] * 3, [along[-1], 0.0, 0.0]], arriving=(end, 0.0, 0.0))
-    ticks = np.linspace(0.0, seconds, 501)
-    reached = np.maximum.accumulate([law.at(t)[0][0] for t in ticks])
-    count = int(np.clip(along[-1] / PACE_M, 8, 400))
-    places = np.linspace(0.0, along[-1], count + 1)
-    times = np.interp(places, reached, ticks)
-    knots = np.column_stack([np.interp(places, along, column) for column in poses.T])
-    tangents = np.gradient(knots[:, :3], places, axis=0)
-    speeds = np.array([law.at(t)[1][0] for t in times])
-    times[0], times[-1] = 0.0, seconds
-    return Curve.through(times, knots, passing=tangents * speeds[:, None], arriving=arriving)
+    taught = np.linspace(0.0, curve.t[-1], max(round(curve.t[-1] / KNOT_S), LEAST_KNOTS) + 1)
+    poses, rates, _ = (np.array(column) for column in zip(*map(curve.at, taught), strict=True))
+    steps = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+    left = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+    end_m_per_s = max(float(np.linalg.norm(arriving)), LEAST_M_PER_S)
+    limits = np.sqrt(end_m_per_s**2 + 2.0 * BRAKE_M_PER_S2 * left)
+    slower = np.maximum(np.linalg.norm(rates[:, :3], axis=1) / limits, 1.0)
+    slower = uniform_filter1d(maximum_filter1d(slower, EASED, mode="nearest"), EASED, mode="nearest")
+    times = np.append(0.0, np.cumsum(np.diff(taught) * 0.5 * (slower[1:] + slower[:-1])))
+    passing = Curve(taught, poses, rates, rates).passing / slower[:, None]
+    return Curve.through(times, poses, passing=passing, arriving=arriving)
 
 
 def arrival_speed(way_m: float, seconds: float, safety: Safety) -> float:

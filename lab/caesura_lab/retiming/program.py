@@ -32,7 +32,7 @@ from caesura_protocol.programs.app_times import TURNED_M, may_retime, moved
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.retiming import retimed
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.rotations import matrix_of
+from caesura_protocol.rotations import angular_velocities, matrix_of
 from caesura_service.robot import ReachError, Robot, load_robot
 
 Array = NDArray[np.float64]
@@ -191,14 +191,16 @@ def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep
     via = []
     for when in times:
         place = float(np.interp(when, t, covered))
-        pose, velocity = geometry(place), geometry(place, 1)[:3] * np.interp(when, t, speeds)
+        pose, rates = geometry(place), geometry(place, 1) * np.interp(when, t, speeds)
         quaternion = pose[3:] / np.linalg.norm(pose[3:])
+        turning = angular_velocities(pose[None, 3:], rates[None, 3:])[0]
         via.append(
             ViaPoint(
                 t=t0 + float(when),
                 position=tuple(pose[:3].tolist()),
                 orientation=tuple(quaternion.tolist()) if turns else None,
-                velocity=tuple(velocity.tolist()),
+                velocity=tuple(rates[:3].tolist()),
+                angular_velocity=tuple(turning.tolist()) if turns else None,
             )
         )
     start = app.path.start.model_copy(update={"t": t0})

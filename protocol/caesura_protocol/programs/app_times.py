@@ -14,7 +14,7 @@ from operator import itemgetter
 from typing import NamedTuple, TypeVar
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart
+from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart, Vector
 from caesura_protocol.paths import turn_of
 
 SHIFT_S = 2.0**-20
@@ -50,12 +50,17 @@ def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) ->
         point.model_copy(
             update={
                 "t": when(point.t),
-                "velocity": None if point.velocity is None else tuple(faster * v for v in point.velocity),
+                "velocity": _times(faster, point.velocity),
+                "angular_velocity": _times(faster, point.angular_velocity),
             }
         )
         for point in (path.start, *path.via)
     )
     return path.model_copy(update={"start": start, "via": tuple(via), "tn": when(path.tn)})
+
+
+def _times(factor: float, vector: Vector | None) -> Vector | None:
+    return None if vector is None else (factor * vector[0], factor * vector[1], factor * vector[2])
 
 
 def earlier(app: A, shift_s: float) -> A:

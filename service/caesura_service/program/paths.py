@@ -4,14 +4,15 @@ The demonstrated path is the curve of `caesura_protocol.paths` through every obs
 chosen among the observations, greedily (as Ramer, Douglas and Peucker do for polygons): where the reproduced
 path is further off than the tolerance, each leg gets the observation at which it is furthest off. A distance
 is the larger of position over its tolerance and angle over its own; both paths are followed in one direction,
-so going back and forth is not lost. The reproduced path does not leave the demonstrated one either. A leg
-turns by at most `MOST_TURN_RAD`, so its sense is never in doubt.
+so going back and forth is not lost. The reproduced path does not leave the demonstrated one either. A short
+path is kept to `OFF_SHARE` of its length, or a turn about a point would lose its point. A leg turns by at
+most `MOST_TURN_RAD`, so its sense is never in doubt.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
-from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD, Curve, estimated_slopes, unit
+from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD, Curve, unit
 from caesura_protocol.rotations import align_signs, angles
 
 Array = NDArray[np.float64]
@@ -27,6 +28,7 @@ PosesBetween = Callable[[float, float], tuple[Array, Array]]
 
 MOST_TURN_RAD = math.radians(100.0)
 TURN_RAD = math.radians(5.0)  # a turn in a rest from which on it is a movement
+OFF_SHARE, OFF_LEAST_M = 0.05, 0.0003  # of a short path it may be off; what a still hand moves
 BETWEEN = 3  # looks from one observation to the next
 PARTS = 8  # pieces of a leg, which is compared piece by piece
 MOST_KEPT = 256  # paths that are kept for the next look
@@ -71,14 +73,16 @@ class Paths:
         return float(t[max(begins, 0)]), float(t[min(ends, len(t) - 1)])
 
     def _made(self, t: Array, poses: Array) -> AppPath:
-        knots, off_m, off_rad = reduced(t, poses, self.tolerance_m, self.tolerance_rad)
-        velocities = estimated_slopes(t, poses[:, :3])
-        points = [_point(float(t[i]), poses[i], velocities[i]) for i in knots]
+        length_m = float(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum())
+        kept_m = min(self.tolerance_m, max(OFF_SHARE * length_m, OFF_LEAST_M))
+        knots, off_m, off_rad = reduced(t, poses, kept_m, self.tolerance_rad)
+        passing = Curve.through(t, poses).passing.tolist()
+        points = [_point(float(t[i]), poses[i], passing[i]) for i in knots]
         return AppPath(
-            start=points[0].model_copy(update={"velocity": None}),
+            start=points[0].model_copy(update={"velocity": None, "angular_velocity": None}),
             via=tuple(points[1:-1]),
             tn=float(t[-1]),
-            length_m=float(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()),
+            length_m=length_m,
             deviation_m=off_m,
             deviation_rad=off_rad,
             tolerance_m=self.tolerance_m,
@@ -104,7 +108,7 @@ def reduced(
     near = np.minimum((np.arange(len(shown)) + BETWEEN // 2) // BETWEEN, n - 1)  # observation of each look
     knots = _sides(poses)
     while True:
-        curve = Curve.through(t[knots], poses[knots], passing=demonstrated.velocities[knots, :3])
+        curve = Curve.through(t[knots], poses[knots], passing=demonstrated.passing[knots])
         leg = np.searchsorted(np.array(knots[1:-1]) * BETWEEN, np.arange(len(shown)), side="right")
         off_m, off_rad = deviations(shown, curve, leg, tolerance_m, tolerance_rad)
         off = np.maximum(off_m / tolerance_m, off_rad / tolerance_rad)
@@ -192,9 +196,13 @@ def _worst(off: Array, leg: NDArray[np.int64], near: NDArray[np.int64], knots: l
     return [index for _, index in sorted(found)]
 
 
-def _point(t: float, pose: Array, velocity: Array) -> ViaPoint:
-    vx, vy, vz = velocity[:3].tolist()
-    values = pose.tolist()
-    x, y, z = values[:3]
-    orientation = None if len(values) == 3 else (values[3], values[4], values[5], values[6])
-    return ViaPoint(t=t, position=(x, y, z), orientation=orientation, velocity=(vx, vy, vz))
+def _point(t: float, pose: Array, passing: Sequence[float]) -> ViaPoint:
+    x, y, z, *quaternion = pose.tolist()
+    vx, vy, vz, *turning = passing
+    return ViaPoint(
+        t=t,
+        position=(x, y, z),
+        orientation=tuple(quaternion) or None,
+        velocity=(vx, vy, vz),
+        angular_velocity=tuple(turning) or None,
+    )

@@ -33,11 +33,9 @@ from caesura_service.program.segment_interpretation import (
     Moment,
     MomentAt,
     ProgramSegment,
-    gives_way,
     kept_steps,
     length,
     observed,
-    pushed_in,
     pushes_back,
 )
 
@@ -163,7 +161,7 @@ class _Group:
         approach, contact = self.steps[-1].segment, self.contact
         if contact is None:
             return None
-        end = self.touched(contact, observed(approach.t0, approach.tn))
+        end = self.touched(contact, approach)
         at_once = contact is self.after[0][0]
         return end if at_once else replace(end, t=min(end.t, approach.tn))
 
@@ -175,15 +173,17 @@ class _Group:
         t = min(step.segment.tn + SETTLES_S, following.segment.tn)
         return _End(t, _where(self.moment_at(t)))
 
-    def touched(self, contact: ProgramSegment, approach: Sequence[float] = ()) -> _End:
-        """Where what pushes back in a contact did so first, which may be at the end of the approach [s].
+    def touched(self, contact: ProgramSegment, approach: Segment | None = None) -> _End:
+        """Where what pushes back in a contact did so first, which may be before or at the end of an approach.
 
-        Where nothing pushes back, at its first observation.
+        Where nothing pushes back, at the contact's first observation.
         """
         pushes = pushes_back(contact, self.moment_at)
-        times = observed(contact.segment.t0, contact.segment.tn)
-        early = list(takewhile(pushes, reversed(approach)))
-        t = early[-1] if early else next(filter(pushes, times), times[0])
+        first = observed(contact.segment.t0, contact.segment.tn)[0]
+        begin = contact.segment.t0 if approach is None else approach.tn
+        before = [] if approach is None else observed(approach.t0, approach.tn)
+        early = list(takewhile(pushes, reversed(before)))
+        t = early[-1] if early else next(filter(pushes, observed(begin, contact.segment.tn)), first)
         return _End(t, _where(self.moment_at(t)))
 
     def pressed(self, hardest: ProgramSegment) -> _End | None:
@@ -250,7 +250,7 @@ def _contacts(group: _Group) -> Iterable[App]:
 def _arrives(step: ProgramSegment) -> bool:
     """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
     segment = step.segment
-    return segment.kind == "sliding" and gives_way(segment) and pushed_in(segment) > ARRIVES_M
+    return segment.kind == "sliding" and step.gives_way and step.pushed_in > ARRIVES_M
 
 
 def _meets(group: _Group) -> bool:
@@ -283,7 +283,7 @@ def _inserted(group: _Group) -> list[ProgramSegment]:
     """Steps that push something in before the fingers first move, such as a peg into its hole."""
     first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
     before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
-    depth = sum(pushed_in(step.segment) for step in before)
+    depth = sum(step.pushed_in for step in before)
     return before if depth > INSERTED_M else []
 
 
@@ -328,7 +328,7 @@ def _group_key(step: ProgramSegment) -> str:
     kind, contact = step.segment.kind, step.segment.contact
     if kind == "turning":
         return TURNS_AS[contact]
-    if kind == "sliding" and gives_way(step.segment):
+    if kind == "sliding" and step.gives_way:
         return "contact"
     return "transport" if kind == "hold" else kind
 

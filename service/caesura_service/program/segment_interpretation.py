@@ -107,6 +107,23 @@ class ProgramSegment:
         (x, y, z), (a, b, c) = self.segment.force, self.base
         return x - a, y - b, z - c
 
+    @property
+    def moved(self) -> NDArray[np.float64]:
+        """(3,) [m] from its beginning to its end."""
+        return np.subtract(self.segment.position_end, self.segment.position_start)
+
+    @property
+    def pushed_in(self) -> float:
+        """[m] by which it goes against the force that acts on the robot."""
+        return -float(self.moved @ _direction(self.force))
+
+    @property
+    def gives_way(self) -> bool:
+        """Does what is touched move with the force, as a pump does, rather than the hand along a surface?"""
+        along = _direction(self.force)
+        across = length(self.moved - along * float(along @ self.moved))
+        return across < max(ACROSS_M, ACROSS_SHARE * abs(self.pushed_in))
+
 
 def kept_steps(
     steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt, least_s: float
@@ -121,12 +138,12 @@ def kept_steps(
             continue
         last = kept[-1] if kept else None
         if not _lets_go(before, kept, step, moment_at):
-            read = _leaving(_hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips))
-            read = _as_touching(last, read, grips, moment_at)
+            read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
+            read = _leaving(_as_touching(last, read, grips, moment_at))
             contact = _contact_before(behind, beside, last)
             if contact is not None and last is not None and not read.touches:
                 read = _still_touching(contact, _base(last, moment_at), read, moment_at)
-            kept += [] if _stands(last, read) or _ends_stroke(last, before, read) else [read]
+            kept += [] if _stands(contact or last, read) or _ends_stroke(last, before, read) else [read]
         before = step
     around = zip(kept, [None, *kept], [*kept[1:], None], strict=False)
     return [step for step, last, after in around if not _begins_stroke(step, last, after)]
@@ -136,20 +153,6 @@ def observed(begin: float, end: float) -> list[float]:
     """[s] Every observation between two boundaries, one at least."""
     count = max(round((end - begin) / OBSERVED_S), 1)
     return [begin + TOUCHED_S + k * OBSERVED_S for k in range(count)]
-
-
-def pushed_in(segment: Segment) -> float:
-    """[m] by which it goes against the force that acts on the robot."""
-    moved = np.subtract(segment.position_end, segment.position_start)
-    return -float(moved @ np.asarray(segment.force)) / max(length(segment.force), 1e-12)
-
-
-def gives_way(segment: Segment) -> bool:
-    """Does what is touched move with the force, a pump or a button, rather than the hand along a surface?"""
-    moved = np.subtract(segment.position_end, segment.position_start)
-    along = np.asarray(segment.force) / max(length(segment.force), 1e-12)
-    across = length(moved - along * float(along @ moved))
-    return across < max(ACROSS_M, ACROSS_SHARE * abs(pushed_in(segment)))
 
 
 def _hangs(segment: Segment) -> bool:
@@ -200,9 +203,8 @@ def _still_touching(
 ) -> ProgramSegment:
     """What follows a contact is one too, where its force above a base lasts and the tool does not leave."""
     normal = _direction(replace(contact, base=base).force)
-    segment, forces = step.segment, _forces(observed(step.segment.t0, step.segment.tn), moment_at)
-    moved = np.subtract(segment.position_end, segment.position_start)
-    leaves = float(moved @ normal) > max(OUT_M, OUT_SHARE * length(moved))
+    forces = _forces(observed(step.segment.t0, step.segment.tn), moment_at)
+    leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < PUSHES_BACK_N:
         return step
     held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
@@ -242,7 +244,7 @@ def _is_stroke(step: ProgramSegment) -> bool:
     """Does it move along a surface, or turn in contact? What gives way is pressed in."""
     segment = step.segment
     moves = step.touches and segment.motion == "motion"
-    return moves and (segment.kind == "turning" or not gives_way(segment))
+    return moves and (segment.kind == "turning" or not step.gives_way)
 
 
 def _rests_shortly(step: ProgramSegment) -> bool:
@@ -321,7 +323,7 @@ def _hanging(step: ProgramSegment, grips: Sequence[GripperAction]) -> ProgramSeg
 def _leaving(step: ProgramSegment) -> ProgramSegment:
     """A movement far out of what was pressed goes on in the air: it is no press."""
     segment = step.segment
-    leaves = segment.kind == "sliding" and gives_way(segment) and -pushed_in(segment) >= ARRIVES_M
+    leaves = segment.kind == "sliding" and step.gives_way and -step.pushed_in >= ARRIVES_M
     return _as(step, "free") if leaves else step
 
 
@@ -335,8 +337,7 @@ def _lets_go(
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False
     segment = step.segment
-    moved = length(np.subtract(segment.position_end, segment.position_start))
-    if moved >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
+    if length(step.moved) >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
         return False
     contact = list(takewhile(lambda one: one.touches, reversed(kept)))
     if not contact:

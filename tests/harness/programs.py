@@ -67,5 +67,17 @@ def press() -> tuple[App, ...]:
     )
 
 
+def wiped() -> tuple[App, ...]:
+    """A stroke along a surface: pressed for 0.8 s before it begins, and for 0.5 s when it has ended."""
+    touch, pressed, _ = press()
+    place = (-0.02, -0.52, 0.19)
+    path = move(0.0, place, (0.08, -0.52, 0.19)).path
+    assert path is not None
+    start = path.start.model_copy(update={"t": pressed.t0 + 0.8})
+    along = path.model_copy(update={"start": start, "tn": pressed.t0 + 1.8})
+    update = {"path": along, "tn": pressed.t0 + 2.3, "target": (0.08, -0.52, 0.19)}
+    return touch, pressed.model_copy(update=update)
+
+
 def as_file(apps: tuple[App, ...], name: str = "example") -> ProgramFile:
     return document_of_apps(apps, name)

@@ -18,10 +18,11 @@ from caesura_lab.execution.trajectories import ASTRAY_M, app_path, approach_dire
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
-from caesura_protocol.messages import App, ScrewMotion
+from caesura_protocol.messages import App, ScrewMotion, ViaPoint
 from caesura_protocol.paths import Curve
+from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.rotations import cross, matrix_of, turning_of
+from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_motion import stop_torque_nm
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
@@ -157,14 +158,15 @@ class SkillController:
         aside: Array | None = None,
         path: Curve | None = None,
         screw: ScrewMotion | None = None,
-        depth_m: float = 0.0,
+        depth_m: float | None = 0.0,
     ) -> None:
         """Press along the direction of the contact for some seconds; aside: (3,) [N] across it.
 
         path: to follow across that direction meanwhile; along it the force decides. The direction turns with
         the tool. screw: what is turned meanwhile, until it is tight. depth_m: by which what is pressed gives
         way; it is pushed in with the force alone, and slower towards the bottom. Half of the time is left for
-        what is held there, so pushing in may take half as long again.
+        what is held there, so pushing in may take half as long again. None for a stroke, which may lead up or
+        down.
         """
         if self.contact_direction is None:
             raise RobotStopped(NOTHING_TO_PRESS)
@@ -177,15 +179,15 @@ class SkillController:
         ticks, k, waited = round(seconds / DT), 0, 0
         while k - waited < ticks:
             k += 1
-            left_m = max(depth_m - sunk, 0.0)
-            sinks = left_m > SUNK_M
+            left_m = max((depth_m or 0.0) - sunk, 0.0)
+            sinks = depth_m is not None and left_m > SUNK_M
             waited += 2 * k > ticks > 2 * waited and sinks
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
             speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.measured.force))
-            fast = speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
+            fast = 0.0 if depth_m is None else speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
             slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
             spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
             urged_n = URGING_NS_PER_M * max(-fast, 0.0) * spared
@@ -198,7 +200,10 @@ class SkillController:
             corrected = self._correction_n + FORCE_GAIN_PER_S * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
-            if sunk > max(depth_m, 0.0) + self.safety.search_m:
+            beyond_m = sunk - max(depth_m or 0.0, 0.0)
+            if depth_m is None:
+                beyond_m = float(along @ (measured.position - setpoint.position))
+            if beyond_m > self.safety.search_m:
                 raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
         deep = along * (along @ (self.measured.position - self.setpoint.position))
         self.contact_direction, self.setpoint.position = along, self.setpoint.position + deep
@@ -224,6 +229,14 @@ class SkillController:
         if slower == 1.0:
             return path
         return app_path(app, here.position, here.rotation, slower * seconds, arriving)
+
+    def path_to(self, point: ViaPoint, seconds: float) -> Curve:
+        """Plan the way from the current pose to a pose, in some seconds."""
+        here, there = self.setpoint.position.tolist(), list(point.position)
+        if point.orientation is not None:
+            here += quaternion_of(self.setpoint.rotation).tolist()
+            there += point.orientation
+        return Curve.through([0.0, seconds], [here, there])
 
     def _setpoint_at(self, path: Curve, t: float) -> Setpoint:
         """Return the setpoint of a path at a time [s]; a path without orientation keeps the present one."""
@@ -327,15 +340,20 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     slides = float(np.linalg.norm(across)) > SLIDE_M
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
-    seconds, depth = _seconds(app), float(along @ (target - controller.setpoint.position))
-    if not slides and app.path is None and _leaves_contact(following):
-        lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0)
+    depth = float(along @ (target - controller.setpoint.position))
+    before_s, after_s = rests_of(app)
+    seconds = _seconds(app) - before_s - after_s
+    lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0) if _leaves_contact(following) else 0.0
+    if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)
+    if app.path is not None and before_s > 0.0:
+        controller.press(straight, before_s, path=controller.path_to(app.path.start, before_s))
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
-    controller.press(straight, seconds, None if slides else aside, path, app.screw, 0.0 if slides else depth)
+    controller.press(straight, seconds, None if slides else aside, path, app.screw, None if slides else depth)
+    controller.hold_position(max(after_s - lets_go_s, 0.0), straight)
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:

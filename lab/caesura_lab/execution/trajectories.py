@@ -20,11 +20,8 @@ LEAST_SEARCH_M_PER_S, LEAST_M_PER_S = 0.01, 1e-6
 EARLY_S, BLEND_S = 0.09, 0.3  # a via point sooner than that is no taught one; time to get onto such a path
 TURNED_M = 0.1  # what a radian of a turn counts as
 BRAKE_M_PER_S2 = 0.5  # towards a contact
-KNOT_S, LEAST_KNOTS, EASED = (
-    0.02,
-    8,
-    11,
-)  # between two knots of a path with brakes; legs; knots of a gentle start
+KNOT_S, LEAST_KNOTS = 0.02, 8  # between two knots of a path with brakes; legs of it
+EASED = 11  # knots over which braking begins
 
 
 def app_path(

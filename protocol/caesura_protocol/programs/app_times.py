@@ -59,6 +59,14 @@ def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) ->
     return path.model_copy(update={"start": start, "via": tuple(via), "tn": when(path.tn)})
 
 
+def rests_of(app: App) -> tuple[float, float]:
+    """How long [s] an app rests in contact before its path begins, and after it; 0 without a path."""
+    if app.path is None:
+        return 0.0, 0.0
+    before_s = max(app.path.start.t - app.t0, 0.0)
+    return before_s, max(app.tn - app.t0 - before_s - (app.path.tn - app.path.start.t), 0.0)
+
+
 def _times(factor: float, vector: Vector | None) -> Vector | None:
     return None if vector is None else (factor * vector[0], factor * vector[1], factor * vector[2])
 

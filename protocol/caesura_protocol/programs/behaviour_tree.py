@@ -19,6 +19,7 @@ from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, app_title
 from caesura_protocol.force_limit import is_limited
 from caesura_protocol.messages import AppPath
 from caesura_protocol.paths import turning_at_points
+from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.screw_motion import torque_about_axis
 
@@ -58,6 +59,11 @@ TURNING = Port(
     "turning", DOUBLES, "x;y;z of the rate of turn at the start and each via point, base frame [rad/s]"
 )
 ARRIVES = Port("arrives", DOUBLE, "time of the target since the start of the path [s]")
+WAITS = Port(
+    "waits",
+    DOUBLE,
+    "for how long it presses before the path begins [s]; what is left of `seconds` after it is pressed, too",
+)
 LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
 TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
 
@@ -72,7 +78,7 @@ PORTS: Mapping[str, Port] = MappingProxyType(
         port.name: port
         for port in (
             *(TARGET, ORIENTATION, JOINTS, SECONDS, FORCE, TAUGHT, WIDTH, LOAD, SPEED, TURN, MOST, CONTACT),
-            *(SEARCH, VIA, TURNING, ARRIVES, LENGTH, AXIS, POINT, ANGLE, PITCH, TORQUE),
+            *(SEARCH, VIA, TURNING, ARRIVES, WAITS, LENGTH, AXIS, POINT, ANGLE, PITCH, TORQUE),
         )
     }
 )
@@ -120,6 +126,7 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         VIA.name: None if app.path is None else _via(app.path),
         TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
+        WAITS.name: None if app.path is None else rests_of(app)[0],
         LENGTH.name: None if app.path is None else app.path.length_m,
         AXIS.name: None if screw is None else screw.axis,
         POINT.name: None if screw is None else screw.point,

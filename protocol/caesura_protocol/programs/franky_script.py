@@ -14,6 +14,7 @@ from caesura_protocol.app_kinds import app_title
 from caesura_protocol.force_limit import is_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
+from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.limits import CONSTANTS
 from caesura_protocol.programs.safety import Safety
@@ -64,6 +65,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
             for one, turns in zip(points, turning, strict=True)
         ]
         row["arrives"] = round(app.path.tn - began, 3)
+        row["waits"] = round(rests_of(app)[0], 3)
         row["turns"] = _rounded(turn_of(app))
     most_nm = stop_torque_nm(app.screw)
     if app.screw is not None and most_nm is not None:

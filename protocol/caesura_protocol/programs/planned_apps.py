@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
+from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.limits import press_direction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
@@ -21,7 +22,8 @@ class PlannedApp(NamedTuple):
 
     place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
     wherever it is; legs: then; contact: (3,) where a contact ends it, the direction in which it is looked
-    for; hold_s: that it stays where it is then, as a hold or a press does; pause_s: after it.
+    for; wait_s: that a press rests before the legs; hold_s: that it stays where it is then, as a hold or a
+    press does; pause_s: after it.
     """
 
     place: int
@@ -29,6 +31,7 @@ class PlannedApp(NamedTuple):
     start: tuple[Vector, Quaternion | None] | None
     legs: list[Leg]
     contact: Vector | None
+    wait_s: float
     hold_s: float
     pause_s: float
 
@@ -58,12 +61,14 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             legs = straight_legs(app, place, program.safety, acceleration, stop_short=short)
         if all(leg.speed_m_per_s is None and leg.turn_rad < STILL_RAD for leg in legs):
             legs = []
-        hold = 0.0 if legs or contact is not None or app.kind in GRIPS else app.tn - app.t0
+        wait, hold = rests_of(app) if legs and app.kind == "apply_force" else (0.0, 0.0)
+        if not legs and contact is None and app.kind not in GRIPS:
+            hold = app.tn - app.t0
         start = None
         if place is None and legs:
             start, legs = _begun(app, legs)
         pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
-        yield PlannedApp(index, app, start, legs, contact, hold, min(pause, program.safety.pause_s))
+        yield PlannedApp(index, app, start, legs, contact, wait, hold, min(pause, program.safety.pause_s))
         place = app.target or place
 
 

@@ -124,20 +124,15 @@ class _Writer:
         direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
         frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
         lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {newtons:.3f})"]
-        if not planned.legs:
-            held, steps = f"held_{number}", max(round(planned.hold_s / PERIOD_S), 1)
-            lines += [
-                f"{held} = 0",
-                f"while {held} < {steps}:",
-                f"{INDENT}check_depth({began}, {_list(direction)})",
-                f"{INDENT}{held} = {held} + 1",
-                f"{INDENT}sleep({PERIOD_S})",
-                "end",
-            ]
-        else:
+        depth, name = f"check_depth({began}, {_list(direction)})", f"held_{number}"
+        if planned.legs:
             kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
             moves = [_move(leg, kind) for leg in planned.legs]
+            lines += _held(name, planned.wait_s, depth)
             lines += self._watched(planned.place, moves, self._tightness(app))
+            lines += [f"sleep({planned.hold_s:.3f})"] if planned.hold_s >= LEAST_PAUSE_S else []
+        else:
+            lines += _held(name, max(planned.hold_s, PERIOD_S), depth)
         return [*lines, "end_force_mode()", "stopl(2.0)"]
 
     def _grip(self, planned: PlannedApp) -> list[str]:
@@ -148,6 +143,21 @@ class _Writer:
             raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
         lines = calls(held_by, planned.app)
         return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
+
+
+def _held(name: str, seconds: float, each: str) -> list[str]:
+    """A line that is repeated every period for some seconds; nothing for less than half a period."""
+    steps = round(seconds / PERIOD_S)
+    if not steps:
+        return []
+    return [
+        f"{name} = 0",
+        f"while {name} < {steps}:",
+        f"{INDENT}{each}",
+        f"{INDENT}{name} = {name} + 1",
+        f"{INDENT}sleep({PERIOD_S})",
+        "end",
+    ]
 
 
 def _move(leg: Leg, kind: str) -> str:

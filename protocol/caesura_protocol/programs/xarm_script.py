@@ -61,6 +61,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         "kind": app.kind,
         "title": app.name or app_title(app.kind),
         "pause": round(planned.pause_s, 3),
+        "wait": round(planned.wait_s, 3),
         "hold": round(planned.hold_s, 3),
     }
     row["legs"] = [

@@ -1,11 +1,12 @@
 """Task programs: segments and gripper events become apps that a robot can run."""
 
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
-from caesura_service.program.builder import GRIP_SLACK_S, task_program
+from caesura_service.program.builder import task_program
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.segment_interpretation import (
+    GRIP_SLACK_S,
     GripperAction,
     Moment,
     MomentAt,

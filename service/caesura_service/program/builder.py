@@ -29,6 +29,8 @@ from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.segment_interpretation import (
     ARRIVES_M,
+    GRIP_SLACK_S,
+    INSERTED_M,
     GripperAction,
     Moment,
     MomentAt,
@@ -41,8 +43,6 @@ from caesura_service.program.segment_interpretation import (
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
-INSERTED_M = 0.01  # from which depth on what is pushed in before a release is an app of its own
-GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 UNCHANGED: Mapping[str, object] = MappingProxyType({})
 STILL_PRESSED = 0.7  # of a force: who presses less is letting go
 
@@ -137,12 +137,12 @@ class _Group:
 
     def app(self, kind: AppKind, steps: Sequence[ProgramSegment], **changes: object) -> App:
         """An app over some of the steps that ends where they end."""
-        first, last = steps[0].segment, steps[-1].segment
+        last, parts = steps[-1].segment, [part for step in steps for part in step.parts]
         moment = self.moment_at(last.tn)
         fields: dict[str, object] = {
             "kind": kind,
-            "t0": first.t0,
-            "tn": last.tn,
+            "t0": parts[0].segment.t0,
+            "tn": parts[-1].segment.tn,
             "target": last.position_end,
             "orientation": moment.orientation,
             "joints": moment.joints,
@@ -151,8 +151,8 @@ class _Group:
             "load_kg": None,
             "load_sd_kg": None,
             "gripper_width": None,
-            "confidence": min(step.confidence for step in steps),
-            "segments": tuple(step.index for step in steps),
+            "confidence": min(part.confidence for part in parts),
+            "segments": tuple(part.index for part in parts),
         }
         return App.model_validate(fields | changes)
 
@@ -179,11 +179,11 @@ class _Group:
         Where nothing pushes back, at the contact's first observation.
         """
         pushes = pushes_back(contact, self.moment_at)
-        first = observed(contact.segment.t0, contact.segment.tn)[0]
-        begin = contact.segment.t0 if approach is None else approach.tn
+        first = observed(contact.t0, contact.tn)[0]
+        begin = contact.t0 if approach is None else approach.tn
         before = [] if approach is None else observed(approach.t0, approach.tn)
         early = list(takewhile(pushes, reversed(before)))
-        t = early[-1] if early else next(filter(pushes, observed(begin, contact.segment.tn)), first)
+        t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
         return _End(t, _where(self.moment_at(t)))
 
     def pressed(self, hardest: ProgramSegment) -> _End | None:
@@ -258,7 +258,7 @@ def _meets(group: _Group) -> bool:
     contact = group.contact
     if contact is None:
         return False
-    t0, tn = contact.segment.t0 - GRIP_SLACK_S, contact.segment.tn + GRIP_SLACK_S
+    t0, tn = contact.t0 - GRIP_SLACK_S, contact.tn + GRIP_SLACK_S
     return not _arrives(contact) or any(t0 <= grip.t <= tn for grip in group.grips)
 
 

@@ -6,7 +6,8 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
-- a rest at either end of a stroke or of a turn in contact, shorter than half a second, is part of it;
+- a rest at either end of a stroke or of a turn in contact is part of it, where it is pressed as hard there
+  or for less than half a second;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
   gripped is not held yet;
@@ -19,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import groupby, takewhile, zip_longest
 from statistics import median
 from typing import Literal
 
@@ -43,7 +44,9 @@ DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the c
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
+INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
+GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
     ("motion", "free"): "motion",
@@ -80,12 +83,33 @@ class GripperAction:
 
 @dataclass(frozen=True, slots=True)
 class ProgramSegment:
-    """A segment as the program sees it. base: of a contact, the force [N] before anything was touched."""
+    """A segment as the program sees it.
+
+    base: of a contact, the force [N] before anything was touched; rests_before, rests_after: of a stroke, as
+    parts of it.
+    """
 
     index: int
     segment: Segment
     confidence: float
     base: Vector = (0.0, 0.0, 0.0)
+    rests_before: tuple[ProgramSegment, ...] = ()
+    rests_after: tuple[ProgramSegment, ...] = ()
+
+    @property
+    def parts(self) -> tuple[ProgramSegment, ...]:
+        """It, and the rests at its ends, in time order."""
+        return (*self.rests_before, self, *self.rests_after)
+
+    @property
+    def t0(self) -> float:
+        """When it begins with its rests [s]."""
+        return self.parts[0].segment.t0
+
+    @property
+    def tn(self) -> float:
+        """When it ends with its rests [s]."""
+        return self.parts[-1].segment.tn
 
     @property
     def seconds(self) -> float:
@@ -143,10 +167,9 @@ def kept_steps(
             contact = _contact_before(behind, beside, last)
             if contact is not None and last is not None and not read.touches:
                 read = _still_touching(contact, _base(last, moment_at), read, moment_at)
-            kept += [] if _stands(contact or last, read) or _ends_stroke(last, before, read) else [read]
+            kept += [] if _stands(contact or last, read) else [read]
         before = step
-    around = zip(kept, [None, *kept], [*kept[1:], None], strict=False)
-    return [step for step, last, after in around if not _begins_stroke(step, last, after)]
+    return _with_rests(kept, grips)
 
 
 def observed(begin: float, end: float) -> list[float]:
@@ -226,18 +249,44 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
     return length(np.subtract(segment.position_end, last.segment.position_end)) < OUT_M
 
 
-def _ends_stroke(last: ProgramSegment | None, before: ProgramSegment | None, step: ProgramSegment) -> bool:
-    """Is it the short rest at the end of a stroke, the last step that was kept?"""
-    if last is None or before is None or last.index != before.index:
-        return False
-    return _is_stroke(last) and _rests_shortly(step)
+def _with_rests(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
+    """The same steps, each stroke with the rests at its ends; those between two strokes end the first."""
+    joined: list[ProgramSegment] = []
+    begins: tuple[ProgramSegment, ...] = ()
+    runs = [(rests, tuple(run)) for rests, run in groupby(steps, key=lambda step: _rests(step, grips))]
+    for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
+        last = joined[-1] if joined else None
+        beside = [one for one in (last, *following[:1]) if one is not None and _is_stroke(one)]
+        if not rests or not _alike(run, beside):
+            joined += (replace(run[0], rests_before=begins), *run[1:])
+            begins = ()
+        elif last is not None and _is_stroke(last):
+            joined[-1] = replace(last, rests_after=run)
+        elif last is None or not last.touches:
+            begins = run
+        else:
+            joined += run
+    return joined
 
 
-def _begins_stroke(step: ProgramSegment, last: ProgramSegment | None, after: ProgramSegment | None) -> bool:
-    """Is it the short rest between the touch and the stroke that follows, while the force rises?"""
-    if after is None or after.index != step.index + 1 or (last is not None and last.touches):
+def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
+    """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
+    segment = step.segment
+    pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
+    if segment.corrected or not (segment.kind == "contact" or pushes):
         return False
-    return _is_stroke(after) and _rests_shortly(step)
+    return not any(segment.t0 - GRIP_SLACK_S <= grip.t <= segment.tn + GRIP_SLACK_S for grip in grips)
+
+
+def _alike(rests: Sequence[ProgramSegment], strokes: Sequence[ProgramSegment]) -> bool:
+    """Are rests pressed as the strokes beside them are, or short?"""
+    if not strokes:
+        return False
+    if rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
+        return True
+    forces = [length(stroke.force) for stroke in strokes]
+    least, most = min(forces) - PUSHES_BACK_N, max(forces) + PUSHES_BACK_N
+    return all(least < length(rest.force) < most for rest in rests if rest.segment.kind == "contact")
 
 
 def _is_stroke(step: ProgramSegment) -> bool:
@@ -245,11 +294,6 @@ def _is_stroke(step: ProgramSegment) -> bool:
     segment = step.segment
     moves = step.touches and segment.motion == "motion"
     return moves and (segment.kind == "turning" or not step.gives_way)
-
-
-def _rests_shortly(step: ProgramSegment) -> bool:
-    segment = step.segment
-    return segment.kind == "contact" and not step.lasts(STROKE_REST_S) and not segment.corrected
 
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:

@@ -282,6 +282,31 @@ def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught
     assert left == pytest.approx(0.4, abs=0.1)
 
 
+def test_a_stroke_is_pressed_before_its_path_and_after_it(robot: Robot) -> None:
+    touch, begin, stroke = (0.40, -0.16, 0.150), (0.405, -0.15, 0.150), (0.47, 0.04, 0.150)
+    path = AppPath(
+        start=ViaPoint(t=2.5, position=begin, orientation=FLAT), tn=3.5, length_m=0.2, deviation_m=0.0,
+        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    down = {"orientation": FLAT}
+    apps = (
+        app("move_to_contact", 0.5, 1.5, touch, **down),
+        app("apply_force", 1.5, 4.2, stroke, force=(0.0, 0.0, -8.0), path=path, **down),
+        app("cartesian_motion", 4.2, 5.2, (0.47, 0.04, 0.25), **down),
+    )
+    done = executed(apps, SimulatedCell(SCENARIOS["wiping"], THESIS, 1))
+    assert done.stopped is None
+    places = robot.flange_poses(done.trace.q)[0]
+    begun, ended = (round(1000 * t) for t in done.spans[1])
+    assert 1e-3 * (ended - begun) == pytest.approx(2.7, abs=0.16)  # the contact is let go within it
+    on_path = begun + np.flatnonzero(np.linalg.norm(places[begun:ended] - begin, axis=1) < 2e-3)
+    assert 1e-3 * (on_path[-1] - begun) == pytest.approx(1.0, abs=0.15)
+    arrived = begun + np.flatnonzero(np.linalg.norm((places[begun:ended] - stroke)[:, :2], axis=1) < 2e-3)[0]
+    assert 1e-3 * (arrived - begun) == pytest.approx(2.0, abs=0.15)
+    for rest in (slice(begun + 200, begun + 900), slice(arrived + 100, ended - 50)):
+        assert np.median(done.trace.contact[rest, 2]) == pytest.approx(8.0, rel=0.1)
+
+
 SCREW_HEAD = (0.45, -0.05, 0.200)
 
 

@@ -21,7 +21,7 @@ from caesura_protocol.programs import franky_script as writer
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.safety import Safety
-from harness.programs import DOWN, app, as_file, pick_and_place, press
+from harness.programs import DOWN, app, as_file, pick_and_place, press, wiped
 
 from . import fake_franky
 
@@ -207,6 +207,19 @@ def test_a_press_that_slides_follows_its_path_across_the_force() -> None:
     pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
     begin = fake_franky.RobotPose.end_effector_pose.translation
     assert pressed.references[-1].target.translation[0] - begin[0] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_stroke_presses_where_it_is_before_its_way_and_after_it() -> None:
+    calls = motions(run(as_file(wiped())))
+    pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
+    ways = (
+        np.array([one.target.translation[0] for one in pressed.references[1:]])
+        - (fake_franky.RobotPose.end_effector_pose.translation[0])
+    )
+    assert len(ways) == 115  # 2.3 s, one each 20 ms
+    still = np.abs(np.diff(ways)) < 1e-9
+    assert np.flatnonzero(~still)[[0, -1]].tolist() == pytest.approx([40, 89], abs=1)
+    assert ways[-1] == pytest.approx(0.1, abs=1e-3)
 
 
 def test_a_press_that_turns_follows_its_orientation() -> None:

@@ -15,7 +15,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import CHORD_M
 from caesura_protocol.programs.ur_script import ur_script
-from harness.programs import DOWN, app, as_file, pick_and_place, press
+from harness.programs import DOWN, app, as_file, pick_and_place, press, wiped
 
 from .fake_ur_controller import Controller, Halted, as_python
 
@@ -226,3 +226,19 @@ def test_every_block_of_a_script_ends():
     as_python(ur_script(on_ur(pick_and_place())))
     with pytest.raises(SyntaxError, match="1 blocks have no end"):
         as_python("def caesura_program():\nif True:\nend\n")
+
+
+def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught():
+    controller = played(on_ur(wiped()), table_m=0.19)
+    names = [name for name, _ in controller.calls]
+    ways = [i for i, name in enumerate(names) if name.startswith("move")]
+    stroke = next(i for i in ways if i > names.index("force_mode"))
+    waits = [
+        one["t"] for name, one in controller.calls[names.index("force_mode") : stroke] if name == "sleep"
+    ]
+    assert sum(waits) == pytest.approx(0.8, abs=0.02)
+    last = max(i for i in ways if i < names.index("end_force_mode"))
+    holds = [
+        one["t"] for name, one in controller.calls[last : names.index("end_force_mode")] if name == "sleep"
+    ]
+    assert sum(holds) == pytest.approx(0.5)

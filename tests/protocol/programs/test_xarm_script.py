@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 from unittest.mock import create_autospec
 
@@ -17,7 +17,7 @@ from caesura_protocol.messages import App, ScrewMotion
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import DOWN, as_file, pick_and_place, press
+from harness.programs import DOWN, as_file, pick_and_place, press, wiped
 from harness.xarm_sdk import xarm_api
 
 from .test_ur_script import circle
@@ -99,6 +99,29 @@ def test_a_press_has_the_poses_and_the_force_of_the_program():
     assert names.index("set_ft_sensor_zero") < names.index("vc_set_cartesian_velocity")
     modes = [call.args[0] for call in arm.calls("set_ft_sensor_mode")]
     assert modes[:2] == [2, 0]
+
+
+def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught():
+    made = module_of(on_xarm(wiped()))
+    stroke = made.APPS[1]
+    assert (stroke["wait"], stroke["hold"]) == pytest.approx((0.8, 0.5))
+    assert stroke["legs"]
+    done: list[object] = []
+    made.time = SimpleNamespace(sleep=done.append)
+    runner = create_autospec(made.Runner, instance=True)
+    runner.arm = create_autospec(xarm_api(), instance=True)
+    runner.arm.set_ft_sensor_mode.side_effect = lambda mode: done.append(f"mode {mode}")
+    runner.pose.return_value = [0.0] * 6
+    runner.go.side_effect = lambda legs, tight: done.append("way")
+    runner.stay.side_effect = lambda seconds, began: done.append(seconds)
+    made.Runner.press(runner, stroke)
+    assert done[-4:] == [stroke["wait"], "way", stroke["hold"], "mode 0"]
+    done.clear()
+    made.Runner.stay(runner, 0.8, [0.0] * 3)
+    assert sum(done) == pytest.approx(0.8)
+    runner.pose.return_value = [0.0, 0.0, -0.06, 0.0, 0.0, 0.0]
+    with pytest.raises(made.Stop, match="pushed in by more than"):
+        made.Runner.stay(runner, 0.8, [0.0] * 3)
 
 
 def test_the_offset_of_the_tcp_is_taken_off_and_put_back():

@@ -200,7 +200,8 @@ def test_a_stroke_along_a_surface_stays_a_stroke() -> None:
         segment("contact", 2.0, 3.0, force_held=(0.0, 0.0, 8.0)),
         segment("sliding", 3.0, 4.5, force_held=(2.0, 0.0, 9.0), **across),
     )
-    assert kinds(apps) == ["move_to_contact", "apply_force", "apply_force"]
+    assert kinds(apps) == ["move_to_contact", "apply_force"]
+    assert (apps[1].t0, apps[1].tn, apps[1].target) == (2.0, 4.5, (0.1, 0.0, 0.2))
 
 
 def test_a_movement_with_something_that_hangs_on_the_robot_is_a_carry() -> None:

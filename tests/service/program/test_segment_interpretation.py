@@ -14,6 +14,7 @@ from service.program.test_builder import kinds, moment_at, segment
 
 DRIFT_N = (2.0, -1.5, 3.0)  # of the sensor since it was tared
 ACROSS: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}
+OFF: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.3), "force_held": None}
 GRASP, RELEASE = GripperAction(0.5, "grasp", 0.05), GripperAction(4.5, "release", 0.08)
 
 
@@ -40,7 +41,7 @@ def test_a_press_is_what_it_adds_to_the_force_that_was_there_before() -> None:
 def test_presses_that_follow_each_other_are_all_measured_from_before_the_first() -> None:
     apps = program(
         segment("motion", 0.0, 2.0),
-        segment("contact", 2.0, 3.0, **held(8.0)),
+        segment("contact", 2.0, 3.0, **held(18.0)),
         segment("sliding", 3.0, 4.5, **held(9.0), **ACROSS),
         at=drifted,
     )
@@ -153,7 +154,8 @@ def test_a_stroke_under_friction_is_a_contact_though_the_force_is_tilted() -> No
         segment("motion", 3.0, 5.0, **ACROSS),
         at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 8.0),
     )
-    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
+    assert kinds(made) == ["move_to_contact", "apply_force"]
+    assert made[1].segments == (1, 2)
 
 
 @pytest.mark.parametrize(("pressed_until", "becomes"), [(3.8, []), (3.1, ["cartesian_motion"])])
@@ -211,16 +213,61 @@ def test_a_contact_that_begins_on_the_way_down_is_left_from_where_it_was_touched
     assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
 
 
-@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
-def test_a_short_rest_at_the_end_of_a_stroke_is_its_end(seconds: float, presses: int) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "push_n", "presses"),
+    [(0.4, 9.0, 0), (1.5, 7.0, 0), (1.5, 13.0, 1), (1.5, 5.0, 1), (0.4, 13.0, 0)],
+)
+def test_a_rest_at_the_end_of_a_stroke_that_presses_as_hard_is_its_end(
+    seconds: float, push_n: float, presses: int
+) -> None:
+    until = 4.0 + seconds
     made = program(
         segment("motion", 0.0, 2.0),
         segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
-        segment("contact", 4.0, 4.0 + seconds, **held(9.0)),
-        segment("motion", 4.0 + seconds, 6.0),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0 if t < 4.0 + seconds else 0.0),
+        segment("contact", 4.0, until, **held(push_n)),
+        segment("motion", until, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=0.0 if not 2.0 < t < until else 9.0 if t < 4.0 else push_n),
     )
     assert kinds(made) == ["move_to_contact", "apply_force", *["apply_force"] * presses, "cartesian_motion"]
+    assert (made[1].t0, made[1].tn) == (2.0, 4.0 if presses else until)
+
+
+def test_a_rest_between_two_strokes_ends_the_first_while_the_force_rises() -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(6.0), **ACROSS),
+        segment("contact", 4.0, 5.0, **held(10.0)),
+        segment("sliding", 5.0, 7.0, **held(15.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 10.0),
+    )
+    assert [(app.t0, app.tn, app.segments) for app in made[1:]] == [(2.0, 5.0, (1, 2)), (5.0, 7.0, (3,))]
+
+
+def test_what_a_touch_pushes_in_before_a_stroke_is_its_beginning() -> None:
+    into = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.195)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 2.7, **held(8.0), **into),
+        segment("contact", 2.7, 3.3, **held(10.0)),
+        segment("sliding", 3.3, 5.0, **held(9.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0),
+    )
+    assert [(app.kind, app.segments) for app in made] == [
+        ("move_to_contact", (0,)),
+        ("apply_force", (1, 2, 3)),
+    ]
+
+
+def test_a_rest_in_which_the_fingers_move_is_no_end_of_a_stroke() -> None:
+    made = program(
+        segment("transport", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 5.0, **held(9.0)),
+        grips=(GripperAction(-1.0, "grasp", 0.03), GripperAction(4.5, "release", 0.08)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0),
+    )
+    assert kinds(made)[-2:] == ["apply_force", "gripper_move"]
+    assert made[-1].segments == (2,)
 
 
 def test_three_observations_are_long_enough_whatever_their_times_are_rounded_to() -> None:
@@ -282,18 +329,18 @@ def test_a_load_that_stands_where_it_was_gripped_is_not_held_yet(
     assert kinds(made) == ["move_to_contact", "grasp", *becomes]
 
 
-@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
-def test_a_short_rest_at_the_end_of_a_turn_in_contact_is_its_end(seconds: float, presses: int) -> None:
+def test_the_rests_around_a_turn_in_contact_are_part_of_it() -> None:
     turn = segment("sliding", 3.0, 5.0, **held(9.0)).model_copy(update={"kind": "turning"})
     made = program(
         segment("motion", 0.0, 2.0),
         segment("contact", 2.0, 3.0, **held(9.0)),
         turn,
-        segment("contact", 5.0, 5.0 + seconds, **held(9.0)),
-        segment("motion", 5.0 + seconds, 7.0, **ACROSS),
-        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 + seconds else 0.0),
+        segment("contact", 5.0, 5.7, **held(9.0)),
+        segment("motion", 5.7, 7.0, **ACROSS),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 5.7 else 0.0),
     )
-    assert kinds(made)[2:] == ["apply_force"] * (1 + presses) + ["cartesian_motion"]
+    assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+    assert (made[1].t0, made[1].tn, made[1].segments) == (2.0, 5.7, (1, 2, 3))
 
 
 @pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
@@ -403,7 +450,8 @@ def test_a_contact_lasts_through_the_noise_of_its_force() -> None:
         segment("contact", 5.0, 6.0, **held(5.0)),
         at=at,
     )
-    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "apply_force"]
+    assert kinds(made) == ["move_to_contact", "apply_force"]
+    assert made[1].segments == (1, 2, 3)
 
 
 def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> None:

@@ -1,9 +1,9 @@
-"""A simulated Panda under Cartesian impedance, in the world of a scenario, tick by tick at 1 kHz.
+"""A simulated arm under Cartesian impedance, in the world of a scenario, tick by tick at 1 kHz.
 
 The arm, its friction and what it touches are those of the simulated teacher (`guiding`, `contact`). In place
-of a hand a controller moves it: stiffness and damping about a setpoint, the inertia at the flange fed forward
-(Khatib 1987: Λ = (J M⁻¹ Jᵀ)⁻¹), most of the joints' friction made up for, and a force of its own. Along the
-direction in which a force is controlled there is no stiffness.
+of a hand a controller moves it: stiffness and damping about a setpoint, and a force of its own. It feeds the
+inertia at the flange forward (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and makes up for most of the
+joints' friction and damping. Along the direction in which a force is controlled there is no stiffness.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.teacher.guided_arm import (
+    JOINT_DAMPING,
     SimulationTrace,
     at_flange,
     lever_along,
@@ -40,10 +41,10 @@ STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples s
 TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 300.0, 14.0  # likewise
 LEAST_MOBILITY = 5e-3  # [1/kg, 1/(kg m²)] bounds the inertia that is fed forward near a singularity
 POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it was
-FRICTION_EASED, EASED_RAD_PER_S = 0.7, 0.02  # share of the joints' friction that the controller makes up for
+FRICTION_EASED, EASED_RAD_PER_S = 0.85, 0.02  # share of the joints' friction that the controller makes up for
+EASED_DAMPING = FRICTION_EASED * JOINT_DAMPING  # [Nms/rad], the same share of what grows with speed
 LOOK_S, LEAST_SINGULAR = 0.02, 0.02  # between two looks at joint speeds; of the largest singular value
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
-_LEAST_MOBILITY = LEAST_MOBILITY * np.eye(6)
 _NOTHING = np.zeros(3)
 _NOTHING.setflags(write=False)
 
@@ -131,7 +132,7 @@ class SimulatedArm:
         wrench = self._wrench(setpoint, arm, twist, lever)
         outside = with_weight(contact, held_kg)
         posture = POSTURE_NM_PER_RAD * (self._home - q) - POSTURE_NMS_PER_RAD * v
-        eased = self._eased_nm * v / (np.abs(v) + EASED_RAD_PER_S)
+        eased = self._eased_nm * v / (np.abs(v) + EASED_RAD_PER_S) + EASED_DAMPING * v
         task = arm.jacobian.T @ np.linalg.solve(arm.jacobian @ arm.jacobian.T, arm.jacobian @ posture)
         given = np.array(wrench) + at_flange(outside, lever)
         given[3:] += turning
@@ -214,16 +215,18 @@ class SimulatedArm:
         return [fx, fy, fz + GRAVITY * self.load_kg, *torque]
 
     def _feed_forward(self, want: Setpoint, arm: HandDynamics, lever: Vector) -> list[float]:
-        """Wrench (6,) that accelerates the arm, with the load that is set, as a setpoint asks for."""
-        if not (want.acceleration.any() or want.angular_acceleration.any()):
+        """Return the wrench (6,) that accelerates the arm, with the load that is set, as a setpoint asks for.
+
+        Joints that turn evenly accelerate the flange by J̇ v; forces accelerate it by the rest.
+        """
+        if not (want.velocity.any() or want.turning.any()):
             return [0.0] * 6
         at_tip = tip_jacobian(arm.jacobian, lever) if self.load_kg > 0.0 else None
         mass = loaded_mass(arm, self.load_kg, at_tip)
-        mobility = arm.jacobian @ np.linalg.solve(mass, arm.jacobian.T)
-        inertia = np.linalg.inv(mobility + _LEAST_MOBILITY)
-        ahead: list[float] = (
-            inertia @ np.concatenate([want.acceleration, want.angular_acceleration])
-        ).tolist()
+        mobilities, axes = np.linalg.eigh(arm.jacobian @ np.linalg.solve(mass, arm.jacobian.T))
+        asked = np.concatenate([want.acceleration, want.angular_acceleration])
+        asked -= self._robot.velocity_product_acceleration(self._q, self._v)
+        ahead: list[float] = (axes @ (axes.T @ asked / np.maximum(mobilities, LEAST_MOBILITY))).tolist()
         return ahead
 
 

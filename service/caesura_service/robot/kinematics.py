@@ -195,6 +195,13 @@ class Robot:
         jacobian = pin.getFrameJacobian(model, data, self._flange, pin.LOCAL_WORLD_ALIGNED)
         return HandDynamics(pose.translation.copy(), pose.rotation.copy(), jacobian, mass.copy())
 
+    def velocity_product_acceleration(self, q: Array, v: Array) -> Array:
+        """Acceleration (6,) of the flange at joint velocity v while no joint accelerates, J̇ v; base axes."""
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, q, v, np.zeros(self.joints))
+        motion = pin.getFrameClassicalAcceleration(model, data, self._flange, pin.LOCAL_WORLD_ALIGNED)
+        return np.array(motion.vector)
+
     def inverse_kinematics(
         self, position_base: ArrayLike, orientation_base: ArrayLike, q_start: ArrayLike
     ) -> Array:

@@ -101,6 +101,16 @@ def test_jacobian_is_the_derivative_of_the_pose(robot: Robot, postures: Array) -
         assert_allclose(jacobian[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
 
 
+def test_joints_that_turn_evenly_accelerate_the_flange_by_the_change_of_the_jacobian(
+    robot: Robot, postures: Array
+) -> None:
+    step = 1e-5
+    for q, v in zip(postures[:6], postures[6:12], strict=True):
+        before, after = (robot.flange_jacobian(q + share * step * v) for share in (-1.0, 1.0))
+        expected = (after - before) @ v / (2.0 * step)
+        assert_allclose(robot.velocity_product_acceleration(q, v), expected, rtol=1e-6, atol=1e-6)
+
+
 def test_wrench_and_joint_torques_do_the_same_virtual_work(robot: Robot, postures: Array) -> None:
     rng = np.random.default_rng(1)
     for q in postures:

@@ -307,6 +307,30 @@ def test_a_stroke_is_pressed_before_its_path_and_after_it(robot: Robot) -> None:
         assert np.median(done.trace.contact[rest, 2]) == pytest.approx(8.0, rel=0.1)
 
 
+def test_a_stroke_over_a_crown_takes_its_time_and_keeps_its_force(robot: Robot) -> None:
+    """Its way up passed for something that gives way: it took half as long again, without force control."""
+    scenario = SCENARIOS["contour"]
+    turned = Rotation.from_matrix(start_posture(robot, scenario.start)[1]).as_quat().tolist()
+    radius_m = 0.2
+    first, crown, last = ((0.45, y, 0.060 + np.sqrt(radius_m**2 - y**2)) for y in (0.1, 0.0, -0.1))
+    path = AppPath(
+        start=ViaPoint(t=2.5, position=first, orientation=turned),
+        via=(ViaPoint(t=3.5, position=crown, orientation=turned, velocity=(0.0, -0.15, 0.0)),),
+        tn=4.5, length_m=0.21, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    apps = (
+        app("move_to_contact", 0.5, 2.5, first, orientation=turned),
+        app("apply_force", 2.5, 4.5, last, force=(0.0, 0.0, -10.0), path=path, orientation=turned),
+    )
+    done = executed(apps, SimulatedCell(scenario, THESIS, 1))
+    assert done.stopped is None
+    begun, ended = (round(1000 * t) for t in done.spans[1])
+    assert ended - begun == pytest.approx(2000, abs=20)
+    pressed = done.trace.contact[begun + 400 : ended - 100, 2]
+    assert np.median(pressed) == pytest.approx(10.0, rel=0.1)
+    assert np.percentile(np.abs(pressed - 10.0), 90) < 3.0
+
+
 SCREW_HEAD = (0.45, -0.05, 0.200)
 
 

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Hint, HintKind
 from caesura_protocol.recording import Recording
-from caesura_service.constants import GRAVITY
+from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.offline_segmentation import views
 from caesura_service.program import TOLERANCE_M
 from caesura_service.robot import Robot
-from caesura_service.signals.tare import TARED_BIAS_N
 
 Array = NDArray[np.float64]
 

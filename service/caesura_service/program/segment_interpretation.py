@@ -29,7 +29,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
-from caesura_service.constants import GRAVITY
+from caesura_service.constants import GRAVITY, TARED_BIAS_N
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 ROUNDED_S = 1e-6
@@ -45,6 +45,7 @@ IN_AIR_M = 0.005  # but for one that goes on for longer than this without the fo
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
+UNLIKE_N = SURE_SDS * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -285,7 +286,7 @@ def _alike(rests: Sequence[ProgramSegment], strokes: Sequence[ProgramSegment]) -
     if rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
         return True
     forces = [length(stroke.force) for stroke in strokes]
-    least, most = min(forces) - PUSHES_BACK_N, max(forces) + PUSHES_BACK_N
+    least, most = min(forces) - UNLIKE_N, max(forces) + UNLIKE_N
     return all(least < length(rest.force) < most for rest in rests if rest.segment.kind == "contact")
 
 

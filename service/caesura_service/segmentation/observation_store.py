@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.models import ModelInput
-from caesura_service.constants import JOINTS_MOST
+from caesura_service.constants import JOINTS_MOST, TARED_BIAS_N
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screwing import Course
 from caesura_service.signals import Observation
-from caesura_service.signals.tare import TARED_BIAS_N
 
 Array = NDArray[np.float64]
 Row = tuple[float, ...]

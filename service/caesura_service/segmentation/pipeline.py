@@ -32,7 +32,7 @@ from caesura_service.coaching import (
     SignalCoach,
     all_hints,
 )
-from caesura_service.constants import JOINTS
+from caesura_service.constants import JOINTS, TARED_BIAS_N
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
 from caesura_service.robot import Robot, load_robot
@@ -59,7 +59,7 @@ from caesura_service.signals import (
     SampleLayout,
     WrenchCapabilities,
 )
-from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
+from caesura_service.signals.tare import UNTARED_BIAS_N
 
 PHASES = Chain(PARAMETERS)
 # Observations from one look at segments to the next, while nothing happens but that the last one goes on or

@@ -17,6 +17,7 @@ from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.segments import Classification, InferredSegment, outline, stretches
 from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.turn_in_place import centre_of
+from caesura_service.constants import TARED_BIAS_N
 from caesura_service.segmentation.corrections import FilterConstraints
 from caesura_service.segmentation.finalized_segments import FinalizedSegments, SegmentEntry
 from caesura_service.segmentation.observation_store import ObservationStore
@@ -25,7 +26,7 @@ from caesura_service.segmentation.screwing import screw_of
 from caesura_service.segmentation.time_slices import give_way
 from caesura_service.segmentation.turning import is_turn_in_place
 from caesura_service.signals import WrenchCapabilities
-from caesura_service.signals.tare import TARED_BIAS_N, UNTARED_BIAS_N
+from caesura_service.signals.tare import UNTARED_BIAS_N
 
 
 class _Seen(NamedTuple):

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Scale of what free space reads after a tare: in real recordings the bias wanders by 2.3 N with the pose.
-TARED_BIAS_N = 2.3
-UNTARED_BIAS_N = 5.0  # and without one: real sensors read 1–5 N in free space
+UNTARED_BIAS_N = 5.0  # scale of what free space reads without a tare: real sensors read 1–5 N
 
 
 @dataclass(frozen=True)

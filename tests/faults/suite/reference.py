@@ -17,12 +17,12 @@ from caesura_protocol.recording import Recording
 from caesura_service.changepoint.presets import preset_named
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segments import stretches
+from caesura_service.constants import TARED_BIAS_N
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.pipeline import layout_of, observed
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals import Conditioner
 from caesura_service.signals.backend import REFERENCE
-from caesura_service.signals.tare import TARED_BIAS_N
 from faults.suite.outcome import FULL, Row, Scale
 from faults.suite.stations import demonstration, undisturbed
 

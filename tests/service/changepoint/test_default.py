@@ -14,8 +14,8 @@ from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches
+from caesura_service.constants import TARED_BIAS_N
 from caesura_service.offline_segmentation import segment_recording
-from caesura_service.signals.tare import TARED_BIAS_N
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 

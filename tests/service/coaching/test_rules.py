@@ -12,8 +12,8 @@ from caesura_protocol.messages import Hint
 from caesura_service.coaching import ArmLimits, CoachingSetup, ObservedPose, SignalCoach
 from caesura_service.coaching.bias import DriftState, DriftTracker
 from caesura_service.coaching.measures import path_error
+from caesura_service.constants import TARED_BIAS_N
 from caesura_service.robot import load_panda
-from caesura_service.signals.tare import TARED_BIAS_N
 
 STEP_S = 0.1
 AT_REST, STILL = (0.4, 0.0, 0.3), (0.0, 0.0, 0.0)

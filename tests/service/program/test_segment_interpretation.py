@@ -215,7 +215,7 @@ def test_a_contact_that_begins_on_the_way_down_is_left_from_where_it_was_touched
 
 @pytest.mark.parametrize(
     ("seconds", "push_n", "presses"),
-    [(0.4, 9.0, 0), (1.5, 7.0, 0), (1.5, 13.0, 1), (1.5, 5.0, 1), (0.4, 13.0, 0)],
+    [(0.4, 9.0, 0), (1.5, 7.0, 0), (1.5, 14.0, 1), (1.5, 4.0, 1), (0.4, 14.0, 0)],
 )
 def test_a_rest_at_the_end_of_a_stroke_that_presses_as_hard_is_its_end(
     seconds: float, push_n: float, presses: int

@@ -173,6 +173,12 @@ class SimulatedArm:
             q = q + LOOK_S * v
         return most
 
+    def mass_along(self, direction: Array) -> float:
+        """Return the mass [kg] of the arm at the flange along a direction (3,), where it is."""
+        arm = self._robot.hand_dynamics(self._q)
+        joints = arm.jacobian[:3].T @ direction
+        return float(1.0 / (joints @ np.linalg.solve(arm.mass_matrix, joints)))
+
     def trace(self) -> SimulationTrace:
         """Return the trace of all ticks; the controller's wrench is in place of a hand's."""
         rows = np.array(self._rows)
@@ -187,13 +193,12 @@ class SimulatedArm:
         ahead = self._feed_forward(want, arm, lever)
         force = np.array(
             [
-                STIFFNESS_N_PER_M * (meant - place) + (DAMPING_NS_PER_M * (speed - rate) + added)
-                for meant, place, speed, rate, added in zip(
+                STIFFNESS_N_PER_M * (meant - place) + DAMPING_NS_PER_M * (speed - rate)
+                for meant, place, speed, rate in zip(
                     want.position.tolist(),
                     arm.position_base.tolist(),
                     want.velocity.tolist(),
                     twist[:3],
-                    ahead[:3],
                     strict=True,
                 )
             ]
@@ -201,7 +206,7 @@ class SimulatedArm:
         if want.along.any():
             speed = want.along @ np.array(twist[:3])
             force -= want.along * (want.along @ force + PRESS_DAMPING_NS_PER_M * speed)
-        fx, fy, fz = (force + want.push).tolist()
+        fx, fy, fz = (force + want.push + ahead[:3]).tolist()
         torque = [
             TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (speed - rate) + added
             for error, speed, rate, added in zip(
@@ -217,14 +222,16 @@ class SimulatedArm:
     def _feed_forward(self, want: Setpoint, arm: HandDynamics, lever: Vector) -> list[float]:
         """Return the wrench (6,) that accelerates the arm, with the load that is set, as a setpoint asks for.
 
-        Joints that turn evenly accelerate the flange by J̇ v; forces accelerate it by the rest.
+        Joints that turn evenly accelerate the flange by J̇ v; forces accelerate it by the rest. Along the
+        direction of a controlled force a setpoint asks for no acceleration.
         """
         if not (want.velocity.any() or want.turning.any()):
             return [0.0] * 6
         at_tip = tip_jacobian(arm.jacobian, lever) if self.load_kg > 0.0 else None
         mass = loaded_mass(arm, self.load_kg, at_tip)
         mobilities, axes = np.linalg.eigh(arm.jacobian @ np.linalg.solve(mass, arm.jacobian.T))
-        asked = np.concatenate([want.acceleration, want.angular_acceleration])
+        across = want.acceleration - want.along * (want.along @ want.acceleration)
+        asked = np.concatenate([across, want.angular_acceleration])
         asked -= self._robot.velocity_product_acceleration(self._q, self._v)
         ahead: list[float] = (axes @ (axes.T @ asked / np.maximum(mobilities, LEAST_MOBILITY))).tolist()
         return ahead

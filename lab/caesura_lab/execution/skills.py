@@ -27,6 +27,7 @@ from caesura_protocol.screw_motion import stop_torque_nm
 
 RISE_S, RELEASE_S = 0.15, 0.15  # longest time in which a force is built up; in which it is let go
 FORCE_GAIN_PER_S, FORCE_CORRECTION_N = 40.0, 8.0
+FORCE_GAIN_NS_PER_M = 200.0  # largest gain times mass: half of the damping of a press on a stiff surface
 COMPLIANT_M_PER_S = 0.003  # a surface that yields faster has no force at rest yet
 STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
@@ -176,6 +177,7 @@ class SkillController:
         began_n, sunk = self._pressed_n, 0.0
         still = self.setpoint.still
         torque_stop = TorqueStop(screw)
+        gain_per_s = min(FORCE_GAIN_PER_S, FORCE_GAIN_NS_PER_M / self.arm.mass_along(along))
         ticks, k, waited = round(seconds / DT), 0, 0
         while k - waited < ticks:
             k += 1
@@ -197,7 +199,7 @@ class SkillController:
                 break
             self._pressed_n = want
             wrong = 0.0 if slowed_n or sinks else want + float(along @ measured.force)
-            corrected = self._correction_n + FORCE_GAIN_PER_S * DT * wrong
+            corrected = self._correction_n + gain_per_s * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
             beyond_m = sunk - max(depth_m or 0.0, 0.0)

@@ -5,6 +5,7 @@ the fastest time law (`time_law`), and via points so close that the reproduced p
 reproduced path itself is looked at every millisecond, and its time scaled until it keeps to the limits. A
 movement that a contact ends is scaled until what the executor makes of it keeps to the limits too. A
 movement that cannot be timed stays as taught, and a note says so. One that a person gave a speed keeps it.
+One that stays near a contact that it leaves or meets keeps its taught time, too.
 
 A pause is removed where it is not marked. Where a hand crept on in it, it lasts as long as the executor
 takes to creep there.
@@ -25,11 +26,12 @@ from caesura_lab.execution.skills import CREEP_M_PER_S
 from caesura_lab.execution.trajectories import app_path, approach_direction, arrival_speed
 from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
 from caesura_lab.retiming.time_law import TimeLawError, fastest
-from caesura_protocol.app_kinds import APP_KINDS, app_name
+from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.paths import Curve, curve_of
 from caesura_protocol.programs.app_times import TURNED_M, may_retime, moved
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.programs.planned_apps import STANDOFF_M
 from caesura_protocol.programs.retiming import retimed
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import angular_velocities, matrix_of
@@ -72,7 +74,8 @@ def optimal(
     still = FINGERS_DOWN
     for index, app in enumerate(program.apps):
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
-        if may_retime(app) and app.speed is None:
+        before = program.apps[index - 1] if index else None
+        if may_retime(app) and app.speed is None and not _is_at_contact(app, before, following):
             limits = limits_of(robot, program.safety, app.load_kg or 0.0)
             try:
                 steps[index] = _fastest(app, following, np.array(still), robot, limits, program.safety)
@@ -81,6 +84,13 @@ def optimal(
         still = app.orientation or still
     noted = program.model_copy(update={"notes": (*program.notes, *notes)})
     return retimed(noted, steps, "optimal", lambda index, _: _crept_s(program.apps, index), keeps_pause)
+
+
+def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) -> bool:
+    """Whether a movement leaves or meets a contact, and stays within the standoff from it."""
+    meets = ends_in_contact(app.kind, None if following is None else following.kind)
+    leaves = before is not None and APP_KINDS[before.kind].presses
+    return (meets or leaves) and app.path is not None and app.path.length_m <= STANDOFF_M
 
 
 def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:

@@ -1,16 +1,19 @@
-"""The controller of the simulated arm keeps to a path at the fastest speed, on every arm."""
+"""The controller of the simulated arm: its path at the fastest speed, and its force on a stiff surface."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.simulated_arm import Setpoint, SimulatedArm
+from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.plan import DT
-from caesura_lab.teacher.scenarios import SCENARIOS, moved
+from caesura_lab.teacher.scenarios import SCENARIOS, Surface, moved, tips
 from caesura_protocol.paths import Curve
 from caesura_protocol.programs.safety import DEFAULT
 from caesura_protocol.robots import robot_names
@@ -37,3 +40,20 @@ def test_an_arm_keeps_within_two_millimetres_of_its_setpoint_at_the_fastest_spee
         measured = arm.tick(Setpoint(position, rotation, velocity, acceleration))
         aside_m.append(math.dist(measured.position, position))
     assert max(aside_m) < 2e-3
+
+
+def test_a_press_on_a_stiff_surface_keeps_its_force_while_a_heavy_arm_turns() -> None:
+    """The force of an iiwa swung up to 29 N: its mass of 10 kg times the gain was more than all damping."""
+    robot = load_robot("iiwa14")
+    scenario = moved(SCENARIOS["pick_and_place"], robot.description.task_offset_m)
+    stiff = Surface(tips(scenario.start[2]), stiffness_n_per_m=5e4)
+    arm = SimulatedArm(robot, CellSimulation(replace(scenario, surfaces=(stiff,)), 0.25))
+    controller = SkillController(arm, DEFAULT)
+    controller.contact_direction = np.array([0.0, 0.0, -1.0])
+    controller.press(14.0, 0.5)
+    here, rotation = controller.setpoint.position, Rotation.from_matrix(controller.setpoint.rotation)
+    turned = [rotation * Rotation.from_euler("z", degrees, degrees=True) for degrees in (0.0, 120.0)]
+    path = Curve.through([0.0, 2.4], [[*here, *one.as_quat()] for one in turned])
+    controller.press(14.0, 2.4, path=path)
+    pushed = arm.trace().contact[-2000:, 2]
+    assert np.ptp(pushed) < 3.0

@@ -21,6 +21,7 @@ from caesura_protocol.programs.document import ProgramFile, document_of_apps
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.joint_motion import followed, joints_followed, shares
+from harness.programs import as_file, move, press
 
 DATA = Path(__file__).parents[3] / "data"
 NAMES = ("pick_and_place", "dispenser", "three_point")
@@ -133,3 +134,16 @@ def test_the_simulated_robot_runs_it_within_its_joints_limits(
     for begins, ends in free:
         q = done.trace.q[round(1000 * begins) : round(1000 * ends)]
         assert max(shares(q, at_rest=False)) < 1.0
+
+
+@pytest.mark.parametrize(("lifted_m", "is_timed"), [(0.018, False), (0.022, True)])
+def test_a_movement_that_stays_near_the_contact_that_it_leaves_keeps_its_time(
+    lifted_m: float, is_timed: bool, robot: Robot
+) -> None:
+    """A lift-off from a screw by 13 mm took 0.2 s in place of 0.6 s, and passed for a part of the press."""
+    x, y, z = (-0.02, -0.52, 0.165)
+    lift = move(4.2, (x, y, z), (x, y, z + lifted_m))
+    fast = optimal(as_file((*press()[:2], lift)), robot=robot)
+    assert fast.timing is not None
+    assert fast.timing.retimed == ((2,) if is_timed else ())
+    assert (fast.apps[2].tn - fast.apps[2].t0 < 0.9) is is_timed

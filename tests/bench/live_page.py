@@ -88,10 +88,10 @@ def measure(stage: Stage, browser: Browser, age_s: float, seconds: float) -> Non
     recording = taught(7, age_s + WARM_UP_S + seconds + MARGIN_S)
     with (
         stage.reader() as reader,
-        Subscriber(reader, station).listening() as heard,
+        Subscriber(reader, station).listening() as received,
         stage.aged(station, recording, age_s),
     ):
-        heard.until(lambda: heard.update is not None and reached(heard.now) >= age_s)
+        received.until(lambda: received.update is not None and reached(received.now) >= age_s)
         visitor = Visitor(browser)
         counts.watch(visitor)
         visitor.page.goto(f"{stage.dashboard.url}/station/{station}")
@@ -110,7 +110,7 @@ def measure(stage: Stage, browser: Browser, age_s: float, seconds: float) -> Non
     )
     words = "  ".join(f"{name} {value:5.1f}" for name, value in used.items())
     print(
-        f"{age_s:6.0f} s {len(heard.now.program.apps):5d} apps   [s of processor] {words}   "
+        f"{age_s:6.0f} s {len(received.now.program.apps):5d} apps   [s of processor] {words}   "
         f"{pushed / 1e6:6.2f} MB in {messages:.0f} messages, {fetched / 1e6:.2f} MB in {answers:.0f} answers",
         flush=True,
     )

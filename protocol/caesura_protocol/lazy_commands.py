@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
@@ -10,9 +13,18 @@ from typer.core import TyperCommand
 
 
 class LazyCommand(TyperCommand):
-    """A command of which the name and the summary are known; `load` imports the rest."""
+    """A command of which the name and the place are known; `load` imports the rest."""
 
     place: ClassVar[str]
+
+    def _summary(self) -> str:
+        """Return its line in a list of commands."""
+        return summary_of(self.place)
+
+    def _discard(self, _words: str | None) -> None:
+        """Discard the help of what stands for a function that is not imported."""
+
+    help = property(_summary, _discard)
 
     def load(self) -> Any:
         """Import the command, with its options."""
@@ -25,14 +37,22 @@ class LazyCommand(TyperCommand):
         return self.load().make_context(*args, **options)
 
 
-def add_command(app: typer.Typer, name: str, place: str, summary: str) -> None:
-    """Add a command.
+def add_command(app: typer.Typer, name: str, place: str) -> None:
+    """Add a command. place: `module:function`."""
+    app.command(name, cls=type("LazyCommand", (LazyCommand,), {"place": place}))(_no_options)
 
-    place: `module:function`. summary: one line of the list of commands, the first paragraph of the function's
-    docstring.
-    """
-    cls = type("LazyCommand", (LazyCommand,), {"place": place})
-    app.command(name, help=summary, cls=cls)(_no_options)
+
+def summary_of(place: str) -> str:
+    """The first paragraph of a function's docstring, read from the source of its module without an import."""
+    module, name = place.split(":")
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError(f"no module {module!r}", name=module)
+    functions = ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body
+    docstrings = (
+        ast.get_docstring(one) for one in functions if isinstance(one, ast.FunctionDef) and one.name == name
+    )
+    return " ".join((next(docstrings, None) or "").partition("\n\n")[0].split())
 
 
 def _no_options() -> None:

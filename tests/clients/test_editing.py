@@ -210,6 +210,25 @@ def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     )
 
 
+def test_what_has_no_time_is_not_preceded_by_a_query_where_the_revision_is_stated(
+    endpoint: str, caesura: Caesura, monkeypatch: pytest.MonkeyPatch
+):
+    session = taught(caesura, "cell-14")
+    asked: list[tuple[object, ...]] = []
+    snapshot = Caesura.snapshot
+
+    def counted(self: Caesura, *named: str | None):
+        asked.append(named)
+        return snapshot(self, *named)
+
+    monkeypatch.setattr(Caesura, "snapshot", counted)
+    for count, words in [(1, ["insert", "3.2", "--revision", "0"]), (0, ["undo", "--revision", "1"])]:
+        done = typed(endpoint, "cell-14", session, *words)
+        assert done.exit_code == 0, done.stderr
+        assert len(asked) == count
+        asked.clear()
+
+
 def test_actions_as_they_are_typed():
     assert parse(["move", "3.2", "3.4"]) == Move(t=3.2, to=3.4)
     assert parse(["limit-force", "3.2", "none"]) == LimitForce(t=3.2, newton=None)

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.cli import build
+from caesura_protocol.lazy_commands import add_command
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 
@@ -51,3 +52,13 @@ def test_ctrl_c_while_modules_are_imported_leaves_no_traceback(tmp_path, interru
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_a_line_of_the_list_is_read_from_the_docstring_without_an_import(tmp_path, monkeypatch):
+    (tmp_path / "unloaded.py").write_text(
+        'raise ImportError\ndef run() -> None:\n    """Run it,\n    and return.\n\n    More of it.\n    """\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    app = build(())
+    add_command(app, "run", "unloaded:run")
+    assert "Run it, and return." in CliRunner().invoke(app, ["--help"]).stdout

@@ -9,9 +9,11 @@ import threading
 import pytest
 from rich.console import Console
 
+from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.following import ServiceAvailability, SessionRemoved
 from caesura_clients.results import SessionReader
+from caesura_protocol.session_clock import SessionClock
 from clients.answering import Answering
 from clients.examples import snapshot
 
@@ -170,3 +172,12 @@ def test_watch_in_a_pipe_writes_a_line_at_once_and_ends_at_sigterm(router):
             deadline.cancel()
             child.kill()
     assert (child.returncode, said) == (0, "")
+
+
+def test_a_table_shows_times_on_the_clock_that_its_caller_has():
+    found = snapshot(0, "motion", station="cell-1", session="s1")
+    console = Console(width=120, color_system=None)
+    with console.capture() as drawn:
+        console.print(segments_view(found.status, found.segments.segments, SessionClock(-100.0)))
+    t0 = found.segments.segments[0].t0
+    assert f"{t0 + 100.0:.2f}" in drawn.get()

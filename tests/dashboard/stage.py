@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import threading
+import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
 from caesura_clients import Caesura
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources import Chunk
+from caesura_clients.bridge.sources.file import FileSource, pieces
+from caesura_protocol.errors import CaesuraError
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
@@ -37,6 +43,24 @@ def patient(seed: int = 0) -> Recording:
     return Recording(
         t=np.concatenate([taught.t, t]), signals=signals, wrench_source="flange_sensor", name="patient"
     )
+
+
+class Aged(FileSource):
+    """A recording that is sent at once up to an age [s], and at the pace of a robot from then on."""
+
+    def __init__(self, recording: Recording, age_s: float) -> None:
+        super().__init__(recording)
+        self._age_s = age_s
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Chunks of samples (k, columns)."""
+        began_s = 0.0
+        for chunk in pieces(self.recording.matrix()):
+            due_s = float(chunk[-1, 0]) - self._age_s
+            if due_s > 0.0:
+                began_s = began_s or time.monotonic()
+                time.sleep(max(0.0, began_s + due_s - time.monotonic()))
+            yield chunk
 
 
 class Dashboard(Process):
@@ -68,6 +92,16 @@ class Bridges:
         ]  # fmt: skip
         self._bridges[station] = start(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
+    @contextmanager
+    def aged(self, station: str, recording: Recording, age_s: float, session: str = "s1") -> Iterator[None]:
+        """A session that is so old [s] and goes on while the context lasts, by a bridge in this process."""
+        with (
+            self.reader() as robot,
+            Bridge(robot.transport, station, Aged(recording, age_s), session=session) as bridge,
+        ):
+            threading.Thread(target=_run, args=(bridge,), daemon=True).start()
+            yield
+
     def wait(self, station: str) -> None:
         """Until its bridge has ended by itself."""
         assert self._bridges[station].wait(DEADLINE_S) == 0
@@ -90,6 +124,11 @@ class Bridges:
         """A client of its own, which sees what is on the wire."""
         with ZenohTransport(self.service.endpoint, timeout_s=DEADLINE_S) as transport:
             yield Caesura(transport)
+
+
+def _run(bridge: Bridge) -> None:
+    with suppress(CaesuraError):  # closed before its recording is over
+        bridge.run()
 
 
 class Stage(Bridges):

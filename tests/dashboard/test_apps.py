@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_clients.dashboard.apps import card, timeline, vector
+from caesura_clients.dashboard.apps import ROWS, Timeline, card, changes, vector
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, Program
 from clients.examples import example
@@ -60,7 +60,7 @@ def test_zero_has_no_sign(values):
 
 def test_a_timeline_has_its_version_and_what_a_reader_must_know():
     program = example(Program).model_copy(update={"version": 7, "notes": ("a gap from 1 s to 2 s",)})
-    shown = timeline(program)
+    shown = Timeline().of(program)
     assert shown["version"] == 7
     assert shown["notes"] == ["a gap from 1 s to 2 s"]
     assert [one["number"] for one in shown["apps"]] == list(range(1, len(program.apps) + 1))
@@ -68,6 +68,61 @@ def test_a_timeline_has_its_version_and_what_a_reader_must_know():
 
 def test_a_long_program_shows_its_newest_apps_by_their_numbers():
     program = example(Program).model_copy(update={"apps": (app(),) * 250})
-    shown = timeline(program, newest=100)
+    shown = Timeline(newest=100).of(program)
     assert shown["before"] == 150
     assert [one["number"] for one in shown["apps"]] == list(range(151, 251))
+
+
+class Browser:
+    """What `program.js` does with a payload."""
+
+    def __init__(self) -> None:
+        self.shown: dict = {}
+
+    def apply(self, payload: dict) -> None:
+        held, self.shown = self.shown, {**self.shown, **payload}
+        for name in ROWS & payload.keys():
+            first, rows = payload[name]["first"], payload[name]["rows"]
+            before = self.shown["before"]
+            kept = [row for row in held.get(name, []) if before < row["number"] < first]
+            self.shown[name] = kept + rows
+
+
+def taught(*targets: float) -> Program:
+    """An app after the other, each to a place on x [m]."""
+    apps = [
+        app(target=(x, 0.0, 0.0), path=None, screw=None, t0=float(i), tn=i + 1.0, segments=(i,))
+        for i, x in enumerate(targets)
+    ]
+    changes = {"apps": tuple(apps), "edits": (), "gaps": (), "version": len(apps), "complete": False}
+    return example(Program).model_copy(update=changes)
+
+
+def test_a_page_that_takes_every_change_has_all_that_is_shown():
+    places = [0.01 * i for i in range(30)]
+    programs = [
+        taught(*places[:10]),
+        taught(*places[:11]),
+        taught(*places[:10], 0.9),
+        taught(*places[:4], 0.8, *places[5:12]),
+        taught(*places[:6]),
+        taught(*places).model_copy(update={"complete": True}),
+        taught(0.7, *places[1:]),
+        taught(*places[:3]).model_copy(update={"session": "another"}),
+    ]
+    made, browser, sent = Timeline(newest=8), Browser(), {}
+    for program in programs:
+        shown = made.of(program)
+        assert shown == Timeline(newest=8).of(program), "what was made before is what would be made now"
+        browser.apply(changes(sent, shown))
+        assert browser.shown == shown
+        assert changes(shown, made.of(program)) == {}
+        sent = shown
+
+
+@pytest.mark.parametrize("count", [20, 90, 400])
+def test_one_app_more_is_a_few_rows_however_long_the_program_is(count):
+    made, places = Timeline(), [0.001 * i for i in range(count)]
+    before = made.of(taught(*places))
+    payload = changes(before, made.of(taught(*places, 0.9)))
+    assert [len(payload[name]["rows"]) for name in ("apps", "path")] == [2, 1]

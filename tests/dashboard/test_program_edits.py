@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from caesura_clients.dashboard import program_edits
-from caesura_clients.dashboard.apps import timeline
+from caesura_clients.dashboard.apps import Timeline
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
 from caesura_protocol.errors import ProtocolError
@@ -26,7 +26,7 @@ def program(*apps: App, **changes: Any) -> Program:
 
 
 def test_an_app_offers_the_fields_that_it_has_and_the_places_it_can_go_to():
-    cards = timeline(program(*press()))["apps"]
+    cards = Timeline().of(program(*press()))["apps"]
     assert [sorted(card["values"]) for card in cards] == [["target"], ["force_n", "target"], ["target"]]
     assert cards[1]["values"]["force_n"] == 10.0
     assert [card["earlier"] is None for card in cards] == [True, False, False]
@@ -41,7 +41,7 @@ def test_marks_name_the_author_and_the_taught_value():
         AppChange(field="target", author="Bo", edit=2, inferred=(0.1, 0.2, 0.3)),
         AppChange(field="place", author="Bo", edit=3),
     )
-    card = timeline(program(press()[1].model_copy(update={"changes": marks})))["apps"][0]
+    card = Timeline().of(program(press()[1].model_copy(update={"changes": marks})))["apps"][0]
     assert card["changes"] == [
         "force by Ann (taught 10 N)",
         "target by Bo (taught 100, 200, 300 mm)",
@@ -60,7 +60,7 @@ def test_marks_name_the_author_and_the_taught_value():
     ],
 )
 def test_a_gripper_is_asked_for_where_something_is_gripped_and_none_is_known(apps, robot, offered):
-    found = timeline(program(*apps, robot=robot))["grippers"]
+    found = Timeline().of(program(*apps, robot=robot))["grippers"]
     assert bool(found) == offered
     assert all(name in grippers() and title for name, title in found)
 
@@ -82,16 +82,16 @@ def test_an_export_states_the_gripper_that_was_chosen():
 
 def test_findings_stand_at_their_app_once_the_program_is_complete():
     without_grasp = [one for one in pick_and_place() if one.kind != "grasp"]
-    shown = timeline(program(*without_grasp))
+    shown = Timeline().of(program(*without_grasp))
     reasons = [[reason for _, reason in card["findings"]] for card in shown["apps"]]
     assert "carries, but nothing was grasped: an app 'grasp' must come before it" in reasons[1]
-    taught = timeline(program(*without_grasp, complete=False))
+    taught = Timeline().of(program(*without_grasp, complete=False))
     assert not any(card["findings"] for card in taught["apps"])
 
 
 def test_a_program_is_offered_in_the_formats_of_its_robot():
     def offered(robot: str | None) -> list[str]:
-        return [title for title, _ in timeline(program(*press(), robot=robot))["exports"]]
+        return [title for title, _ in Timeline().of(program(*press(), robot=robot))["exports"]]
 
     assert offered("panda") == ["JSON", "franky script", "behaviour tree"]
     assert offered("ur5e") == ["JSON", "URScript", "behaviour tree"]
@@ -124,6 +124,6 @@ def test_a_change_of_a_program_lays_its_times_out_once(count: int, monkeypatch: 
     for module in (document, program_edits):
         monkeypatch.setattr(module, "edited_times", counted)
     slow = press()[0].model_copy(update={"speed": 0.5})
-    shown = timeline(program(slow, *press() * (count // 3), *press()[1:]))
+    shown = Timeline().of(program(slow, *press() * (count // 3), *press()[1:]))
     assert laid_out == [count // 3 * 3 + 3]
     assert shown["path"]

@@ -52,7 +52,9 @@ def edit(
     with reported():
         named(station)
         with connected(endpoint, config) as caesura:
-            clock, current = _seen(caesura, station, session, revision)
+            clock, current = NO_OFFSET, revision
+            if revision is None or _times(wanted):
+                clock, current = _seen(caesura, station, session, revision)
             wanted = _on_clock(wanted, clock)
             with nearest_named(wanted, clock):
                 ack = edit_session(
@@ -75,14 +77,18 @@ def _seen(
     except NotFound:
         if revision is None:
             raise
-        return SessionClock(), revision  # the service may know it, and hold it no longer
+        return NO_OFFSET, revision  # the service may know it, and hold it no longer
     return clock_of(found.segments.segments), found.status.revision if revision is None else revision
 
 
 def _on_clock(wanted: Action, clock: SessionClock) -> Action:
     """The action with its times on the clock of the session."""
-    times = {name: clock.read(getattr(wanted, name)) for name in ("t", "to") if hasattr(wanted, name)}
-    return wanted.model_copy(update=times)
+    return wanted.model_copy(update={name: clock.read(t) for name, t in _times(wanted).items()})
+
+
+def _times(wanted: Action) -> dict[str, float]:
+    """The times [s] of an action by the names of their fields; undo and redo have none."""
+    return {name: getattr(wanted, name) for name in ("t", "to") if hasattr(wanted, name)}
 
 
 @contextmanager

@@ -32,7 +32,7 @@ from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.screw_motion import torque_about_axis
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, is_of_day, moment
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day, moment
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
@@ -44,13 +44,13 @@ RESULTS = {True: "yes", False: "no", None: "–"}  # of demonstrations
 def segments_view(
     status: SessionStatus,
     segments: Sequence[Segment],
+    clock: SessionClock = NO_OFFSET,
     *,
     newest: int | None = None,
     hints: Sequence[Hint] = (),
 ) -> RenderableType:
     """The segments of one session, or its newest ones, its active hints, and a line on how it is doing."""
     hidden = 0 if newest is None else max(0, len(segments) - newest)
-    clock = clock_of(segments)
     table = segments_table(segments[hidden:], _title(status), clock, first=hidden)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
     active = [

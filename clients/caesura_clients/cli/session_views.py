@@ -57,7 +57,7 @@ def show(
         return
     lost = outcome_line(found.status)
     clock = clock_of(found.segments.segments)
-    views = [*clock_lines(clock), segments_view(found.status, found.segments.segments)]
+    views = [*clock_lines(clock), segments_view(found.status, found.segments.segments, clock)]
     if len(found.segments.phases) > 1:
         views.append(phases_table(found.segments.phases, "phases", clock))
     views.append(program_view(found.program, clock))

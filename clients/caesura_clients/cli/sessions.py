@@ -11,24 +11,9 @@ from caesura_protocol.distribution import install_command
 from caesura_protocol.lazy_commands import add_command
 
 sessions = typer.Typer(name="sessions", help="List the sessions of the service, or show one.")
-add_command(
-    sessions,
-    "describe",
-    "caesura_clients.cli.demonstrations:describe",
-    "Change what is stated about a session, open or closed; what is not named stays.",
-)
-add_command(
-    sessions,
-    "list",
-    "caesura_clients.cli.session_views:list_sessions",
-    "List the sessions of the service.",
-)
-add_command(
-    sessions,
-    "show",
-    "caesura_clients.cli.session_views:show",
-    "Show one session: its segments, its phases, its task program, and what did not become segments.",
-)
+add_command(sessions, "describe", "caesura_clients.cli.demonstrations:describe")
+add_command(sessions, "list", "caesura_clients.cli.session_views:list_sessions")
+add_command(sessions, "show", "caesura_clients.cli.session_views:show")
 OF_THE_SERVICE = ("export", "delete")  # they look into its journal
 
 

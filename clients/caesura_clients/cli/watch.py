@@ -56,9 +56,9 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
         raise NotFound(f"no session at {station or 'any station'}; stations with sessions: {known or 'none'}")
     for one in found:
         found_hints = one.hints.hints if one.hints else ()
-        segments = one.segments.segments
-        shown = segments_view(one.status, segments, hints=found_hints)
-        Console().print(Group(*clock_lines(clock_of(segments)), shown))
+        segments, clock = one.segments.segments, clock_of(one.segments.segments)
+        shown = segments_view(one.status, segments, clock, hints=found_hints)
+        Console().print(Group(*clock_lines(clock), shown))
 
 
 def _write_lines(caesura: Caesura, station: str | None) -> None:

@@ -104,6 +104,7 @@ class LiveView:
         """The newest rows of each station, and what is to be said of the service."""
         views: list[RenderableType] = []
         for one in updates:
-            views += clock_lines(clock_of(one.segments))
-            views.append(segments_view(one.status, one.segments, newest=rows, hints=one.hints))
+            clock = clock_of(one.segments)
+            views += clock_lines(clock)
+            views.append(segments_view(one.status, one.segments, clock, newest=rows, hints=one.hints))
         return [*views, Text(self._service)] if self._service else views

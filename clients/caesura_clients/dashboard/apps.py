@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from caesura_clients.dashboard.drawing import common
 from caesura_clients.dashboard.program_edits import app_editing, checked, editing_of
-from caesura_clients.dashboard.program_path import program_path
+from caesura_clients.dashboard.program_path import program_path, target_before
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import force_in_words, is_limited
 from caesura_protocol.messages import App, Program, Vector
@@ -16,29 +18,83 @@ from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.screw_motion import screw_in_words
 
 NEWEST = 100  # apps that are drawn
+ROWS = {"apps", "path"}  # what a page has row by row
+
+Row = dict[str, Any]
+Findings = Mapping[int, list[list[str]]]
 
 
-def timeline(program: Program, newest: int = NEWEST) -> dict[str, Any]:
-    """What the page shows of a program; of a long one the newest apps, and how many come before them."""
-    before = max(0, len(program.apps) - newest)
-    apps, of_program, of_apps = checked(program)
-    return {
-        **editing_of(program),
-        "findings": of_program,
-        "version": program.version,
-        "complete": program.complete,
-        "author": program.author or "",
-        "edited": program.edited,
-        "notes": list(program.notes),
-        "before": before,
-        "path": program_path(apps, before),
-        "apps": [
-            card(index + 1, program.apps[index])
-            | app_editing(program.apps, index)
-            | {"findings": of_apps.get(index, [])}
-            for index in range(before, len(program.apps))
-        ],
-    }
+class Timeline:
+    """What the page shows of a program that grows; what stays the same of it is not made again."""
+
+    def __init__(self, newest: int = NEWEST) -> None:
+        """newest: of a long program so many apps are shown."""
+        self._newest = newest
+        self._apps: Sequence[App] = ()
+        self._placed: Sequence[App] = ()  # at the times of the document
+        self._cards: dict[int, Row] = {}
+        self._path: list[Row] = []  # of the apps from `_before` on
+        self._before = 0
+
+    def of(self, program: Program) -> dict[str, Any]:
+        """What the page shows of it: the newest apps, how many come before them, and their path."""
+        before = max(0, len(program.apps) - self._newest)
+        placed, of_program, of_apps = checked(program)
+        self._make_path(placed, before)
+        self._make_cards(program.apps, before, of_apps)
+        return {
+            **editing_of(program),
+            "findings": of_program,
+            "version": program.version,
+            "complete": program.complete,
+            "author": program.author or "",
+            "edited": program.edited,
+            "notes": list(program.notes),
+            "before": before,
+            "path": self._path,
+            "apps": list(self._cards.values()),
+        }
+
+    def _make_path(self, placed: Sequence[App], before: int) -> None:
+        """Rows up to the first app that differs stay, if all of them are there and begin where they did."""
+        begins_alike = target_before(self._placed, before) == target_before(placed, before)
+        is_known = begins_alike and before >= self._before
+        first = _first_other(self._placed, placed, before) if is_known else before
+        kept = [row for row in self._path if before < row["number"] <= first]
+        self._path, self._placed, self._before = kept + program_path(placed, first), placed, before
+
+    def _make_cards(self, apps: Sequence[App], before: int, findings: Findings) -> None:
+        """A card states the apps beside it: the one before, the one before that, and the one behind it."""
+        first = _first_other(self._apps, apps, max(0, before - 2))
+        cards = {}
+        for index in range(before, len(apps)):
+            found = findings.get(index, [])
+            known = self._cards.get(index) if index < first - 1 else None
+            if known is None or known["findings"] != found:
+                known = card(index + 1, apps[index]) | app_editing(apps, index) | {"findings": found}
+            cards[index] = known
+        self._cards, self._apps = cards, apps
+
+
+def _first_other(before: Sequence[App], after: Sequence[App], begin: int) -> int:
+    """Return the number of the first app from `begin` on that is not the same."""
+    return begin + common(before[begin:], after[begin:])
+
+
+def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """What a page that shows `before` lacks of `after`, both of `Timeline.of`; empty where nothing is new.
+
+    Rows come as {first, rows}: they replace those with a number from `first` on.
+    """
+    if before.get("session") != after["session"]:
+        before = {}
+    found = {name: value for name, value in after.items() if name not in before or before[name] != value}
+    for name in ROWS & found.keys():
+        known = [row for row in before.get(name, ()) if row["number"] > after["before"]]
+        same = common(known, after[name])
+        first = 1 + (after[name][same - 1]["number"] if same else after["before"])
+        found[name] = {"first": first, "rows": after[name][same:]}
+    return found
 
 
 def card(number: int, app: App) -> dict[str, Any]:

@@ -10,9 +10,4 @@ from caesura_protocol.lazy_commands import add_command
 def register(app: typer.Typer) -> None:
     """Add the command, where its extra is installed."""
     if find_spec("nicegui") is not None:
-        add_command(
-            app,
-            "dashboard",
-            "caesura_clients.dashboard.dashboard_command:dashboard",
-            "Show stations in a browser: signals, segments, programs; and correct what was found.",
-        )
+        add_command(app, "dashboard", "caesura_clients.dashboard.dashboard_command:dashboard")

@@ -16,6 +16,7 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from caesura_clients.dashboard.apps import changes
 from caesura_clients.dashboard.drawing import SentState, delta
 from caesura_clients.results import Update
 
@@ -144,7 +145,7 @@ class SessionList(LiveElement, component="web/session_list.js"):
 
 
 class ProgramTimeline(LiveElement, component="web/program.js"):
-    """The timeline of a task program (`apps.timeline`). on_edit: an `EditProgram`, as the browser says it."""
+    """The timeline of a task program (`apps.Timeline`). on_edit: an `EditProgram`, as the browser says it."""
 
     def __init__(
         self,
@@ -158,9 +159,20 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         """on_simulate: with one of `speeds`; without any, nothing is simulated here. on_cancel: ends it."""
         super().__init__()
         self._props |= {"editable": editable, "speeds": list(speeds)}
+        self._known: dict[str, Any] = {}
         self.on("edit", on_edit)
         self.on("simulate", on_simulate)
         self.on("cancel", on_cancel)
+
+    def follow(self, timeline: dict[str, Any]) -> None:
+        """Send what is new in a timeline."""
+        if self.is_free and (payload := changes(self._known, timeline)):
+            self._known = timeline
+            self.send(payload)
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._known = {}
 
     def simulated(self, found: dict[str, Any]) -> None:
         """Show what became of a simulation (`Simulator.run`)."""

@@ -44,7 +44,7 @@ class _Drawn(NamedTuple):
 def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
     """The rows of the apps from number `first` on, counted from 0. apps: at the times of the document."""
     rows: list[dict[str, Any]] = []
-    place = _target_before(apps, first)
+    place = target_before(apps, first)
     for index in range(first, len(apps)):
         app = apps[index]
         drawn = _drawn(app, place)
@@ -62,7 +62,7 @@ def _look(app: App) -> dict[str, Any]:
     return {"words": app.name or app_title(app.kind), "kind": kind, "force": force}
 
 
-def _target_before(apps: Sequence[App], first: int) -> Vector | None:
+def target_before(apps: Sequence[App], first: int) -> Vector | None:
     """Where the app before number `first` ends; None where no app before it has a target."""
     return next((app.target for app in reversed(apps[:first]) if app.target is not None), None)
 

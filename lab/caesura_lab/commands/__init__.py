@@ -13,67 +13,23 @@ from caesura_service.extra import check_installed
 
 check_installed()
 
-COMMANDS = (
-    (
-        "segment",
-        "caesura_lab.commands.segment:segment",
-        "Divide a recording into segments and show them with the task program.",
-    ),
-    (
-        "check",
-        "caesura_lab.commands.check:check",
-        "Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot.",
-    ),
-    (
-        "execute",
-        "caesura_lab.commands.check:execute",
-        "Run a program on the simulated robot. The exit code is 1 where it is refused or stopped.",
-    ),
-    (
-        "evaluate",
-        "caesura_lab.commands.evaluate:evaluate",
-        "Judge segmentations against the truth: boundaries, classes, delays, load and force.",
-    ),
-    (
-        "report",
-        "caesura_lab.commands.report:report",
-        "Draw a recording as it is divided: signals, path, tables, and what the filter believed when.",
-    ),
-    (
-        "demo",
-        "caesura_lab.commands.demo:demo",
-        "Teach a simulated robot and watch segments and the task program appear.",
-    ),
-    (
-        "export",
-        "caesura_lab.commands.export:export_recording",
-        "Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.",
-    ),
-)
-ANNOTATE = (
-    "annotate",
-    "caesura_lab.commands.annotate:annotate",
-    "Mark boundaries and classes of a recording by hand, in a browser on this machine.",
-)
+COMMANDS = {
+    "segment": "caesura_lab.commands.segment:segment",
+    "check": "caesura_lab.commands.check:check",
+    "execute": "caesura_lab.commands.check:execute",
+    "evaluate": "caesura_lab.commands.evaluate:evaluate",
+    "report": "caesura_lab.commands.report:report",
+    "demo": "caesura_lab.commands.demo:demo",
+    "export": "caesura_lab.commands.export:export_recording",
+}
 
-add_command(
-    sessions,
-    "export",
-    "caesura_lab.commands.sessions:export",
-    "Write a session: .npz, a recording that `caesura segment` and a bridge can read; or .mcap, samples and "
-    "results for Foxglove and Rerun; or, with --format lerobot, sessions as the episodes of a dataset.",
-)
-add_command(
-    sessions,
-    "delete",
-    "caesura_lab.commands.sessions:delete",
-    "Delete a session for good: its samples, results and corrections, in every journal of DIR.",
-)
+add_command(sessions, "export", "caesura_lab.commands.sessions:export")
+add_command(sessions, "delete", "caesura_lab.commands.sessions:delete")
 
 
 def register(app: typer.Typer) -> None:
     """Add every command that works on recordings and programs; `annotate` where its extra is installed."""
-    for command in COMMANDS:
-        add_command(app, *command)
+    for name, place in COMMANDS.items():
+        add_command(app, name, place)
     if find_spec("nicegui") is not None:
-        add_command(app, *ANNOTATE)
+        add_command(app, "annotate", "caesura_lab.commands.annotate:annotate")

@@ -38,7 +38,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.programs.timing import RunSpeed
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description
-from caesura_service.changepoint.presets import PRESETS, WITHOUT
+from caesura_service.changepoint.presets import KNOWN_PRESETS, WITHOUT
 
 DEFAULT_PRESET = "default"
 DEFAULT_PRESETS = [DEFAULT_PRESET, "integrated"]
@@ -368,9 +368,9 @@ def _ablated() -> list[Method]:
 
 
 def _methods(presets: Sequence[str], *, with_baselines: bool) -> list[Method]:
-    unknown = sorted(set(presets) - {*PRESETS, *WITHOUT})
+    unknown = sorted(set(presets) - set(KNOWN_PRESETS))
     if unknown:
-        raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=sorted(PRESETS))
+        raise ProtocolError("malformed", "unknown preset", value=unknown[0], expected=list(KNOWN_PRESETS))
     own: list[Method] = [PresetMethod(name) for name in dict.fromkeys(presets)]
     return [*own, *(baselines() if with_baselines else [])]
 

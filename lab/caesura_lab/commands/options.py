@@ -10,15 +10,15 @@ import typer
 from caesura_clients.cli.options import reported
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.recording import wrong_option
-from caesura_service.changepoint.presets import PRESETS, WITHOUT
+from caesura_service.changepoint.presets import KNOWN_PRESETS, PRESETS
 
 RecordingFile = Annotated[Path, typer.Argument(help="Recording: npz, csv, MCAP, or a rosbag2.")]
 
 
 def _known_preset(name: str) -> str:
     with reported():
-        if name not in {**PRESETS, **WITHOUT}:
-            raise CaesuraError(wrong_option("preset", name, sorted(PRESETS)))
+        if name not in KNOWN_PRESETS:
+            raise CaesuraError(wrong_option("preset", name, KNOWN_PRESETS))
     return name
 
 

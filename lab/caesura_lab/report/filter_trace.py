@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.offline_posterior import segment_offline
-from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.presets import preset_named
 from caesura_service.conditioned_recording import ConditionedRecording, condition
 from caesura_service.signals import Observation
 
@@ -56,7 +56,7 @@ def trace_filter(recording: Recording, preset: str) -> FilterTrace:
 
     Raises KeyError for an unknown preset, ValueError for no segmentation.
     """
-    chosen, conditioned = PRESETS[preset], condition(recording)
+    chosen, conditioned = preset_named(preset), condition(recording)
     observations, online = conditioned.observations, conditioned.make_filter(chosen)
     snapshots = tuple(_snapshots(online, conditioned))
     return FilterTrace(

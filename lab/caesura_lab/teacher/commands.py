@@ -10,9 +10,4 @@ from caesura_protocol.lazy_commands import add_command
 def register(app: typer.Typer) -> None:
     """Add the teacher's command, where its extra is installed."""
     if find_spec("pinocchio") is not None and find_spec("caesura_service") is not None:
-        add_command(
-            app,
-            "teach",
-            "caesura_lab.teacher.teach_command:teach",
-            "Let a simulated person teach a robot: a recording, and beside it what really happened.",
-        )
+        add_command(app, "teach", "caesura_lab.teacher.teach_command:teach")

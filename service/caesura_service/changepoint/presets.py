@@ -8,14 +8,15 @@ from caesura_service.changepoint.default import DEFAULT, STROKES, WITHOUT
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.thesis_presets import THESIS_PRESETS
 
-__all__ = ["PRESETS", "WITHOUT", "Preset", "preset_named"]
+__all__ = ["KNOWN_PRESETS", "PRESETS", "WITHOUT", "Preset", "preset_named"]
 
 PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in (*THESIS_PRESETS, STROKES, DEFAULT)}
+#: By name in order: presets, and behind them `default` without one of its principles.
+KNOWN_PRESETS: Mapping[str, Preset] = dict([*sorted(PRESETS.items()), *sorted(WITHOUT.items())])
 
 
 def preset_named(name: str) -> Preset:
     """A preset, or `default` without one of its principles. Raises KeyError naming the presets."""
-    known = {**PRESETS, **WITHOUT}
-    if name not in known:
-        raise KeyError(f"no preset {name!r}; known: {sorted(PRESETS)}")
-    return known[name]
+    if name not in KNOWN_PRESETS:
+        raise KeyError(f"no preset {name!r}; known: {list(KNOWN_PRESETS)}")
+    return KNOWN_PRESETS[name]

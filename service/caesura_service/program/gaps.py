@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 
 from caesura_protocol.messages import Gap
+from caesura_protocol.number_words import fixed
 
 EDGE_S = 0.2  # conditioning makes no observation this close to a gap, so an app may end as long before it
 NAMED = 5  # gaps in a note, the longest ones
@@ -49,7 +50,7 @@ class Gaps:
         """Return the note on gaps for the operator who runs the program; began [s]: its first sample."""
         named = ", ".join(_named(gap, began) for gap in sorted(self._longest, key=lambda one: one.t0))
         rest = len(self.all) - len(self._longest)
-        more = f" and {rest} shorter ones, {self._total_s:.2f} s in all" if rest else ""
+        more = f" and {rest} shorter ones, {fixed(self._total_s, 2)} s in all" if rest else ""
         return (
             f"Not observed: {named}{more}. What was taught then is missing, and apps beside it are less sure."
         )
@@ -57,7 +58,7 @@ class Gaps:
 
 def _named(gap: Gap, began: float) -> str:
     if gap.t0 < gap.tn:
-        when = f"{gap.t0:.2f}–{gap.tn:.2f} s"
+        when = f"{fixed(gap.t0, 2)}–{fixed(gap.tn, 2)} s"
     else:
-        when = f"before {gap.t0:.2f} s" if gap.t0 <= began else f"after {gap.t0:.2f} s"
+        when = f"{'before' if gap.t0 <= began else 'after'} {fixed(gap.t0, 2)} s"
     return f"{when} ({REASONS[gap.reason]})"

@@ -22,7 +22,7 @@ from caesura_protocol.plausibility import UNITS, FirstSecond
 from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.models import UNTURNED, ModelInput
 from caesura_service.changepoint.preset import Preset
-from caesura_service.changepoint.presets import PRESETS, preset_named
+from caesura_service.changepoint.presets import KNOWN_PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
 from caesura_service.coaching import (
     ArmLimits,
@@ -81,7 +81,9 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
     try:
         preset = preset_named(name)
     except KeyError as error:
-        raise ProtocolError("malformed", "unknown preset", value=name, expected=sorted(PRESETS)) from error
+        raise ProtocolError(
+            "malformed", "unknown preset", value=name, expected=list(KNOWN_PRESETS)
+        ) from error
     if threshold is not None:
         check_level(threshold)
         unconditioned = replace(preset.filter, certain=1.0)

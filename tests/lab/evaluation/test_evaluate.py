@@ -83,6 +83,7 @@ def test_default_without_a_principle_is_a_preset_too():
             "--suite roundtrip without --mutations",
         ),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
+        ((BUTTON, "--preset", "without"), "'without_power'"),
         (("/nowhere/x.npz",), "no such file"),
         ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
     ],

@@ -82,3 +82,10 @@ def test_of_many_gaps_the_longest_are_named_in_their_order_and_the_others_counte
     named = [words.split("–")[0] for words in note.removeprefix("Not observed: ").split(", ")]
     assert named[:5] == ["5.00", "6.00", "12.00", "13.00", "19.00"]
     assert "and 15 shorter ones, 7.70 s in all." in note
+
+
+def test_a_time_that_no_robot_states_does_not_make_the_note_long():
+    note = gap_note([gap(-1e302, -1e301), *(gap(1e301, 1e302) for _ in range(6))], 0.0)
+    assert "-1e+302–-1e+301 s" in note
+    assert "and 2 shorter ones, 6.3e+302 s in all" in note
+    assert len(note) < 500

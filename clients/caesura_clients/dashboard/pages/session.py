@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import run, ui
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.apps import timeline
+from caesura_clients.dashboard.apps import Timeline
 from caesura_clients.dashboard.demonstrations import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct
@@ -57,7 +57,8 @@ class SessionPage:
                 speeds=() if site.simulator is None else SPEEDS,
             )
         self._timeline_of: wire.Program | None = None
-        self._timeline: dict[str, Any] = {}
+        self._timeline = Timeline()
+        self._shown: dict[str, Any] = {}
         self._parts = PartChoice()
         self._columns_from = -1.0  # [s] run lengths up to there were sent; negative: none
         self._columns_of = ""  # which session
@@ -106,11 +107,11 @@ class SessionPage:
     def _show_program(self, program: wire.Program) -> None:
         """In words, made anew only where it changed: a long one takes its time."""
         if program is not self._timeline_of:
-            self._timeline_of, self._timeline = program, timeline(program)
+            self._timeline_of, self._shown = program, self._timeline.of(program)
         is_edited = self._program_desk is not None
         parts = self._parts.of(self._gateway.world, program.station, program.session) if is_edited else []
         elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
-        self._program.show({**self._timeline, "sessions": parts, "elsewhere": elsewhere})
+        self._program.follow({**self._shown, "sessions": parts, "elsewhere": elsewhere})
 
     def _more(self, update: Update | None) -> dict[str, Any]:
         """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""

@@ -20,6 +20,38 @@ export function contextOf(canvas) {
   return context;
 }
 
+// One drawing, and how often it is made: at once where a person asks for it, and while results arrive at most every
+// LIVE_MS, or every HIDDEN_MS where it is scrolled out of sight. The last request is always drawn.
+const LIVE_MS = 150, HIDDEN_MS = 1000;
+export class Painter {
+  constructor(element, paint) {
+    Object.assign(this, { paint, frame: 0, timer: 0, painted: -HIDDEN_MS, inSight: true });
+    this.observer = new IntersectionObserver((found) => {
+      this.inSight = found.at(-1).isIntersecting;
+      if (this.inSight && this.timer) this.now();
+    });
+    this.observer.observe(element);
+  }
+  now() {
+    clearTimeout(this.timer);
+    this.timer = 0;
+    this.frame ||= requestAnimationFrame(() => {
+      Object.assign(this, { frame: 0, painted: performance.now() });
+      this.paint();
+    });
+  }
+  soon(every = LIVE_MS) { // every: [ms] between two drawings, if it is more
+    if (this.frame || this.timer) return;
+    const wait = Math.max(LIVE_MS, Math.min(every, HIDDEN_MS), this.inSight ? 0 : HIDDEN_MS);
+    this.timer = setTimeout(() => this.now(), Math.max(this.painted + wait - performance.now(), 0));
+  }
+  close() {
+    this.observer.disconnect();
+    clearTimeout(this.timer);
+    cancelAnimationFrame(this.frame);
+  }
+}
+
 // Call `resized` when an element has another size, and `themed` when the theme changes; returns what ends that.
 export function watchLook(element, resized, themed) {
   const observers = [new ResizeObserver(() => resized()), new MutationObserver(() => themed())];

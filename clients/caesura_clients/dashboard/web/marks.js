@@ -7,10 +7,22 @@ const ROOM = 40; // pixels from changepoint to changepoint, below which their li
 export const ROWS = { kinds: [22, 22], phases: [2, 18] }; // of the band: top and height
 export const BAND_HEIGHT = 46;
 
+// The rows of a range of time. end: which cell is the last time of a row; rows are in the order of their times.
+function within(rows, { from, to }, end) {
+  let low = 0, high = rows.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (rows[middle][end] < from) low = middle + 1;
+    else high = middle;
+  }
+  const first = low;
+  while (low < rows.length && rows[low][0] <= to) low += 1;
+  return rows.slice(first, low);
+}
+
 // area: {x(t), left, right, top, bottom, from, to} in pixels of the context
 function spans(rows, area, each) {
-  for (const row of rows) {
-    if (row[1] < area.from || row[0] > area.to) continue;
+  for (const row of within(rows, area, 1)) {
     const x0 = Math.max(area.x(row[0]), area.left), x1 = Math.min(area.x(row[1]), area.right);
     if (x1 > x0) each(row, x0, x1 - x0);
   }
@@ -53,7 +65,7 @@ export function before(context, area, state, ink, pixel) {
   context.rect(area.left, area.top, area.right - area.left, area.bottom - area.top);
   context.clip();
   veil(context, area, state, ink);
-  const shown = state.changepoints.filter(([t]) => t >= area.from && t <= area.to && t <= state.shownEnd);
+  const shown = within(state.changepoints, { from: area.from, to: Math.min(area.to, state.shownEnd) }, 0);
   const strength = Math.min(1, (area.right - area.left) / pixel / (shown.length + 1) / ROOM);
   for (const [t, probability, isFinal, low, high] of shown) {
     const isSelected = t === state.selected;
@@ -116,9 +128,8 @@ export function drawBand(context, area, state, ink) {
   }
   const whole = { ...area, top: ROWS.phases[0], bottom: BAND_HEIGHT };
   before(context, whole, state, ink, 1);
-  for (const [t, , , , , corrected] of state.changepoints) {
-    if (t < area.from || t > Math.min(area.to, state.shownEnd) || !(corrected || t === state.selected)) continue;
-    diamond(context, area.x(t), ROWS.kinds[0], t === state.selected ? ink.accent : ink.text);
+  for (const [t, , , , , corrected] of within(state.changepoints, { from: area.from, to: Math.min(area.to, state.shownEnd) }, 0)) {
+    if (corrected || t === state.selected) diamond(context, area.x(t), ROWS.kinds[0], t === state.selected ? ink.accent : ink.text);
   }
 }
 

@@ -1,5 +1,6 @@
 // The panels of signals, one uPlot each, below each other with one axis of time.
 import uPlot from "caesura-dashboard/vendor/uplot/uPlot.esm.js";
+import { Painter } from "caesura-dashboard/canvas.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
@@ -20,10 +21,10 @@ export class Plots {
     this.key = key;
     this.close();
     panels.forEach((panel, i) => this.plots.set(panel.name, this.make(panel, i === panels.length - 1)));
-    this.fill();
   }
   close() {
-    for (const { plot, box } of this.plots.values()) {
+    for (const { plot, box, painter } of this.plots.values()) {
+      painter.close();
       plot.destroy();
       box.remove();
     }
@@ -40,7 +41,8 @@ export class Plots {
     const values = panel.columns.map((column, i) => this.value(title, panel, column, i));
     this.host.appendChild(box);
     const plot = new uPlot(this.options(panel, isLast), EMPTY, box);
-    return { plot, box, panel, values, range: null };
+    const held = { plot, box, panel, values, range: null, isFilled: false };
+    return Object.assign(held, { painter: new Painter(box, () => this.paint(held)) });
   }
   value(title, panel, column, i) {
     const label = title.appendChild(document.createElement("span"));
@@ -89,10 +91,9 @@ export class Plots {
     if (held) held.range = found;
     return found;
   }
-  // New data: give each panel its own.
-  fill() {
-    for (const { plot, panel } of this.plots.values()) plot.setData(this.content(panel), false);
-    this.redraw();
+  // New data: each panel takes its own when it is drawn. inferred: only what was inferred is new.
+  fill(inferred = false) {
+    for (const held of this.plots.values()) if (held.panel.inferred || !inferred) held.isFilled = false;
   }
   content(panel) {
     const { data, segments, changepoints } = this.state;
@@ -104,11 +105,14 @@ export class Plots {
     if (!data || !panel.columns.every((name) => data.points[name])) return [[], ...panel.columns.map(() => [])];
     return aligned(data.points, panel.columns, data.holes, this.state.off(panel));
   }
-  // Something moved, but for the data.
-  redraw() {
-    this.ink = this.state.ink();
+  paint(held) {
+    if (!held.isFilled) held.plot.setData(this.content(held.panel), false);
+    held.isFilled = true;
     const [min, max] = this.state.view();
-    for (const { plot } of this.plots.values()) plot.setScale("x", { min, max });
+    held.plot.setScale("x", { min, max });
+  }
+  get painters() {
+    return [...this.plots.values()].map(({ painter }) => painter);
   }
   // The values under the pointer, in the title of each panel.
   hover(u) {

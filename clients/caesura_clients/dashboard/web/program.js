@@ -1,15 +1,17 @@
 import { live } from "caesura-dashboard/live.js";
-import { percent } from "caesura-dashboard/palette.js";
-import AppEdit from "caesura-dashboard/program_edit.js";
+import AppCard from "caesura-dashboard/program_card.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 
 const AUTHOR = "caesura-author";
 
 export default {
   mixins: [live],
-  components: { AppEdit, ProgramPath },
+  components: { AppCard, ProgramPath },
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel"],
+  provide() {
+    return { appsShown: () => this.program.apps };
+  },
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "" }),
   template: `
     <section aria-labelledby="program-title">
@@ -38,21 +40,8 @@ export default {
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
       <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">
-        <li v-for="app in program.apps" :key="key(app)" class="app" :class="{ changed: app.changes.length }">
-          <h3>{{ app.number }} · {{ app.name || app.title }}</h3>
-          <p class="when"><template v-if="app.name">{{ app.title }}, </template>{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
-          <p v-if="app.note" class="app-said">{{ app.note }}</p>
-          <div v-if="app.drawing" v-html="app.drawing"></div>
-          <dl><div v-for="[name, value] in app.lines" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></div></dl>
-          <p v-if="app.limited" class="limited">force limited</p>
-          <p class="confidence"><span aria-hidden="true" class="bar"><i :style="{ width: 100 * app.confidence + '%' }"></i></span>
-            confidence {{ percent(app.confidence) }}</p>
-          <ul v-if="app.changes.length" class="marks" aria-label="Edits"><li v-for="one in app.changes" :key="one">{{ one }}</li></ul>
-          <ul v-if="app.findings.length" class="findings" aria-label="Findings">
-            <li v-for="[severity, reason] in app.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
-          </ul>
-          <app-edit v-if="editable" :app="app" :apps="program.apps" :sessions="program.sessions" :kinds="program.kinds" :busy="busy" @edit="say"></app-edit>
-        </li>
+        <app-card v-for="app in program.apps" :key="key(app)" :app="app" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
+          :busy="busy" @edit="say"></app-card>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>
       <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
@@ -67,12 +56,18 @@ export default {
     },
   },
   methods: {
-    percent,
     key: (app) => Object.values(app.reference).slice(0, 2).concat(app.reference.added).join(),
-    apply(payload) {
-      if (!this.program || payload.name !== this.program.name || payload.session !== this.program.session) this.name = payload.name;
-      if (this.program && payload.session !== this.program.session) this.message = "";
-      this.program = payload;
+    apply(payload) { // what changed: values by their names, rows from a number on
+      const held = this.program || {}, now = { ...held, ...payload };
+      for (const name of ["apps", "path"]) {
+        if (payload[name]) now[name] = this.rows(held[name] || [], payload[name], now.before);
+      }
+      if (now.name !== held.name || now.session !== held.session) this.name = now.name;
+      if (now.session !== held.session) this.message = "";
+      this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
+    },
+    rows(held, { first, rows }, before) {
+      return Object.freeze([...held.filter(({ number }) => number > before && number < first), ...rows.map(Object.freeze)]);
     },
     exported(href) {
       return this.gripper && this.program.grippers.length ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;

@@ -8,7 +8,8 @@ const FIELDS = {
 };
 
 export default {
-  props: { app: Object, apps: Array, sessions: Array, kinds: Array, busy: Boolean },
+  props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
+  inject: ["appsShown"],
   emits: ["edit"],
   data: () => ({ open: false, draft: null, kind: "", last: 0, session: "" }),
   template: `
@@ -50,7 +51,7 @@ export default {
       return Object.entries(FIELDS).filter(([name]) => name in this.app.values);
     },
     following() {
-      return this.apps.filter(({ number }) => number >= this.app.number);
+      return this.appsShown().filter(({ number }) => number >= this.app.number);
     },
     lastApp() {
       return this.following.find(({ number }) => number === this.last);

@@ -1,11 +1,11 @@
 // The path of a program in three dimensions: each app in the colour of its kind, via points, forces, and where the
 // robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
-import { contextOf, inkOf, watchLook } from "caesura-dashboard/canvas.js";
+import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
-const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
+const MARGIN = 34, LEGEND_PX = 68, LEAST_MM = 60, STEP_RAD = Math.PI / 36, TICK_MS = 50, GROWS_MS = 1000, LABEL_PX = 12, FORCE_PX_PER_N = 1.5, LONGEST_PX = 60;
 const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y", "z"];
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
@@ -58,11 +58,13 @@ export default {
   },
   watch: { rows: "changed", run: "draw", follows: "draw", angles: "draw", zoom: "draw", t: "draw" },
   mounted() {
+    this.painter = new Painter(this.$refs.canvas, () => this.$refs.canvas.clientWidth && this.paint());
     this.unwatch = watchLook(this.$refs.canvas, this.draw, this.draw);
   },
   unmounted() {
     clearInterval(this.player);
     this.unwatch();
+    this.painter.close();
   },
   methods: {
     isView(name) {
@@ -107,11 +109,11 @@ export default {
       this.followRun(this.run !== null);
     },
     changed(now, before) { // a run of another program is none of this one
-      if (JSON.stringify(now) !== JSON.stringify(before)) {
+      if (!this.run || JSON.stringify(now) !== JSON.stringify(before)) {
         this.followRun(false);
         Object.assign(this, { run: null, said: this.run ? "The program has changed: simulate it again." : this.said, stopped: false });
       }
-      this.draw();
+      this.painter.soon(GROWS_MS);
     },
     followRun(follows) {
       if (this.playing) this.play();
@@ -145,11 +147,7 @@ export default {
 
     // --- drawing ---
     draw() {
-      if (this.waits) return;
-      this.waits = requestAnimationFrame(() => {
-        this.waits = 0;
-        if (this.$refs.canvas && this.$refs.canvas.clientWidth) this.paint();
-      });
+      this.painter.now();
     },
     directions() { // of the picture's right and up, in the base frame
       const [around, over] = this.angles, [s, c] = [Math.sin(around), Math.cos(around)];

@@ -45,8 +45,8 @@ const time = `
   </div>`;
 
 const table = `
-  <details class="table"><summary>Segments as a table</summary>
-    <table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
+  <details class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
+    <table v-if="listed"><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
       <th scope="col">else</th><th scope="col">state</th><th scope="col">select</th></tr></thead>
     <tbody><tr v-for="one in newestFirst" :key="one[0]">
       <td>{{ one[0].toFixed(2) }} s</td><td>{{ one[1].toFixed(2) }} s</td>

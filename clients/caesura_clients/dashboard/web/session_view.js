@@ -1,5 +1,5 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
-import { contextOf, inkOf, watchLook } from "caesura-dashboard/canvas.js";
+import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
@@ -15,7 +15,7 @@ import { view } from "caesura-dashboard/view.js";
 
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
-const PLAY_S = 0.1;
+const PLAY_S = 0.1, LISTED = 30;
 
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
@@ -37,7 +37,7 @@ export default {
   data() {
     return {
       ...empty(),
-      span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false,
+      span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
       author: localStorage.getItem(AUTHOR) || "", kind: "contact", newton: 10, busy: false, message: "", failed: false,
       kinds: KINDS, chosen: chosen(), trouble: "",
     };
@@ -47,6 +47,7 @@ export default {
   },
   mounted() {
     this.plots = new Plots(this.$refs.panels, this);
+    this.own = [new Painter(this.$refs.band, this.paintBand), new Painter(this.$refs.lengths, this.paintLengths)];
     this.$refs.plots.plots = this.plots; // for who looks at the page from outside
     this.unwatch = watchLook(this.$refs.plots, this.arrange, this.redraw);
     window.addEventListener(AUTHOR, this.named);
@@ -57,9 +58,10 @@ export default {
     clearInterval(this.player);
     clearTimeout(this.waiting);
     this.plots.close();
+    this.own.forEach((one) => one.close());
   },
   watch: {
-    span: "moved", end: "moved", cursor: "redraw", selected: "redraw", ghost: "redraw", columns: "redraw",
+    span: "moved", end: "moved", cursor: "redraw", selected: "redraw", ghost: "redraw", columns: "goOn",
     panels: "arrange",
     chosen: (names) => localStorage.setItem(SHOWN, JSON.stringify(names)),
     author: (name) => localStorage.setItem(AUTHOR, name),
@@ -102,7 +104,7 @@ export default {
         : `Time ${this.cursor.toFixed(2)} s: ${inside}${within}; ${where}.`;
     },
     newestFirst() {
-      return this.segments.slice(-30).reverse();
+      return this.segments.slice(-LISTED).reverse();
     },
     ready() {
       return this.editable && this.session !== "" && this.author.trim() !== "" && !this.busy;
@@ -122,8 +124,9 @@ export default {
       if (payload.newColumns && this.columns) this.columns = Object.freeze([...this.columns, ...payload.newColumns].slice(-HELD_COLUMNS));
       this.forgetWhatIsGone();
       this.fit();
-      if (payload.segments || payload.changepoints) this.refill();
-      this.redraw();
+      if (payload.segments || payload.changepoints) this.plots.fill(true);
+      if (payload.reset || this.closed) this.redraw();
+      else this.goOn();
       this.want();
     },
     fit() { // a session of the past is shown as a whole
@@ -150,12 +153,15 @@ export default {
     scale() {
       return new Scale(this.$refs.plots.clientWidth, BAND_HEIGHT, ...this.view(), 1);
     },
-    redraw() {
-      if (this.asked) return;
-      this.asked = requestAnimationFrame(() => {
-        this.asked = 0;
-        if (this.$refs.band) this.paint();
-      });
+    painters() {
+      this.plots.ink = this.ink();
+      return [...this.own, ...this.plots.painters];
+    },
+    redraw() { // something was moved or chosen
+      this.painters().forEach((one) => one.now());
+    },
+    goOn() { // something new arrived
+      this.painters().forEach((one) => one.soon(this.pixelMs()));
     },
     moved() {
       this.redraw();
@@ -163,19 +169,17 @@ export default {
       this.waiting = 0;
       this.want();
     },
-    paint() {
-      const ink = this.ink(), context = contextOf(this.$refs.band), scale = this.scale();
-      drawBand(context, { left: scale.x0, right: scale.x1, from: scale.from, to: scale.to, x: (t) => scale.x(t) }, this, ink);
-      this.plots.redraw();
-      if (this.columns && this.$refs.lengths) drawRunLengths(this.$refs.lengths, scale, this.columns, ink);
+    paintBand() {
+      const context = contextOf(this.$refs.band), scale = this.scale();
+      drawBand(context, { left: scale.x0, right: scale.x1, from: scale.from, to: scale.to, x: (t) => scale.x(t) }, this, this.plots.ink);
       Object.assign(this.$refs.plots.dataset, { from: scale.from, to: scale.to });
+    },
+    paintLengths() {
+      if (this.columns) drawRunLengths(this.$refs.lengths, this.scale(), this.columns, this.plots.ink);
     },
     arrange() { // other panels, or another width
       this.plots.show(this.panels);
       this.moved();
-    },
-    refill() {
-      if (this.plots) this.plots.fill();
     },
 
     // --- signals ---
@@ -185,8 +189,9 @@ export default {
       if (!this.origin && data.points.px && data.points.px.length) {
         this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);
       }
-      this.refill();
-      this.redraw();
+      this.plots.fill();
+      if (this.end === null && !this.closed) this.goOn();
+      else this.redraw();
     },
     shownColumns() {
       const columns = this.panels.filter((one) => !one.inferred).flatMap((one) => one.columns);

@@ -15,6 +15,9 @@ export const SHOWN_AT_FIRST = ["position", "speed", "force", "joints"];
 const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", my: "y", mz: "z", qx: "x", qy: "y", qz: "z", qw: "w" };
 export const nameOf = (column) => NAMES[column] || column;
 const MAX_BINS = 4096;
+const RING = "dashboard"; // who answers for the newest minute of a station, in bins of one width
+const ROUNDING = 1e-6; // of a bin, as of `bins_of`
+const bin = (t, bin_s) => Math.floor(t / bin_s + ROUNDING);
 
 // What there is of a range: {from, to, points: {column: Float64Array of t, v, t, v, …}, holes, available, first, last}.
 export async function load(station, session, { from, to, bins, columns }, abort) {
@@ -32,6 +35,33 @@ export async function load(station, session, { from, to, bins, columns }, abort)
     at += points[name].byteLength;
   });
   return { ...header, from, to, points };
+}
+
+// [s] From where on points have to be asked for that go on with those held: the beginning of the last bin, which was
+// not complete. null: everything has to be asked for.
+export function reach(held, { from, shown, session }) {
+  if (!held || held.instance !== RING || held.session !== session || held.shown !== shown) return null;
+  const t = bin(Math.min(held.last, held.to), held.bin_s) * held.bin_s;
+  return from >= held.from && from < t ? t : null;
+}
+
+// The points held up to t and those found from t on, without those before `from`: what one answer for the whole range
+// has. null where they do not go on with each other.
+export function continued(held, found, from, t) {
+  const isSame = found.instance === RING && found.bin_s === held.bin_s && found.columns.join() === held.columns.join();
+  if (!isSame) return null;
+  const points = {};
+  for (const name of held.columns) {
+    const before = held.points[name], first = bin(from, held.bin_s), end = bin(t, held.bin_s);
+    let [i, j] = [0, before.length];
+    while (i < j && bin(before[i], held.bin_s) < first) i += 2;
+    while (j > i && bin(before[j - 2], held.bin_s) >= end) j -= 2;
+    points[name] = new Float64Array(j - i + found.points[name].length);
+    points[name].set(before.subarray(i, j));
+    points[name].set(found.points[name], j - i);
+  }
+  const holes = [...held.holes.filter(([, tn]) => tn > from && tn <= t), ...found.holes];
+  return { ...found, points, holes };
 }
 
 // One axis of time for all columns of a panel, as uPlot wants it: undefined where another column has a point, and

@@ -1,5 +1,5 @@
 // Which range of time is shown, how it is moved, and what of it is loaded.
-import { load } from "caesura-dashboard/signals.js";
+import { continued, load, reach } from "caesura-dashboard/signals.js";
 
 const LEAST_S = 0.05, AT_FIRST_S = 30, MARGIN = 0.25; // a share of the view that is loaded on both sides
 const WAIT_MS = 40, LIVE_MS = 150, SLOW_MS = 1000, RING_S = 55; // so long the dashboard itself holds what is live
@@ -70,7 +70,7 @@ export const view = {
       const asked = { ...range, upTo: Math.min(range.to, this.newest), shown: this.shownColumns(), session: this.session };
       this.loading = true;
       try {
-        const found = await load(this.station, asked.session, { ...range, bins, columns: asked.shown.split(",").filter(Boolean) });
+        const found = await this.found(asked, bins);
         if (asked.session === this.session) this.take_data({ ...found, ...asked });
         this.trouble = "";
       } catch (error) {
@@ -78,7 +78,17 @@ export const view = {
       }
       this.loading = false;
       const isRing = this.newest - this.view()[0] < RING_S;
-      this.want(this.trouble ? SLOW_MS : this.end !== null ? WAIT_MS : isRing ? LIVE_MS : SLOW_MS);
+      this.want(this.trouble ? SLOW_MS : this.end !== null ? WAIT_MS : isRing ? LIVE_MS : Math.max(SLOW_MS, this.pixelMs()));
+    },
+    async found(asked, bins) { // while a session goes on, only what is new in it
+      const ask = (range) => load(this.station, asked.session, { ...range, bins, columns: asked.shown.split(",").filter(Boolean) });
+      const held = this.data, t = reach(held, asked);
+      const whole = t === null ? null : continued(held, await ask({ from: t, to: asked.to }), asked.from, t);
+      return whole || ask(asked);
+    },
+    pixelMs() { // by so much time a drawing moves by a pixel
+      const [from, to] = this.view(), { x0, x1 } = this.scale();
+      return (1000 * (to - from)) / (x1 - x0);
     },
   },
 };

@@ -12,7 +12,12 @@ segment of a phase of kind k emits
   `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together.
 
 A segment's own state is uncertain, too: its likelihood is that of its class and of the runner-up, less a
-share for models that are only nearly right (`Parameters.wrong`).
+share for models that are only nearly right (`Parameters.wrong`). Class probabilities contain the prior
+weight of their kinds. The likelihood leaves it out (`Parameters.priors`), because the phases have a prior of
+their own: a load that is rare is not counted as rare twice.
+
+Segments are found, and some are cut where nothing ends. A share of them (`Parameters.cut`) is a piece of any
+length. So a piece of 0.1 s is weak evidence of what kind of phase it is in.
 """
 
 from __future__ import annotations
@@ -44,15 +49,18 @@ class LogNormal(NamedTuple):
     median_s: float
     spread: float
 
-    def log_density(self, seconds: float) -> float:
-        """Log density [1/s]."""
+    def density(self, seconds: float) -> float:
+        """Density [1/s]."""
         z = math.log(seconds / self.median_s) / self.spread
-        return -0.5 * z * z - math.log(seconds * self.spread * SQRT_TAU)
+        return math.exp(-0.5 * z * z) / (seconds * self.spread * SQRT_TAU)
 
-    def log_survival(self, seconds: float) -> float:
-        """Log probability that it lasts longer; at most 38 standard deviations are distinguished."""
+    def survival(self, seconds: float) -> float:
+        """Probability that it lasts longer."""
         z = math.log(seconds / self.median_s) / self.spread
-        return math.log(0.5 * math.erfc(min(z, 37.0) / math.sqrt(2.0)))
+        return 0.5 * math.erfc(z / math.sqrt(2.0))
+
+
+PIECE_S = LogNormal(0.5, 1.5)  # of a segment that is cut where nothing ends: 0.1 to 2 s, within a deviation
 
 
 @dataclass(frozen=True)
@@ -85,13 +93,16 @@ class PhaseKind:
 class Parameters:
     """All that a model of phases assumes.
 
-    wrong: of a segment's class probabilities, the share that is spread evenly. near_m, far_m [m]: standard
-    deviation a axis of where a stroke is repeated, and of where the tool goes else. memory: segments of a
-    phase that its next one may repeat.
+    wrong: of a segment's class probabilities, the share that is spread evenly. priors: prior weight of each
+    contact state in these probabilities. cut: the share of segments that are pieces, of any length. near_m,
+    far_m [m]: standard deviation a axis of where a stroke is repeated, and of where the tool goes else.
+    memory: segments of a phase that its next one may repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
     wrong: float = 0.01
+    priors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    cut: float = 0.0
     near_m: float = 0.04
     far_m: float = 0.20
     memory: int = 10
@@ -117,10 +128,10 @@ class SegmentFeatures(NamedTuple):
         return int(self.likelihood.argmax())
 
 
-def seen(segment: Segment, wrong: float, *, grows: bool) -> SegmentFeatures:
+def seen(segment: Segment, parameters: Parameters, *, grows: bool) -> SegmentFeatures:
     """Return what the model sees of a segment."""
     return SegmentFeatures(
-        likelihood=_likelihood(segment, wrong),
+        likelihood=_likelihood(segment, parameters),
         seconds=max(segment.tn - segment.t0, LEAST_S),
         start=np.array(segment.position_start),
         end=np.array(segment.position_end),
@@ -129,14 +140,16 @@ def seen(segment: Segment, wrong: float, *, grows: bool) -> SegmentFeatures:
     )
 
 
-def _likelihood(segment: Segment, wrong: float) -> Array:
-    """(3,) share of the contact states in a segment's class probabilities."""
+def _likelihood(segment: Segment, parameters: Parameters) -> Array:
+    """(3,) likelihood of the contact states: a segment's class probabilities without their prior weights."""
     own = CONTACT_STATES.index(segment.contact)
     other = own if segment.runner_up is None else STATE_OF_KIND.get(segment.runner_up, own)
     share = np.zeros(3)
     share[own] += segment.probability
     share[other] += 1.0 - segment.probability
-    return (1.0 - wrong) * share + wrong / 3.0
+    share /= parameters.priors
+    likelihood: Array = (1.0 - parameters.wrong) * share / share.sum() + parameters.wrong / 3.0
+    return likelihood
 
 
 class Chain:
@@ -194,9 +207,8 @@ class Chain:
     def emission(self, segment: SegmentFeatures) -> Array:
         """(states,) density of a segment's contact state and duration, over the highest; at least LEAST."""
         share = np.log(self._states @ segment.likelihood)
-        lasts = LogNormal.log_survival if segment.grows else LogNormal.log_density
         seconds = [
-            [lasts(one.own_s, segment.seconds), lasts(one.aside_s, segment.seconds)]
+            [self._log_lasts(one.own_s, segment), self._log_lasts(one.aside_s, segment)]
             for one in self.parameters.kinds
         ]
         steps = [[_log_step(one, segment)] for one in self.parameters.kinds]
@@ -204,6 +216,12 @@ class Chain:
         each = np.maximum(np.exp(each - each.max()), LEAST)
         found: Array = each[self.kind, self.aside]
         return found
+
+    def _log_lasts(self, duration: LogNormal, segment: SegmentFeatures) -> float:
+        """Log density [1/s] of a duration, whole or cut; where the segment grows, that it lasts so long."""
+        of = LogNormal.survival if segment.grows else LogNormal.density
+        whole, piece, cut = of(duration, segment.seconds), of(PIECE_S, segment.seconds), self.parameters.cut
+        return math.log(max((1.0 - cut) * whole + cut * piece, LEAST))
 
     def resumed(self, segment: SegmentFeatures, before: Sequence[SegmentFeatures]) -> Array:
         """(states,) weight, by the state before, of where a phase is resumed, over resuming it anywhere.

@@ -116,7 +116,7 @@ class PhaseTracker:
 
     def _step(self, segment: Segment, before: Sequence[_CachedStep], *, grows: bool) -> _CachedStep:
         parameters = self._chain.parameters
-        shown = seen(segment, parameters.wrong, grows=grows)
+        shown = seen(segment, parameters, grows=grows)
         if not before:
             return _CachedStep(segment, shown, first_step(self._chain, shown))
         earlier = [*self._before, *(one.seen for one in before)][-parameters.memory :]

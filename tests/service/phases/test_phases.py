@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import Phase, Segment
+from caesura_service.changepoint.default import DEFAULT
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
-from caesura_service.phases.model import CONTACT_STATES, SegmentFeatures, seen
+from caesura_service.phases.model import CONTACT_STATES, PIECE_S, SegmentFeatures, seen
 from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior
 
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
@@ -107,7 +108,9 @@ def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, par
         elif grouping[i - 1][1] and not aside:
             total *= resumed(segments[max(start, i - parameters.memory) : i], one, kind, parameters)
         classes, law = (kind.aside, kind.aside_s) if aside else (kind.own, kind.own_s)
-        total *= float(np.dot(classes, one.likelihood)) * log_normal(law, one.seconds, one.grows)
+        whole, piece = (log_normal(each, one.seconds, one.grows) for each in (law, PIECE_S))
+        lasts = (1.0 - parameters.cut) * whole + parameters.cut * piece
+        total *= float(np.dot(classes, one.likelihood)) * lasts
         moving = kind.moving
         total *= moving * normal(one.end - one.start, np.zeros(3), kind.step_m) if one.moves else 1 - moving
     last, last_aside, _ = grouping[-1]
@@ -147,7 +150,7 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
         one.model_copy(update={"motion": "steady"}) if i in (5, 7) else one for i, one in enumerate(wiping())
     ]
     for segments in (every[:4], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
-        shown = [seen(one, parameters.wrong, grows=not ended and one is segments[-1]) for one in segments]
+        shown = [seen(one, parameters, grows=not ended and one is segments[-1]) for one in segments]
         steps = [first_step(chain, shown[0])]
         for i in range(1, len(shown)):
             steps.append(next_step(chain, steps[-1], shown[i], shown[:i]))
@@ -227,6 +230,41 @@ def test_a_carry_is_a_phase_of_its_own() -> None:
         ("free", 1.5, AWAY),
     )  # fmt: skip
     assert [one.kind for one in grouped(carried)] == ["free", "contact", "transport", "contact", "free"]
+
+
+def unsure(one: Segment, probability: float) -> Segment:
+    return one.model_copy(update={"probability": probability})
+
+
+def test_a_load_that_is_unsure_by_its_prior_alone_is_a_phase() -> None:
+    """A carry at 0.25 beside free motion at 0.75: the evidence is 11 to 1, the prior 0.03 to 1."""
+    carried = demonstration(
+        ("free", 1.5, LEFT), ("contact", 1.0, LEFT), ("transport", 2.0, RIGHT), ("transport", 1.5, LEFT),
+        ("contact", 1.0, LEFT), ("free", 1.5, AWAY),
+    )  # fmt: skip
+    carried = [unsure(one, 0.25) if one.contact == "transport" else one for one in carried]
+    kinds = ["free", "contact", "transport", "contact", "free"]
+    assert [one.kind for one in grouped(carried)] == kinds
+    twice = Chain(replace(PARAMETERS, priors=(1.0, 1.0, 1.0)))
+    assert [one.kind for one in grouped(carried, chain=twice)] != kinds
+
+
+def test_the_prior_of_a_load_is_that_of_the_preset() -> None:
+    loads = {kind.weight for kind in DEFAULT.kinds if kind.contact == "transport"}
+    assert loads == {PARAMETERS.priors[CONTACT_STATES.index("transport")]}
+
+
+def test_a_piece_of_a_retract_hides_no_phase() -> None:
+    """After a contact the hand rests for 0.1 s, then it leaves."""
+    pieces = demonstration(
+        ("free", 1.5, LEFT), ("contact", 1.5, LEFT), ("free", 0.1, LEFT), ("free", 2.2, AWAY),
+        ("free", 0.4, AWAY),
+    )  # fmt: skip
+    pieces = [one.model_copy(update={"motion": "steady"}) if i == 2 else one for i, one in enumerate(pieces)]
+    expected = [("free", 0), ("contact", 1), ("free", 2)]
+    assert [(one.kind, one.first_segment) for one in grouped(pieces)] == expected
+    whole = Chain(replace(PARAMETERS, cut=0.0))
+    assert [(one.kind, one.first_segment) for one in grouped(pieces, chain=whole)] != expected
 
 
 def session(rounds: int) -> list[Segment]:

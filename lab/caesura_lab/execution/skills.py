@@ -349,7 +349,8 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)
     if app.path is not None and before_s > 0.0:
-        controller.press(straight, before_s, path=controller.path_to(app.path.start, before_s))
+        there = controller.path_to(app.path.start, before_s)
+        controller.press(straight, before_s, path=there, depth_m=None)
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)

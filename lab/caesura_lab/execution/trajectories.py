@@ -6,9 +6,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from caesura_lab.teacher.motion_profiles import Array
-from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
+from caesura_protocol.app_kinds import ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.paths import Curve, knots_of
+from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import angle_of_matrices, matrix_of, quaternion_of, turned_along
 
@@ -19,7 +20,7 @@ ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is m
 LEAST_SEARCH_M_PER_S, LEAST_M_PER_S = 0.01, 1e-6
 EARLY_S, BLEND_S = 0.09, 0.3  # a via point sooner than that is no taught one; time to get onto such a path
 TURNED_M = 0.1  # what a radian of a turn counts as
-BRAKE_M_PER_S2 = 0.5  # towards a contact
+BRAKE_M_PER_S2 = 2.0  # towards a contact
 KNOT_S, LEAST_KNOTS = 0.02, 8  # between two knots of a path with brakes; legs of it
 EASED = 11  # knots over which braking begins
 
@@ -106,7 +107,7 @@ def approach_direction(app: App, following: App | None, rotation: Array) -> Arra
     """
     if not ends_in_contact(app.kind, None if following is None else following.kind):
         return None
-    force = following.force if following is not None and APP_KINDS[following.kind].presses else None
+    force = touching_force(following)
     return press_direction(rotation, None if force is None else np.array(force))
 
 

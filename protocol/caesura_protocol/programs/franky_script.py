@@ -16,7 +16,7 @@ from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.limits import CONSTANTS
+from caesura_protocol.programs.limits import CONSTANTS, touching_force
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
 from caesura_protocol.screw_motion import stop_torque_nm
@@ -65,6 +65,8 @@ def _row(app: ProgramStep) -> dict[str, Any]:
             for one, turns in zip(points, turning, strict=True)
         ]
         row["arrives"] = round(app.path.tn - began, 3)
+        if row.get("force") and touching_force(app) is None:
+            row["tilts"] = True
         row["waits"] = round(rests_of(app)[0], 3)
         row["turns"] = _rounded(turn_of(app))
     most_nm = stop_torque_nm(app.screw)

@@ -28,6 +28,7 @@ CONSTANTS = {
     "MAX_PAUSE_S": ("pause_s", "between two apps; what was taught longer is shortened"),
 }
 FORCE_SLACK_N = 1e-6
+TILTED_RAD = math.radians(20.0)
 ACTING = (  # limits on which a running script acts; the others are kept when it is written
     "MAX_SPEED_M_PER_S",
     "CONTACT_SPEED_M_PER_S",
@@ -69,11 +70,26 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
             raise ValueError(f"{name}: load {app.load_kg} kg, at most {safety.load_kg} kg are allowed")
 
 
+def touching_force(following: App | None) -> Vector | None:
+    """The force [N] with which an app presses from the touch on; None where it presses nothing.
+
+    None, too, where its path tilts the tool by `TILTED_RAD`: its force is not that of the touch any more.
+    """
+    if following is None or following.force is None or not any(following.force):
+        return None
+    points = () if following.path is None else (following.path.start, *following.path.via)
+    shown = [one.orientation for one in points] + [following.orientation]
+    axes = [matrix_of(quaternion)[:, 2] for quaternion in shown if quaternion is not None]
+    tilted = any(float(axes[0] @ axis) < math.cos(TILTED_RAD) for axis in axes[1:])
+    return None if tilted else following.force
+
+
 def press_direction(app: App, following: App | None) -> Vector:
     """Where a contact is looked for: along the force that follows, or else where the tool points."""
-    if following is not None and following.force is not None and any(following.force):
-        size = math.hypot(*following.force)
-        x, y, z = (value / size for value in following.force)
+    force = touching_force(following)
+    if force is not None:
+        size = math.hypot(*force)
+        x, y, z = (value / size for value in force)
     else:
         x, y, z = matrix_of(app.orientation or (1.0, 0.0, 0.0, 0.0))[:, 2].tolist()
     return x, y, z

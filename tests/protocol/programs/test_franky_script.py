@@ -20,6 +20,7 @@ from caesura_protocol.paths import path_in_words
 from caesura_protocol.programs import franky_script as writer
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
 from harness.programs import DOWN, app, as_file, pick_and_place, press, wiped
 
@@ -220,6 +221,21 @@ def test_a_stroke_presses_where_it_is_before_its_way_and_after_it() -> None:
     still = np.abs(np.diff(ways)) < 1e-9
     assert np.flatnonzero(~still)[[0, -1]].tolist() == pytest.approx([40, 89], abs=1)
     assert ways[-1] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_over_a_bend_the_contact_is_looked_for_where_the_fingers_point() -> None:
+    """The force of a stroke over a barrel leans away from the one with which it is touched."""
+    touch, stroke = wiped()
+    leaning = (0.0, 6.0, -8.0)
+    assert touching_force(stroke.model_copy(update={"force": leaning})) == leaning
+    over = Rotation.from_euler("x", 60.0, degrees=True) * Rotation.from_quat(DOWN)
+    bent = stroke.model_copy(update={"force": leaning, "orientation": tuple(over.as_quat().tolist())})
+    assert touching_force(bent) is None
+    made = module_of(as_file((touch, bent)))
+    assert made.press_direction(*made.APPS) == pytest.approx((0.0, 0.0, -1.0), abs=1e-5)
+    about_force = Rotation.from_euler("z", 120.0, degrees=True) * Rotation.from_quat(DOWN)
+    screwed = stroke.model_copy(update={"orientation": tuple(about_force.as_quat().tolist())})
+    assert touching_force(screwed) == stroke.force
 
 
 def test_a_press_that_turns_follows_its_orientation() -> None:

@@ -16,6 +16,7 @@ from caesura_protocol.messages import App, Vector
 from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
 from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.robot import Robot
@@ -199,7 +200,7 @@ class _ReachabilityChecker:
             yield "pulls on what it touches: its force points away from the tool"
         if path is None:
             return
-        deep = _press_depth(path, force, rotation)
+        deep = _press_depth(path, force, rotation, touching_force(app) is None)
         if deep > self._safety.search_m:
             most = 1000 * self._safety.search_m
             yield f"presses {1000 * deep:.0f} mm deep, at most {most:.0f} mm are allowed"
@@ -227,13 +228,18 @@ def _planned_path(app: App, state: _ArmState) -> Curve:
     return app_path(app, state.place, rotation, app.tn - app.t0)
 
 
-def _press_depth(path: Curve, force: Array, rotation: Array | None) -> float:
-    """Return how deep [m] a path presses along the direction of the press, which turns with the tool."""
+def _press_depth(path: Curve, force: Array, rotation: Array | None, tilts: bool) -> float:
+    """Return how deep [m] a path presses along the direction of the press, which turns with the tool.
+
+    tilts: so far that the force is not that of its beginning; the tool's axis is.
+    """
     if rotation is None:
         along = force / np.linalg.norm(force)
         return float(np.max((path.values[:, :3] - path.values[0, :3]) @ along))
     points = path.sampled(DEPTH_PARTS)
-    along = press_direction(rotation, force)
+    if points.shape[1] == 7 and tilts:
+        rotation = matrix_of(points[0, 3:])
+    along = press_direction(rotation, None if tilts else force)
     if points.shape[1] == 3:
         return float(np.max((points - points[0]) @ along))
     first = matrix_of(points[0, 3:]).T @ along

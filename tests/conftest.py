@@ -48,6 +48,15 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of the dashboard first: they take the longest.
+
+    A module of theirs shares a service, bridges and a browser. As the last tests of a process they would be
+    divided among all processes, and each would start these again.
+    """
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/dashboard/"))
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Make the folder of the run; processes of pytest-xdist inherit its name."""

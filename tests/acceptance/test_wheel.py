@@ -41,7 +41,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     built, place = tmp_path_factory.mktemp("wheel"), tmp_path_factory.mktemp("site")
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check")
     run(*pip, "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", built, ROOT)
-    run(*pip, "install", "--quiet", "--no-deps", "--target", place, *built.glob("*.whl"))
+    run(*pip, "install", "--quiet", "--no-deps", "--no-compile", "--target", place, *built.glob("*.whl"))
     return place
 
 

@@ -24,6 +24,7 @@ needs_chromium = pytest.mark.skipif(
     reason=f"no {' and no '.join(map(str, BROWSERS))}: apt-get install {BROWSERS[0].name}",
 )
 ARTEFACTS = Path(__file__).parent / "artefacts"
+PICTURES = "CAESURA_PICTURES" in os.environ  # each takes half a second of CPU, and no test looks at one
 # Without the last four Chromium asks Google's hosts at every start.
 FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -107,9 +108,10 @@ class Visitor:
         self._context.close()
 
     def picture(self, name: str) -> None:
-        """Keep what is on the page, to be looked at."""
-        ARTEFACTS.mkdir(exist_ok=True)
-        self.page.screenshot(path=ARTEFACTS / f"{name}-{self.theme}.png", full_page=True)
+        """Keep what is on the page, to be looked at, where the environment asks for pictures."""
+        if PICTURES:
+            ARTEFACTS.mkdir(exist_ok=True)
+            self.page.screenshot(path=ARTEFACTS / f"{name}-{self.theme}.png", full_page=True)
 
     def barriers(self, *rules: str) -> list[str]:
         """What axe finds on the page that keeps an operator out; by some of its rules, or by all.

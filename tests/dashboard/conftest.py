@@ -1,6 +1,9 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
@@ -8,7 +11,26 @@ from caesura_clients.results import SessionReader, Update
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.examples import snapshot
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
 Make = Callable[..., Update]
+T = TypeVar("T")
+
+
+def ran(coroutine: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine in a thread of its own: an open browser has a loop in that of the tests."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asyncio.run, coroutine).result()
+
+
+@pytest.fixture(scope="package")
+def browser() -> Iterator[Browser]:
+    """One browser for all tests of this package; each test or module has pages of its own."""
+    from dashboard.browser import chromium  # noqa: PLC0415 - playwright may not be installed
+
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 import pytest
 
 from caesura_clients.dashboard import access
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware, Attempts
+from dashboard.conftest import ran
 
 PASSWORD = "correct horse"
 
@@ -36,7 +36,7 @@ def ask(guarded, path="/", *, method="GET", kind="http", body=b"", peer="127.0.0
         "client": (peer, 50000),
         "headers": [(name.encode(), value.encode()) for name, value in named.items()],
     }
-    asyncio.run(guarded(scope, receive, send))
+    ran(guarded(scope, receive, send))
     first = sent[0]
     if kind == "websocket":
         return first.get("code", first.get("status")), {}, b""

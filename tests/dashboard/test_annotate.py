@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
 from harness.demonstrations import guided
 from harness.processes import CAESURA, Process, running
 
@@ -34,12 +34,6 @@ class Annotate(Process):
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
         super().__init__([*CAESURA, "annotate", str(file), "--port", str(port)])
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -37,12 +37,6 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
         stage.teach("cell-1", patient())
         stage.wait("cell-2")
         yield stage
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
-from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, chromium, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
@@ -35,12 +35,6 @@ NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     with staged(tmp_path_factory.mktemp("stage")) as stage:
         yield stage
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 class Operator:

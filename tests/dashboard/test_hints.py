@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import pytest
@@ -10,14 +10,14 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import expect
+from playwright.sync_api import Browser, expect
 
 from caesura_clients.dashboard.hints import banner_of
 from caesura_protocol.messages import Hint, HintKind, Hints, Result
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import example, snapshot
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
 from dashboard.stage import Dashboard
 from harness.processes import running
 
@@ -58,13 +58,13 @@ def test_a_part_to_show_again_links_to_the_program_in_which_it_is_replaced(updat
 
 
 @needs_chromium
-def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared():
+def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(browser: Browser):
     hand = hint("hand_in_wrench", 3.0, HAND, "Hold the robot behind the sensor.")
     limit = hint("joint_limit", 2.0, "Joint 4 is 2° from its limit.", "Move joint 4 back.")
     with RouterNetwork() as router, Answering(router.transport()) as service, ExitStack() as stack:
         service.snapshots = [snapshot(0, "motion", station="cell-1", session="s1")]
         dashboard = stack.enter_context(running(Dashboard(router.endpoint)))
-        visitor = Visitor(stack.enter_context(chromium()))
+        visitor = stack.enter_context(closing(Visitor(browser)))
         page, banner = visitor.page, visitor.page.locator(".hint")
         page.set_viewport_size(SIZES["desktop"])
         page.goto(f"{dashboard.url}/station/cell-1")

@@ -17,10 +17,10 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
 import nicegui
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 
 from caesura_clients.dashboard.elements import WEB
-from dashboard.browser import THEMES, Theme, chromium, needs_chromium
+from dashboard.browser import THEMES, Theme, needs_chromium
 
 pytestmark = needs_chromium
 PHONE = {"width": 390, "height": 844}
@@ -106,9 +106,10 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def page() -> Iterator[Page]:
-    with chromium() as browser:
-        yield browser.new_page(viewport=PHONE)
+def page(browser: Browser) -> Iterator[Page]:
+    page = browser.new_page(viewport=PHONE)
+    yield page
+    page.close()
 
 
 @pytest.mark.parametrize("theme", THEMES)

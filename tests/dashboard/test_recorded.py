@@ -15,7 +15,7 @@ import httpx
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.messages import Changepoint
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
 from dashboard.stage import Stage, staged
 from harness.journals import COLUMNS, ended, taught, written
 from harness.processes import DEADLINE_S, eventually
@@ -62,12 +62,6 @@ def _outcome():
     segments = last.segments.model_copy(update={"segments": tuple(minutes)})
     changepoints = last.changepoints.model_copy(update={"changepoints": tuple(points)})
     return last.model_copy(update={"segments": segments, "changepoints": changepoints})
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

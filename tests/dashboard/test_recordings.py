@@ -24,6 +24,7 @@ from caesura_clients.dashboard import playback, recordings
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.pages.recordings import received
 from caesura_clients.dashboard.recordings import RecordingDesk
+from dashboard.conftest import ran
 from harness.demonstrations import guided
 
 CSV = "time,x,y,z\n" + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(50))
@@ -227,7 +228,7 @@ def receive(desk: RecordingDesk, name: str, *parts: bytes | Exception) -> Any:
 
 def test_an_upload_that_is_cut_leaves_no_file(desk: RecordingDesk):
     with pytest.raises(ClientDisconnect):
-        asyncio.run(receive(desk, "a.csv", b"1", ClientDisconnect()))
+        ran(receive(desk, "a.csv", b"1", ClientDisconnect()))
     assert (desk._held, list(desk._folder.iterdir())) == ({}, [])
 
 
@@ -235,7 +236,7 @@ def test_two_of_one_name_at_once_do_not_write_into_one_file(desk: RecordingDesk)
     async def both() -> list[Any]:
         return await asyncio.gather(receive(desk, "a.csv", *[b"1"] * 9), receive(desk, "a.csv", *[b"2"] * 9))
 
-    answers = asyncio.run(both())
+    answers = ran(both())
     assert sorted(one.status_code for one in answers) == [204, 413]
     assert next(desk._folder.glob("u-1/*")).read_bytes() == b"1" * 9
 

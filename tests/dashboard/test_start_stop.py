@@ -18,7 +18,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, chromium, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
 from dashboard.stage import Stage, patient, staged
 from harness.demonstrations import guided
 from harness.forked import Forked
@@ -65,12 +65,6 @@ def bridge(stage: Stage) -> Iterator[StandbyBridge]:
         yield bridge
     finally:
         bridge.kill()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

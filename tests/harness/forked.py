@@ -2,13 +2,15 @@
 
 A service with an interpreter of its own takes more than a second of CPU to be ready, and the tests start
 a hundred. `Forked` is to tests what `subprocess.Popen` is, for `python -m MODULE …` and `python -c CODE …`: a
-process with its own id, environment, signals and pipes, which ends as any other. The one that forks has no
-threads, opens nothing, and kills what is left when the process that it serves has ended.
+process with its own id, environment, signals and pipes, which ends as any other. One process forks for all
+processes of a test run. It has no threads and opens nothing. When a process of the run has ended, it kills
+what that one has left, and it ends with the last of them.
 """
 
 from __future__ import annotations
 
 import atexit
+import fcntl
 import gc
 import json
 import os
@@ -19,16 +21,19 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, NamedTuple, Self
+
+RUN = "CAESURA_TEST_RUN"  # of the environment: the folder of a test run, as in `harness/once.py`
 
 PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 LIMIT = 1 << 20  # [bytes] of one order
+LOCK, ADDRESS = "forking.lock", "forking.socket"  # in the folder of the run
 CAN_FORK = hasattr(os, "pidfd_open")  # on Linux
 
 
@@ -143,13 +148,27 @@ class _Parent:
     """The one that forks, as its tests see it."""
 
     def __init__(self) -> None:
-        self._link, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [sys.executable, __file__, str(there.fileno())]
-        with there:
-            self._process = subprocess.Popen(command, pass_fds=[there.fileno()])
+        self._process: subprocess.Popen[bytes] | None = None  # where this process was the first to need it
+        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        folder = Path(os.environ[RUN])
+        (folder / LOCK).touch()
+        with locked(folder):
+            try:
+                self._link.connect(str(folder / ADDRESS))
+            except (FileNotFoundError, ConnectionRefusedError):
+                self._begin(folder)
+                self._link.connect(str(folder / ADDRESS))
         self._lock = threading.Lock()
         self._orders = 0
         atexit.register(self.close)
+
+    def _begin(self, folder: Path) -> None:
+        (folder / ADDRESS).unlink(missing_ok=True)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+            listener.bind(str(folder / ADDRESS))
+            listener.listen()
+            command = [sys.executable, __file__, str(listener.fileno()), str(folder)]
+            self._process = subprocess.Popen(command, pass_fds=[listener.fileno()])
 
     def fork(self, order: Mapping[str, Any], ends: Sequence[int]) -> int:
         with self._lock:
@@ -164,7 +183,8 @@ class _Parent:
 
     def close(self) -> None:
         self._link.close()
-        self._process.wait()
+        if self._process is not None:
+            self._process.wait()  # until the last process of the run has closed its link
 
 
 @cache
@@ -175,36 +195,90 @@ def _parent() -> _Parent:
 # --- in the process that forks --------------------------------------------------------------------------
 
 
-def serve(link: socket.socket) -> list[str]:
-    """Fork for every order until the link is closed. Returns in each forked process: what it is to run."""
-    living: dict[int, tuple[int, int]] = {}  # by the descriptor that shows the end: id, where to tell it
+class Child(NamedTuple):
+    """A forked process, where its end is to be written, and whose it is."""
+
+    pid: int
+    status: int
+    link: socket.socket
+
+    def reap(self, ended: int) -> None:
+        """ended: the descriptor that shows its end."""
+        code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        with suppress(BrokenPipeError):  # no process waits for it
+            os.write(self.status, str(code).encode())
+        os.close(self.status)
+        os.close(ended)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Either a process of the run connects, or the one that forks decides whether to end."""
+    with (folder / LOCK).open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def serve(listener: socket.socket, folder: Path) -> list[str]:
+    """Fork for every order until all links are closed. Returns in each forked process: what it is to run."""
+    links: list[socket.socket] = []
+    living: dict[int, Child] = {}  # by the descriptor that shows the end
     while True:
-        for ready in select.select([link, *living], [], [])[0]:
-            if ready is not link:
-                pid, status = living.pop(ready)
-                code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-                with suppress(BrokenPipeError):  # nobody waits for it
-                    os.write(status, str(code).encode())
-                os.close(status)
-                os.close(ready)
-                continue
-            said, ends, _, _ = socket.recv_fds(link, LIMIT, 3)
-            if not said:
-                for pid, _ in living.values():
-                    os.kill(pid, signal.SIGKILL)
-                    os.waitpid(pid, 0)
-                os._exit(0)
-            order = json.loads(said)
-            for module in order["imports"]:
-                import_module(module)
+        ready = select.select([*living, *links, listener], [], [])[0][0]
+        if ready is listener:
+            links.append(listener.accept()[0])
+        elif ready in living:
+            living.pop(ready).reap(ready)
+        elif (said := received(ready)) is None:
+            links.remove(ready)
+            leave_nothing(ready, living)
+            if not links:
+                end_unless_awaited(listener, folder)
+        else:
+            order, ends = said
             if (pid := os.fork()) == 0:
-                for end in (link.detach(), ends[2], *living, *(status for _, status in living.values())):
+                for link in (listener, *links):
+                    link.close()
+                for end in (ends[2], *living, *(child.status for child in living.values())):
                     os.close(end)
                 return become(order, ends[0], ends[1])
-            living[os.pidfd_open(pid)] = pid, ends[2]
+            living[os.pidfd_open(pid)] = Child(pid, ends[2], ready)
             os.close(ends[0])
             os.close(ends[1])
-            link.send(f"{order['number']} {pid}".encode())
+            with suppress(BrokenPipeError, ConnectionResetError):  # its process has ended
+                ready.send(f"{order['number']} {pid}".encode())
+
+
+def received(link: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
+    """An order, whose modules are imported, and its descriptors; None when its process has ended."""
+    try:
+        said, ends, _, _ = socket.recv_fds(link, LIMIT, 3)
+    except ConnectionResetError:  # which did not read an answer
+        return None
+    if not said:
+        return None
+    order = json.loads(said)
+    for module in order["imports"]:
+        import_module(module)
+    return order, list(ends)
+
+
+def leave_nothing(link: socket.socket, living: dict[int, Child]) -> None:
+    """Kill what was forked for a process that has ended."""
+    link.close()
+    for ended in [ended for ended, child in living.items() if child.link is link]:
+        child = living.pop(ended)
+        os.kill(child.pid, signal.SIGKILL)
+        child.reap(ended)
+
+
+def end_unless_awaited(listener: socket.socket, folder: Path) -> None:
+    """End, unless another process of the run has just connected."""
+    with suppress(FileNotFoundError), locked(folder):  # the folder goes with the run
+        if select.select([listener], [], [], 0.0)[0]:
+            return
+        (folder / ADDRESS).unlink(missing_ok=True)
+    os._exit(0)
 
 
 def become(order: Mapping[str, Any], out: int, error: int) -> list[str]:
@@ -252,4 +326,4 @@ if __name__ == "__main__":
     import_everything()
     gc.collect()
     gc.freeze()
-    run(serve(socket.socket(fileno=int(sys.argv[1]))))
+    run(serve(socket.socket(fileno=int(sys.argv[1])), Path(sys.argv[2])))

@@ -6,11 +6,12 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from harness.forked import CAN_FORK, PIPE, Forked, _parent
-from harness.processes import started
+from harness.processes import eventually, started
 
 pytestmark = pytest.mark.skipif(not CAN_FORK, reason="no pidfd_open on this system")
 DEADLINE_S = 60.0
@@ -73,6 +74,24 @@ def test_an_answer_that_a_test_did_not_wait_for_is_not_that_of_the_next_order(mo
             python(WAITS, stdout=PIPE)
     with python("import os; print(os.getpid())", stdout=PIPE) as process:
         assert process.communicate(timeout=DEADLINE_S)[0] == f"{process.pid}\n"
+
+
+def test_all_processes_of_a_run_share_the_one_that_forks_and_leave_nothing_to_it():
+    parent = "import os, threading; print(os.getppid(), flush=True); threading.Event().wait()"
+    other = (
+        "import os, sys; from harness.forked import PIPE, Forked\n"
+        f"forked = Forked([sys.executable, '-c', {parent!r}], stdout=PIPE)\n"
+        "print(forked.pid, forked.stdout.readline(), flush=True); os._exit(0)"
+    )
+    with python(parent, stdout=PIPE) as process:
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+        command = [sys.executable, "-c", other]
+        said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+        pid, its_parent = said.split()
+        assert process.stdout.readline().split() == [its_parent]
+        eventually(lambda: not Path(f"/proc/{pid}").exists())
+        assert process.poll() is None
+        process.kill()
 
 
 def test_a_process_of_a_test_that_fails_is_killed():

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ JUMP = 0.5
 BROKEN_AT = 13.0  # a value that the preset `raising` breaks at
 IMPOSSIBLE = -1.0  # a value that a robot cannot send
 _ORIGIN = (0.0, 0.0, 0.0)
+_KEPT = 1 << 14  # messages of the longest session of a test: each view has all of them again
 
 
 def make_fake_pipeline(opening: Open, default_preset: str) -> Pipeline:
@@ -165,59 +167,69 @@ class FakePipeline:
 
     def _changepoints(self) -> tuple[Changepoint, ...]:
         final = len(self._all) if self.finished else len(self._all) - 1
-        return tuple(
-            Changepoint(
-                t=t,
-                probability=1.0 if index < final else 0.8,
-                certainty="final" if index < final else "provisional",
-            )
-            for index, t in enumerate(self._all)
-        )
+        return tuple(_changepoint(t, is_final=index < final) for index, t in enumerate(self._all))
 
     def _segments(self) -> tuple[Segment, ...]:
         if not self.observations:
             return ()
         bounds = (0.0, *self._all, self.t)
-        pairs = itertools.pairwise(bounds)
-        return tuple(self._segment(*pair, final=pair[1] < self.t or self.finished) for pair in pairs)
-
-    def _segment(self, t0: float, tn: float, *, final: bool) -> Segment:
-        return Segment(
-            t0=t0,
-            tn=tn,
-            kind="motion",
-            motion="motion",
-            contact="free",
-            probability=0.9,
-            runner_up=None,
-            log_odds=1.0,
-            position_start=_ORIGIN,
-            position_end=(0.0 if final else self._digest, 0.0, 0.0),
-            force_start=_ORIGIN,
-            force_end=_ORIGIN,
-            force_held=None,
-            load_kg=None,
-            load_sd_kg=None,
-            certainty="final" if final else "provisional",
+        finals = (None if tn < self.t or self.finished else self._digest for tn in bounds[1:])
+        return tuple(
+            _segment(t0, tn, digest)
+            for (t0, tn), digest in zip(itertools.pairwise(bounds), finals, strict=True)
         )
 
     def _apps(self) -> tuple[App, ...]:
-        bounds = (0.0, *self._all)
-        return tuple(
-            App(
-                kind="cartesian_motion",
-                t0=t0,
-                tn=tn,
-                target=_ORIGIN,
-                orientation=None,
-                joints=None,
-                force=None,
-                force_taught=None,
-                load_kg=None,
-                load_sd_kg=None,
-                gripper_width=None,
-                confidence=0.9,
-                segments=(index,),
-            )
-            for index, (t0, tn) in enumerate(itertools.pairwise(bounds))
-        )
+        pairs = itertools.pairwise((0.0, *self._all))
+        return tuple(_app(index, t0, tn) for index, (t0, tn) in enumerate(pairs))
+
+
+@lru_cache(_KEPT)
+def _changepoint(t: float, *, is_final: bool) -> Changepoint:
+    return Changepoint(
+        t=t,
+        probability=1.0 if is_final else 0.8,
+        certainty="final" if is_final else "provisional",
+    )
+
+
+@lru_cache(_KEPT)
+def _segment(t0: float, tn: float, digest: float | None) -> Segment:
+    """digest: of the samples so far; None where the segment is final."""
+    return Segment(
+        t0=t0,
+        tn=tn,
+        kind="motion",
+        motion="motion",
+        contact="free",
+        probability=0.9,
+        runner_up=None,
+        log_odds=1.0,
+        position_start=_ORIGIN,
+        position_end=(0.0 if digest is None else digest, 0.0, 0.0),
+        force_start=_ORIGIN,
+        force_end=_ORIGIN,
+        force_held=None,
+        load_kg=None,
+        load_sd_kg=None,
+        certainty="final" if digest is None else "provisional",
+    )
+
+
+@lru_cache(_KEPT)
+def _app(index: int, t0: float, tn: float) -> App:
+    return App(
+        kind="cartesian_motion",
+        t0=t0,
+        tn=tn,
+        target=_ORIGIN,
+        orientation=None,
+        joints=None,
+        force=None,
+        force_taught=None,
+        load_kg=None,
+        load_sd_kg=None,
+        gripper_width=None,
+        confidence=0.9,
+        segments=(index,),
+    )

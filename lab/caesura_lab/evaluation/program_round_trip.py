@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
-from caesura_protocol.messages import App, AppPath
+from caesura_protocol.messages import App
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.safety import CellSettings, Safety
@@ -108,7 +108,10 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
         return RoundTripResult(case, _kinds(taught.apps), _kinds(again), (), (), why)
     result = compare_programs(case, taught.apps, again)
     off = [
-        path_distance(_app_poses(recording, *_taught_span(app.path, app)), _app_poses(done.recording, *span))
+        path_distance(
+            _app_poses(recording, app.path.start.t, app.path.tn),
+            _app_poses(done.recording, *_without_rests(app, *span)),
+        )
         for app, span in zip(taught.apps, done.spans, strict=True)
         if app.path is not None
     ]
@@ -138,10 +141,10 @@ class AppPoses(NamedTuple):
     around: Array
 
 
-def _taught_span(path: AppPath, app: App) -> tuple[float, float]:
-    """When [s] an app's path was taught, with the rests of a stroke, which are run too."""
+def _without_rests(app: App, begun: float, ended: float) -> tuple[float, float]:
+    """When [s] a run followed the path of an app that it began and ended at some times."""
     before_s, after_s = rests_of(app)
-    return path.start.t - before_s, path.tn + after_s
+    return begun + before_s, ended - after_s
 
 
 def _app_poses(recording: Recording, t0: float, tn: float) -> AppPoses:

@@ -205,3 +205,17 @@ def test_a_tablet_held_upright_has_everything(stage: Stage, visitor: Visitor):
     wide = page.evaluate("() => document.documentElement.scrollWidth - document.documentElement.clientWidth")
     visitor.picture("upright")
     assert wide == 0, "the page scrolls sideways"
+
+
+def test_nothing_is_cut_off_at_a_desk_and_buttons_are_of_one_height(stage: Stage, visitor: Visitor):
+    """The list was wider than its frame, and buttons of the path a quarter higher than others."""
+    page = visitor.page
+    page.set_viewport_size({"width": 1440, "height": 900})
+    goto(stage, visitor, "/sessions")
+    page.locator("table.sessions tbody tr").nth(1).wait_for()
+    cut = page.locator(".scroll").evaluate("(table) => table.scrollWidth - table.clientWidth")
+    assert cut == 0
+    goto(stage, visitor, "/sessions/cell-2/done-1")
+    page.locator(".path-tools").wait_for()
+    buttons = page.locator(".path-tools button, .scrub button")
+    assert len(set(buttons.evaluate_all("(all) => all.map((one) => one.offsetHeight)"))) == 1

@@ -94,6 +94,9 @@ def test_a_page_gets_what_is_new_and_draws_as_if_it_had_got_everything(stage: St
         assert len(drawn) > 100, name
         assert drawn == whole, name
 
+    page.evaluate("(t) => document.querySelector('.plots').plots.state.show(t - 6, t - 4)", AGE_S)
+    page.wait_for_function(f"() => document.querySelector('.plots').plots.state.data.to < {AGE_S}")
+
 
 def sorted_apps(page: Page) -> list[int]:
     """The numbers of the apps that are shown, as they stand there."""

@@ -39,10 +39,10 @@ export async function load(station, session, { from, to, bins, columns }, abort)
 
 // [s] From where on points have to be asked for that go on with those held: the beginning of the last bin, which was
 // not complete. null: everything has to be asked for.
-export function reach(held, { from, shown, session }) {
+export function reach(held, { from, to, shown, session }) {
   if (!held || held.instance !== RING || held.session !== session || held.shown !== shown) return null;
   const t = bin(Math.min(held.last, held.to), held.bin_s) * held.bin_s;
-  return from >= held.from && from < t ? t : null;
+  return from >= held.from && from < t && t < to ? t : null;
 }
 
 // The points held up to t and those found from t on, without those before `from`: what one answer for the whole range

@@ -6,6 +6,7 @@ something is felt. In contact the force is controlled along the direction of the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeGuard
@@ -232,13 +233,16 @@ class SkillController:
             return path
         return app_path(app, here.position, here.rotation, slower * seconds, arriving)
 
-    def path_to(self, point: ViaPoint, seconds: float) -> Curve:
-        """Plan the way from the current pose to a pose, in some seconds."""
-        here, there = self.setpoint.position.tolist(), list(point.position)
-        if point.orientation is not None:
-            here += quaternion_of(self.setpoint.rotation).tolist()
-            there += point.orientation
-        return Curve.through([0.0, seconds], [here, there])
+    def rest_until(self, begins: ViaPoint | None, force_n: float, seconds: float) -> None:
+        """Press for some seconds, and creep to where the next path begins, as the hand did in the rest."""
+        here = self.setpoint
+        if begins is None or math.dist(begins.position, here.position) > 2.0 * ASTRAY_M or seconds < RISE_S:
+            self.hold_position(seconds, force_n)
+            return
+        poses = [[*here.position], [*begins.position]]
+        if begins.orientation is not None:
+            poses = [[*poses[0], *quaternion_of(here.rotation)], [*poses[1], *begins.orientation]]
+        self.press(force_n, seconds, path=Curve.through([0.0, seconds], poses), depth_m=None)
 
     def _setpoint_at(self, path: Curve, t: float) -> Setpoint:
         """Return the setpoint of a path at a time [s]; a path without orientation keeps the present one."""
@@ -348,15 +352,15 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0) if _leaves_contact(following) else 0.0
     if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)
-    if app.path is not None and before_s > 0.0:
-        there = controller.path_to(app.path.start, before_s)
-        controller.press(straight, before_s, path=there, depth_m=None)
+    if app.path is not None:
+        controller.rest_until(app.path.start, straight, before_s)
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
     controller.press(straight, seconds, None if slides else aside, path, app.screw, None if slides else depth)
-    controller.hold_position(max(after_s - lets_go_s, 0.0), straight)
+    onward = None if following is None or following.path is None else following.path.start
+    controller.rest_until(onward, straight, max(after_s - lets_go_s, 0.0))
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -11,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.recording import Recording
-from caesura_service.changepoint.default import DEFAULT, TURN_SHARE
-from caesura_service.changepoint.presets import PRESETS
+from caesura_service.changepoint.default import TURN_SHARE
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.screwing import Course
 from caesura_service.segmentation.turning import is_turn_in_place, sway_of
@@ -113,13 +111,10 @@ def swaying_recording(*, orientation: bool = True) -> Recording:
     return Recording(t=times, signals=MappingProxyType(signals), name="a vessel")
 
 
-def test_a_movement_that_the_rotation_explains_is_named_turning_where_it_begins_and_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_movement_that_the_rotation_explains_is_named_turning_where_it_begins_and_ends() -> None:
     recording = swaying_recording()
     named = segment_recording(recording)
-    monkeypatch.setitem(PRESETS, "default", replace(DEFAULT, turn_share=0.0))  # type: ignore[misc]
-    unnamed = segment_recording(recording)
+    unnamed = segment_recording(recording, preset="without_explained_turns")
     assert [one.kind for one in unnamed.segments] == ["steady", "motion", "steady"]
     assert [one.kind for one in named.segments] == ["steady", "turning", "steady"]
     assert [one.t for one in named.changepoints] == [one.t for one in unnamed.changepoints]

@@ -46,6 +46,7 @@ OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; fric
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
 UNLIKE_N = SURE_SDS * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
+SAME_SIDE = 0.7  # cosine between two forces; friction tilts that of a stroke
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -257,16 +258,20 @@ def _with_rests(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction])
     runs = [(rests, tuple(run)) for rests, run in groupby(steps, key=lambda step: _rests(step, grips))]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
-        beside = [one for one in (last, *following[:1]) if one is not None and _is_stroke(one)]
-        if not rests or not _alike(run, beside):
-            joined += (replace(run[0], rests_before=begins), *run[1:])
-            begins = ()
-        elif last is not None and _is_stroke(last):
+        touches = last is not None and last.touches and not _is_stroke(last)
+        if rests and last is not None and _belong(run, last) and _goes_on(last, run[0]):
             joined[-1] = replace(last, rests_after=run)
-        elif last is None or not last.touches:
+        elif (
+            rests
+            and following
+            and not touches
+            and _belong(run, following[0])
+            and _goes_on(run[-1], following[0])
+        ):
             begins = run
         else:
-            joined += run
+            joined += (replace(run[0], rests_before=begins), *run[1:])
+            begins = ()
     return joined
 
 
@@ -279,15 +284,27 @@ def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
     return not any(segment.t0 - GRIP_SLACK_S <= grip.t <= segment.tn + GRIP_SLACK_S for grip in grips)
 
 
-def _alike(rests: Sequence[ProgramSegment], strokes: Sequence[ProgramSegment]) -> bool:
-    """Are rests pressed as the strokes beside them are, or short?"""
-    if not strokes:
+def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment) -> bool:
+    """Is a step a stroke, and are rests beside it short, or pressed as it is?"""
+    if not _is_stroke(stroke):
         return False
-    if rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
-        return True
-    forces = [length(stroke.force) for stroke in strokes]
-    least, most = min(forces) - UNLIKE_N, max(forces) + UNLIKE_N
-    return all(least < length(rest.force) < most for rest in rests if rest.segment.kind == "contact")
+    short = rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S
+    return all((short and rest.segment.kind == "contact") or _pressed_as(rest, stroke) for rest in rests)
+
+
+def _pressed_as(rest: ProgramSegment, stroke: ProgramSegment) -> bool:
+    """Is a rest pressed as hard as a stroke, to the same side? The touch that pushes in may press less."""
+    here, there = length(rest.force), length(stroke.force)
+    along = float(np.dot(rest.force, stroke.force)) >= SAME_SIDE * here * there
+    least = there - UNLIKE_N if rest.segment.kind == "contact" else 0.0
+    near = length(np.subtract(rest.force, stroke.force)) < UNLIKE_N
+    return least < here < there + UNLIKE_N and (along or near)
+
+
+def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
+    """Does a step begin where another one ends? What is left out between them may lead elsewhere."""
+    apart = np.subtract(following.segment.position_start, one.segment.position_end)
+    return following.index == one.index + 1 or length(apart) < OUT_M
 
 
 def _is_stroke(step: ProgramSegment) -> bool:

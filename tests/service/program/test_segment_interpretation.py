@@ -258,6 +258,60 @@ def test_what_a_touch_pushes_in_before_a_stroke_is_its_beginning() -> None:
     ]
 
 
+def test_a_rest_between_a_soft_and_a_hard_stroke_is_part_of_the_one_that_presses_as_hard() -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(4.0), **ACROSS),
+        segment("contact", 4.0, 6.0, **held(19.0)),
+        segment("sliding", 6.0, 8.0, **held(20.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 4.0 else 20.0),
+    )
+    assert [(app.t0, app.tn, app.segments) for app in made[1:]] == [(2.0, 4.0, (1,)), (4.0, 8.0, (2, 3))]
+
+
+@pytest.mark.parametrize("seconds", [0.4, 1.5])
+def test_what_is_pushed_in_harder_after_a_stroke_is_a_press_of_its_own(seconds: float) -> None:
+    into = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.0, 0.192)}
+    until = 4.0 + seconds
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(5.0), **ACROSS),
+        segment("sliding", 4.0, until, **held(30.0), **into),
+        segment("motion", until, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=0.0 if not 2.0 < t < until else 5.0 if t < 4.0 else 30.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "cartesian_motion"]
+    assert made[2].force_taught == pytest.approx((0.0, 0.0, -30.0))
+
+
+def test_a_rest_that_presses_to_another_side_than_the_stroke_before_it_is_a_press_of_its_own() -> None:
+    x, y, z = DRIFT_N
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(10.0), **ACROSS),
+        segment("contact", 4.0, 6.0, force_held=(x - 10.0, y, z)),
+        segment("motion", 6.0, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=10.0 if 2.0 < t < 4.0 else 0.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "cartesian_motion"]
+    assert made[2].force_taught == pytest.approx((10.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("lifted_m", "strokes"), [(0.015, [(1,), (3,)]), (0.002, [(1, 3)])])
+def test_a_press_that_was_left_before_a_stroke_is_no_part_of_it(
+    lifted_m: float, strokes: list[tuple[int, ...]]
+) -> None:
+    here, there = (0.0, 0.0, 0.2), (lifted_m, 0.0, 0.2)
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(9.0), position_start=here, position_end=here),
+        segment("motion", 4.0, 4.2, position_start=here, position_end=there),
+        segment("sliding", 4.2, 6.0, **held(9.0), position_start=there, position_end=(0.12, 0.0, 0.2)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0),
+    )
+    assert [app.segments for app in made[1:]] == strokes
+
+
 def test_a_rest_in_which_the_fingers_move_is_no_end_of_a_stroke() -> None:
     made = program(
         segment("transport", 0.0, 2.0),

@@ -20,7 +20,8 @@ ARRIVING_SHARE = 0.6  # of the mean speed towards a contact is left when it is m
 LEAST_SEARCH_M_PER_S, LEAST_M_PER_S = 0.01, 1e-6
 EARLY_S, BLEND_S = 0.09, 0.3  # a via point sooner than that is no taught one; time to get onto such a path
 TURNED_M = 0.1  # what a radian of a turn counts as
-BRAKE_M_PER_S2 = 2.0  # towards a contact
+SLOW_M = 0.002  # before a target that a contact ends: it may be met so much earlier
+BRAKE_M_PER_S2 = 1.0  # towards a contact
 KNOT_S, LEAST_KNOTS = 0.02, 8  # between two knots of a path with brakes; legs of it
 EASED = 11  # knots over which braking begins
 
@@ -86,7 +87,7 @@ def _braked(curve: Curve, arriving: Array) -> Curve:
     steps = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
     left = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
     end_m_per_s = max(float(np.linalg.norm(arriving)), LEAST_M_PER_S)
-    limits = np.sqrt(end_m_per_s**2 + 2.0 * BRAKE_M_PER_S2 * left)
+    limits = np.sqrt(end_m_per_s**2 + 2.0 * BRAKE_M_PER_S2 * np.maximum(left - SLOW_M, 0.0))
     slower = np.maximum(np.linalg.norm(rates[:, :3], axis=1) / limits, 1.0)
     slower = uniform_filter1d(maximum_filter1d(slower, EASED, mode="nearest"), EASED, mode="nearest")
     times = np.append(0.0, np.cumsum(np.diff(taught) * 0.5 * (slower[1:] + slower[:-1])))

@@ -3,7 +3,7 @@
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
 it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments and
 is not part of a carry. The program is then that of the segments up to it, and that of the segments from
-it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends there. A gap that touches what lies
+it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them in no contact. A gap that touches what lies
 before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
 
@@ -116,7 +116,7 @@ class IncrementalProgramBuilder:
     ) -> int:
         """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
 
-        Of MOST_UNQUIET steps the last one passes for quiet, from wherever the steps begin.
+        Of MOST_UNQUIET steps the last one in no contact passes for quiet, from wherever the steps begin.
         """
         last = min(settled - 1, begin + MOST_UNQUIET)
         for i in range(last, begin, -1):
@@ -127,7 +127,9 @@ class IncrementalProgramBuilder:
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             if self._lasts(step) and moves and not holds(step, known) and not gripped:
                 return i
-        return last if last == begin + MOST_UNQUIET else 0
+        if last < begin + MOST_UNQUIET:
+            return 0
+        return next((i for i in range(last, begin, -1) if not steps[i].touches), last)
 
     def _lasts(self, step: ProgramSegment) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""

@@ -6,12 +6,14 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caesura_protocol.messages import Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
+from caesura_service.segmentation import program_builder
 from caesura_service.segmentation.program_builder import MOST_UNQUIET, IncrementalProgramBuilder
 
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
@@ -94,6 +96,24 @@ def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_of
         left.append(growing.first)
     assert programs[0] == programs[1] == programs[2]
     assert left == [2 * MOST_UNQUIET] * 3
+
+
+def test_a_cut_divides_no_stroke_from_its_rests(monkeypatch: pytest.MonkeyPatch):
+    """The rest at the cut was in the app of its stroke and in one of its own."""
+    monkeypatch.setattr(program_builder, "MOST_UNQUIET", 4)
+    parts = [("motion", "motion", "free"), ("sliding", "motion", "contact"), ("contact", "steady", "contact")]
+    steps = []
+    for i, step in enumerate(demonstration(np.random.default_rng(2), 30)):
+        kind, motion, contact = parts[i % 3]
+        update = {"kind": kind, "motion": motion, "contact": contact, "t0": 0.6 * i, "tn": 0.6 * (i + 1)}
+        across = {"position_end": (0.3, 0.0, 0.0), "force_held": (0.0, 0.0, 14.0), "load_kg": None}
+        steps.append(replace(step, segment=step.segment.model_copy(update={**update, **across})))
+    growing = IncrementalProgramBuilder(moment_at, 0.3)
+    for now in range(1, len(steps) + 1):
+        apps = growing.apps(steps[growing.first : now], now, [])
+    assert growing.first > 0
+    used = [index for app in apps for index in app.segments]
+    assert sorted(used) == sorted(set(used))
 
 
 def test_only_what_follows_the_last_quiet_place_is_built_again():

@@ -3,8 +3,8 @@
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
 it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments and
 is not part of a carry. The program is then that of the segments up to it, and that of the segments from
-it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them in no contact. A gap that touches what lies
-before it is known by then: it ends where a segment begins, and the quiet place is one.
+it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them in no contact. A gap
+that touches what lies before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Browser, Page
 
 from caesura_clients.dashboard.station_summary import reached
-from dashboard.browser import Visitor, chromium, needs_chromium
+from dashboard.browser import Visitor, needs_chromium
 from dashboard.stage import Stage, staged
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import taught
@@ -46,12 +46,6 @@ DRAWN_AND_WHOLE = """async () => {
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     with staged(tmp_path_factory.mktemp("stage")) as stage:
         yield stage
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

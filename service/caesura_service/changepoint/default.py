@@ -58,9 +58,6 @@ REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to t
 # the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
 HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
-# The scale of a turn is known nearly as well as that of a rest: being calmer than a hand is no evidence of a
-# turn. Where each segment learns its scale, two turns and the rest between them are explained best as one.
-TURN_NU0 = 150.0  # as from 50 observations of three axes
 TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
 LOAD_KG = 3.0  # of the heaviest load: what a Panda carries
@@ -135,7 +132,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
         "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
         "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
-        "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
+        "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M),
         "resisted": HeldTorque(least=HELD_NM),
         "unresisted": HeldTorque(most=HELD_NM),
         "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),

@@ -14,7 +14,6 @@ from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches
-from caesura_service.changepoint.turn_in_place import rotation_matrix
 from caesura_service.constants import TARED_BIAS_N
 from caesura_service.offline_segmentation import segment_recording
 
@@ -108,28 +107,3 @@ def test_a_gripper_that_holds_something_has_a_load_99_times_of_100_whatever_the_
     odds = weights["transport"] * channels["holding"].probability
     odds /= weights["motion"] * channels["empty"].probability
     assert odds == pytest.approx(0.99 / 0.01)
-
-
-def two_strokes_on_a_screw() -> list[ModelInput]:
-    """Turns of 2 s by a calm hand about a tip that a screw holds, and 0.8 s in which the tool only leans."""
-    rng, tip = np.random.default_rng(0), np.array([0.45, -0.05, 0.10])
-    rates = np.maximum(0.1 * np.sin(np.pi * np.linspace(0.06, 1.0, 20)) ** 2, 0.012)
-    spins = [np.array([0.0, 0.0, rate]) for rate in rates]
-    leans = [0.001 * size * np.array([0.6, 0.0, 0.8]) for size in (8.0, 4.0, 2.5, 1.5, 1.0, 0.7, 0.5, 0.5)]
-    still = [np.zeros(3)] * 8
-    position, rotation, observed = tip + np.array([0.01, 0.0, 0.10]), np.zeros(3), []
-    for step in (*still, *spins, *leans, *spins, *still):
-        position = tip + rotation_matrix(step) @ (position - tip) + rng.normal(0.0, 2e-5, 3)
-        rotation = rotation + step
-        force = np.array([0.0, 0.0, 15.0]) + rng.normal(0.0, 0.2, 3)
-        observed.append(ModelInput(position, force, 0.0, rotation))
-    return observed
-
-
-def test_a_rest_between_two_turns_is_found_however_calm_the_hand() -> None:
-    """Where each segment learns the scale of its turn, both turns and the rest are explained best as one."""
-    online = DEFAULT.online(orientation=True)
-    for one in two_strokes_on_a_screw():
-        online.step(one)
-    kinds = [stretch.verdict.kind.name for stretch in stretches(online)]
-    assert kinds == ["contact", "turning", "contact", "turning", "contact"]

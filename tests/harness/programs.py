@@ -31,17 +31,30 @@ def app(kind: AppKind, t0: float, tn: float, target: Vector | None = None, **fie
     return App.model_validate(made | fields)
 
 
-def move(t0: float, start: Vector, target: Vector, orientation: Quaternion = DOWN, **fields: Any) -> App:
-    """A straight movement of one second, with its path."""
-    path = AppPath(
+def path_from(
+    start: Vector,
+    t0: float,
+    tn: float,
+    length_m: float,
+    orientation: Quaternion = DOWN,
+    via: tuple[ViaPoint, ...] = (),
+) -> AppPath:
+    """The path of an app that was followed without a deviation."""
+    return AppPath(
         start=ViaPoint(t=t0, position=start, orientation=orientation),
-        tn=t0 + 1.0,
-        length_m=math.dist(start, target),
+        via=via,
+        tn=tn,
+        length_m=length_m,
         deviation_m=0.0,
         deviation_rad=0.0,
         tolerance_m=0.002,
         tolerance_rad=0.02,
     )
+
+
+def move(t0: float, start: Vector, target: Vector, orientation: Quaternion = DOWN, **fields: Any) -> App:
+    """A straight movement of one second, with its path."""
+    path = path_from(start, t0, t0 + 1.0, math.dist(start, target), orientation)
     stated = {"path": path, "orientation": orientation} | fields
     return app("cartesian_motion", t0, t0 + 1.0, target, **stated)
 

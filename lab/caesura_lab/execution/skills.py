@@ -352,7 +352,7 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0) if _leaves_contact(following) else 0.0
     if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)
-    if app.path is not None:
+    else:
         controller.rest_until(app.path.start, straight, before_s)
     path = None
     if app.target is not None:

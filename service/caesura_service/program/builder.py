@@ -234,7 +234,7 @@ def _contacts(group: _Group) -> Iterable[App]:
         group = replace(group, steps=group.steps[len(inserted) :])
     t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
     hardest = _hardest(group.steps)
-    mine = [grip for grip in group.grips if t0 - GRIP_SLACK_S <= grip.t <= tn + GRIP_SLACK_S]
+    mine = [grip for grip in group.grips if grip.is_near(t0, tn)]
     for grip in mine:
         group.grips.remove(grip)
         confidence = min(step.confidence for step in group.steps)
@@ -258,8 +258,7 @@ def _meets(group: _Group) -> bool:
     contact = group.contact
     if contact is None:
         return False
-    t0, tn = contact.t0 - GRIP_SLACK_S, contact.tn + GRIP_SLACK_S
-    return not _arrives(contact) or any(t0 <= grip.t <= tn for grip in group.grips)
+    return not _arrives(contact) or any(grip.is_near(contact.t0, contact.tn) for grip in group.grips)
 
 
 def _press(group: _Group) -> App:

@@ -82,6 +82,10 @@ class GripperAction:
     kind: Literal["grasp", "release", "open", "close"]
     width: float | None  # [m] where the fingers settled
 
+    def is_near(self, t0: float, tn: float) -> bool:
+        """Does it belong to a contact between two times [s]?"""
+        return t0 - GRIP_SLACK_S <= self.t <= tn + GRIP_SLACK_S
+
 
 @dataclass(frozen=True, slots=True)
 class ProgramSegment:
@@ -258,16 +262,10 @@ def _with_rests(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction])
     runs = [(rests, tuple(run)) for rests, run in groupby(steps, key=lambda step: _rests(step, grips))]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
-        touches = last is not None and last.touches and not _is_stroke(last)
-        if rests and last is not None and _belong(run, last) and _goes_on(last, run[0]):
+        pressed = last is not None and last.touches and not _is_stroke(last)
+        if rests and last is not None and _goes_on(last, run[0]) and _belong(run, last):
             joined[-1] = replace(last, rests_after=run)
-        elif (
-            rests
-            and following
-            and not touches
-            and _belong(run, following[0])
-            and _goes_on(run[-1], following[0])
-        ):
+        elif rests and _leads_to(run, following) and not pressed:
             begins = run
         else:
             joined += (replace(run[0], rests_before=begins), *run[1:])
@@ -281,7 +279,7 @@ def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
     pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
     if segment.corrected or not (segment.kind == "contact" or pushes):
         return False
-    return not any(segment.t0 - GRIP_SLACK_S <= grip.t <= segment.tn + GRIP_SLACK_S for grip in grips)
+    return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
 
 
 def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment) -> bool:
@@ -299,6 +297,11 @@ def _pressed_as(rest: ProgramSegment, stroke: ProgramSegment) -> bool:
     least = there - UNLIKE_N if rest.segment.kind == "contact" else 0.0
     near = length(np.subtract(rest.force, stroke.force)) < UNLIKE_N
     return least < here < there + UNLIKE_N and (along or near)
+
+
+def _leads_to(rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment]) -> bool:
+    """Are rests part of the stroke that follows, if one does?"""
+    return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0])
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:

@@ -26,7 +26,7 @@ from caesura_protocol.screw_motion import torque_about_axis
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.once import once_a_version
-from harness.programs import DOWN, app, pick_and_place, press
+from harness.programs import DOWN, app, path_from, pick_and_place, press
 
 FLAT = (1.0, 0.0, 0.0, 0.0)  # fingers down, the hand to +x
 executed, ran = once_a_version(execute), once_a_version(run)  # the same arguments give the same bytes
@@ -260,10 +260,7 @@ def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot)
 def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught(robot: Robot) -> None:
     """A tenth of a stroke was off by 3.9 N or more; a pause on it had 10 N, and lasted 0.15 s longer."""
     touch, stroke = (0.40, -0.16, 0.150), (0.47, 0.04, 0.150)
-    path = AppPath(
-        start=ViaPoint(t=2.5, position=touch, orientation=FLAT), tn=3.5, length_m=0.21, deviation_m=0.0,
-        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
-    )  # fmt: skip
+    path = path_from(touch, 2.5, 3.5, 0.21, FLAT)
     down = {"orientation": FLAT}
     apps = (
         app("move_to_contact", 0.5, 1.5, touch, **down),
@@ -284,10 +281,7 @@ def test_a_stroke_has_its_force_and_a_pause_on_it_lasts_as_long_as_it_was_taught
 
 def test_a_stroke_is_pressed_before_its_path_and_after_it(robot: Robot) -> None:
     touch, begin, stroke = (0.40, -0.16, 0.150), (0.405, -0.15, 0.150), (0.47, 0.04, 0.150)
-    path = AppPath(
-        start=ViaPoint(t=2.5, position=begin, orientation=FLAT), tn=3.5, length_m=0.2, deviation_m=0.0,
-        deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
-    )  # fmt: skip
+    path = path_from(begin, 2.5, 3.5, 0.2, FLAT)
     down = {"orientation": FLAT}
     apps = (
         app("move_to_contact", 0.5, 1.5, touch, **down),
@@ -313,11 +307,8 @@ def test_a_stroke_over_a_crown_takes_its_time_and_keeps_its_force(robot: Robot) 
     turned = Rotation.from_matrix(start_posture(robot, scenario.start)[1]).as_quat().tolist()
     radius_m = 0.2
     first, crown, last = ((0.45, y, 0.060 + np.sqrt(radius_m**2 - y**2)) for y in (0.1, 0.0, -0.1))
-    path = AppPath(
-        start=ViaPoint(t=2.5, position=first, orientation=turned),
-        via=(ViaPoint(t=3.5, position=crown, orientation=turned, velocity=(0.0, -0.15, 0.0)),),
-        tn=4.5, length_m=0.21, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
-    )  # fmt: skip
+    over = ViaPoint(t=3.5, position=crown, orientation=turned, velocity=(0.0, -0.15, 0.0))
+    path = path_from(first, 2.5, 4.5, 0.21, turned, (over,))
     apps = (
         app("move_to_contact", 0.5, 2.5, first, orientation=turned),
         app("apply_force", 2.5, 4.5, last, force=(0.0, 0.0, -10.0), path=path, orientation=turned),

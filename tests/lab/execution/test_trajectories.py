@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
-from tests.harness.programs import DOWN, app
+from tests.harness.programs import DOWN, app, path_from
 
 from caesura_lab.execution.trajectories import BRAKE_M_PER_S2, SLOW_M, app_path
 from caesura_protocol.messages import AppPath, ViaPoint
@@ -74,10 +74,7 @@ def test_the_way_to_the_start_of_a_turn_takes_its_share_of_the_time_and_no_more(
 def test_towards_a_contact_the_speed_is_the_taught_one_until_it_must_brake() -> None:
     half = ViaPoint(t=3.0, position=(0.3, -0.4, 0.3), orientation=DOWN, velocity=(0.0, 0.01, 0.0))
     near = ViaPoint(t=3.9, position=(0.3, -0.311, 0.3), orientation=DOWN, velocity=(0.0, 0.18, 0.0))
-    path = AppPath(
-        start=ViaPoint(t=2.0, position=(0.3, -0.5, 0.3), orientation=DOWN), via=(half, near), tn=4.0,
-        length_m=0.2, deviation_m=0.0, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
-    )  # fmt: skip
+    path = path_from((0.3, -0.5, 0.3), 2.0, 4.0, 0.2, via=(half, near))
     moving = app("cartesian_motion", 2.0, 4.0, (0.3, -0.3, 0.3), path=path)
     arriving = np.array([0.0, 0.03, 0.0])
     curve = app_path(moving, np.array(path.start.position), matrix_of(DOWN), 2.0, arriving)

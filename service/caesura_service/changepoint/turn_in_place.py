@@ -43,19 +43,14 @@ class TurnInPlace:
     nu0: float = 10.0
 
     def empty(self) -> Rows:
-        """Rows: n, start, last position, last rotation, ΣEᵀE, ΣEᵀy, Σ|y|², Σ log w, Σ log weight."""
+        """Rows: n, start, last position, last rotation, triangle, Σ log w, Σ log weight.
+
+        The triangle (4, 4) is the R of a QR decomposition of all equations (E c, y)/w, with the prior's: its
+        last entry is the root of the squares that no centre explains.
+        """
         vectors, scalars = np.zeros((0, AXES)), np.zeros(0)
-        return (
-            np.zeros(0, np.int64),
-            vectors,
-            vectors,
-            vectors,
-            np.zeros((0, AXES, AXES)),
-            vectors,
-            scalars,
-            scalars,
-            scalars,
-        )
+        triangles = np.zeros((0, AXES + 1, AXES + 1))
+        return (np.zeros(0, np.int64), vectors, vectors, vectors, triangles, scalars, scalars)
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation. A segment begins at the position before its first one."""
@@ -65,33 +60,29 @@ class TurnInPlace:
         step2, angle2 = float((z - before) @ (z - before)), float(turned @ turned)
         scale2 = self.floor**2 + self.share**2 * angle2
         near = -0.5 * (step2 / (self.floor**2 + self.reach**2 * angle2)) ** 2
-        n, gram, cross, squares, log_scales, weights = (
-            append(rows[i], np.zeros(rows[i].shape[1:])) for i in (0, 4, 5, 6, 7, 8)
-        )
-        start = append(rows[1], before)
+        prior = np.diag([1.0 / self.reach] * AXES + [0.0])
+        n, log_scales, weights = (append(rows[i], np.zeros(())) for i in (0, 5, 6))
+        start, triangles = append(rows[1], before), append(rows[4], prior)
         y = z - before - (before - start) @ e.T  # the centre is counted from each start
+        equations = np.concatenate([np.broadcast_to(e, (len(n), AXES, AXES)), y[:, :, None]], axis=2)
+        stacked = np.concatenate([triangles, equations / math.sqrt(scale2)], axis=1)
         return (
             n + 1,
             start,
             np.tile(z, (len(n), 1)),
             np.tile(rotation, (len(n), 1)),
-            gram + e.T @ e / scale2,
-            cross + y @ e / scale2,
-            squares + (y**2).sum(axis=1) / scale2,
+            np.linalg.qr(stacked, mode="r"),
             log_scales + 0.5 * math.log(scale2),
             weights + near,
         )
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
-        n, _, _, _, gram, cross, squares, log_scales, weights = rows
-        weight = 1.0 / self.reach**2
-        posterior = gram + weight * np.eye(AXES)
-        explained = (cross * np.linalg.solve(posterior, cross[:, :, None])[:, :, 0]).sum(axis=1)
-        log_det = np.linalg.slogdet(posterior)[1] - AXES * math.log(weight)
-        left = np.maximum(squares - explained, 0.0)
-        density = known_mean_log_evidence(AXES * n, left, self.nu0, 1.0)
-        result: Array = density - 0.5 * log_det - AXES * log_scales + weights
+        n, _, _, _, triangles, log_scales, weights = rows
+        diagonals = np.abs(np.diagonal(triangles, axis1=1, axis2=2))
+        log_root_det = np.log(self.reach * diagonals[:, :AXES]).sum(axis=1)  # over the prior's
+        density = known_mean_log_evidence(AXES * n, diagonals[:, AXES] ** 2, self.nu0, 1.0)
+        result: Array = density - log_root_det - AXES * log_scales + weights
         return result
 
 

@@ -231,6 +231,7 @@ EVERYTHING: dict[str, ChannelModel] = {
     "resistance": HeldTorque(least=0.2, aligned=0.5),
     "no resistance": HeldTorque(most=0.2),
     "pivot": TurnInPlace(floor=0.001, share=0.02, reach=0.1),
+    "pivot of a known scale": TurnInPlace(floor=0.0002, share=0.002, reach=0.3, nu0=1000.0),
     **dict(_preset_channels()),
     **{f"{name}'s lattice": Whole(preset.lattice()) for name, preset in PRESETS.items()},
     "default's lattice with an orientation": Whole(PRESETS["default"].lattice(orientation=True)),

@@ -60,6 +60,9 @@ HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
 TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
+# How far the point leaves its circle is known to 7 %, 1/√(2 nu0). If it is known less well, one turn also
+# explains two turns and the rest between them: it keeps to its circle more closely for a while.
+TURN_NU0 = 100.0
 LOAD_KG = 3.0  # of the heaviest load: what a Panda carries
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
@@ -132,7 +135,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
         "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
         "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
         "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
-        "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M),
+        "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
         "resisted": HeldTorque(least=HELD_NM),
         "unresisted": HeldTorque(most=HELD_NM),
         "untouched": FreeSpaceForce(QUIET, bias=bias_n, absence=beyond, most_kg=LOAD_KG),

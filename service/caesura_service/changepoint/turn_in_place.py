@@ -66,12 +66,13 @@ class TurnInPlace:
         y = z - before - (before - start) @ e.T  # the centre is counted from each start
         equations = np.concatenate([np.broadcast_to(e, (len(n), AXES, AXES)), y[:, :, None]], axis=2)
         stacked = np.concatenate([triangles, equations / math.sqrt(scale2)], axis=1)
+        reduced: Array = np.linalg.qr(stacked, mode="r")  # type: ignore[assignment]
         return (
             n + 1,
             start,
             np.tile(z, (len(n), 1)),
             np.tile(rotation, (len(n), 1)),
-            np.linalg.qr(stacked, mode="r"),
+            reduced,
             log_scales + 0.5 * math.log(scale2),
             weights + near,
         )

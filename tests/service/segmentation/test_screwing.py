@@ -274,11 +274,12 @@ def test_a_screw_that_is_driven_is_a_turning_with_axis_pitch_and_torque_and_so_i
     assert app.path is not None
 
 
-def test_without_torque_columns_boundaries_are_the_same_and_no_torque_is_shown() -> None:
+def test_without_torque_columns_segments_are_the_same_and_no_torque_is_shown() -> None:
+    """A torque that sets in after the turn is evidence of its own: it may move a boundary by one observation."""
     with_torque, without = (segment_recording(screwing(torque=torque)) for torque in (True, False))
-    assert [(one.t0, one.kind) for one in without.segments] == [
-        (one.t0, one.kind) for one in with_torque.segments
-    ]
+    assert [one.kind for one in without.segments] == [one.kind for one in with_torque.segments]
+    begins = [one.t0 for one in without.segments]
+    assert begins == pytest.approx([one.t0 for one in with_torque.segments], abs=STEP_S + 1e-9)
     screws = [one.screw for one in without.segments if one.screw is not None]
     assert screws
     assert {screw.torque for screw in screws} == {None}

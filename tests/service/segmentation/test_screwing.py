@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_protocol.recording import Recording
 from caesura_protocol.screw_motion import exerted, torque_about_axis
+from caesura_service.changepoint.preset import STEP_S
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.screwing import Course, repeats, screw_of
 
@@ -275,7 +276,7 @@ def test_a_screw_that_is_driven_is_a_turning_with_axis_pitch_and_torque_and_so_i
 
 
 def test_without_torque_columns_segments_are_the_same_and_no_torque_is_shown() -> None:
-    """A torque that sets in after the turn is evidence of its own: it may move a boundary by one observation."""
+    """A torque that sets in after the turn is evidence too: it may move a boundary by one observation."""
     with_torque, without = (segment_recording(screwing(torque=torque)) for torque in (True, False))
     assert [one.kind for one in without.segments] == [one.kind for one in with_torque.segments]
     begins = [one.t0 for one in without.segments]

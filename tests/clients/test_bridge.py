@@ -211,7 +211,7 @@ def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
         eventually(lambda: service.next_seq == 2)
         service.hold = True
         bridge.send(samples(40, t0=0.04))
-        with pytest.raises(ProtocolError, match="batches are missing"):
+        with pytest.raises(Unreachable, match="2 of 4 batches"):
             bridge.finish()
         assert (bridge.acknowledged, bridge.sent) == (2, 4)
     with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:

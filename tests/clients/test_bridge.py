@@ -14,10 +14,13 @@ from caesura_protocol.codec import decode, encode_error, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
 from caesura_protocol.messages import Close, Control, Open
+from clients.conftest import FULL_S
 from clients.examples import LiveSource, recording, samples
 from clients.fake_service import FakeService, eventually
 
-QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=30.0, tick_s=0.005)
+QUICK = BridgeSettings(
+    retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=30.0, tick_s=0.005, max_latency_s=FULL_S
+)
 SAMPLES_KEY = station_key("cell-1", "samples")
 REPLAY_KEY = station_key("cell-1", "replay")
 
@@ -97,12 +100,16 @@ def test_a_lost_tail_is_determined_by_the_heartbeat_while_the_robot_rests(memory
 
 
 def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
+    now_s = [0.0]
     with (
         FakeService(memory.transport()) as service,
-        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+        Bridge(memory.transport(), "cell-1", LiveSource(), clock=lambda: now_s[0]) as bridge,
     ):
+        bridge.wait_open(30.0)
         bridge.send(samples(3))
+        now_s[0] = 0.9 * bridge.settings.max_latency_s
         assert bridge.sent == 0
+        now_s[0] = bridge.settings.max_latency_s
         eventually(lambda: service.rows() == 3)
 
 

@@ -227,6 +227,27 @@ def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
             bridge.finish()
 
 
+class Ahead(FakeService):
+    """Has batches of the session that this bridge never sent."""
+
+    def _close(self, station, close):
+        if self.next_seq > close.last_seq + 1:
+            return ProtocolError("conflict", "the session has other batches", value=close.last_seq)
+        return super()._close(station, close)
+
+
+def test_an_end_that_the_service_refuses_for_good_says_why(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with Ahead(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        service.batches += service.batches
+        with pytest.raises(ProtocolError, match="the session has other batches"):
+            bridge.finish()
+
+
 def test_a_close_waits_until_the_service_has_everything(memory):
     with FakeService(memory.transport()) as service, ExitStack() as stack:
         bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))

@@ -119,14 +119,20 @@ def program(transport: Transport, station: str) -> Program:
 def samples(transport: Transport, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
     """The samples of a session in a range, of each bin the extremes of every column.
 
-    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises NotFound, which names
+    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Queries again where no answer
+    comes although a service holds the session: a busy network loses answers. Raises NotFound, which names
     what there is, Unreachable, or ProtocolError.
     """
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
-    found = _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S)
-    if not found:
-        raise _not_found(transport, f"no samples of session {station}/{session}")
-    return max(found, key=lambda one: one.epoch)
+    for _ in range(QUERY_ATTEMPTS):
+        found = _query_all(
+            transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S
+        )
+        if found:
+            return max(found, key=lambda one: one.epoch)
+        if not snapshots(transport, station, session):
+            break
+    raise _not_found(transport, f"no samples of session {station}/{session}")
 
 
 def current_sessions(transport: Transport) -> dict[str, str]:

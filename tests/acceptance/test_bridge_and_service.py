@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from caesura_clients.bridge.bridge import Bridge
+from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Close, Open, SampleBatch, Snapshot
@@ -15,9 +15,11 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import MemoryJournal
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of
+from clients.conftest import FULL_S
 from harness.demonstrations import guided
 from harness.peer import Peer
 
+FULL = BridgeSettings(max_latency_s=FULL_S)  # no batch goes before it is full, as those of `sent`
 LOCAL = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0")
 
 
@@ -26,7 +28,7 @@ def teach(endpoint: str, recording: Recording, station: str = "cell-1") -> Snaps
     source = FileSource(recording, pace=math.inf)
     with (
         ZenohTransport(endpoint, timeout_s=20.0) as transport,
-        Bridge(transport, station, source, session="s1") as bridge,
+        Bridge(transport, station, source, session="s1", settings=FULL) as bridge,
     ):
         bridge.run()
     with Peer(endpoint) as peer:

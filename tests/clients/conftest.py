@@ -4,15 +4,18 @@ import json
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from functools import partial
 from random import SystemRandom
 
 import pytest
 import zenoh
 
+from caesura_clients.bridge import BridgeSettings
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 
+FULL_S = 3600.0  # that a batch may wait until it is full: longer than a test may take
 BELOW_EPHEMERAL = range(10_240, 32_768)  # no outgoing connection of another test takes a port of these
 
 
@@ -66,6 +69,13 @@ class RouterNetwork:
 def router() -> Iterator[RouterNetwork]:
     with RouterNetwork() as network:
         yield network
+
+
+@pytest.fixture
+def full_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`caesura bridge` puts no batch before it is full: by default one goes after 0.1 s, full or not."""
+    settings = partial(BridgeSettings, max_latency_s=FULL_S)
+    monkeypatch.setattr("caesura_clients.cli.bridge.BridgeSettings", settings)
 
 
 @pytest.fixture

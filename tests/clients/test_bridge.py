@@ -14,10 +14,13 @@ from caesura_protocol.codec import decode, encode_error, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
 from caesura_protocol.messages import Close, Control, Open
+from clients.conftest import FULL_S
 from clients.examples import LiveSource, recording, samples
 from clients.fake_service import FakeService, eventually
 
-QUICK = BridgeSettings(retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=30.0, tick_s=0.005)
+QUICK = BridgeSettings(
+    retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=30.0, tick_s=0.005, max_latency_s=FULL_S
+)
 SAMPLES_KEY = station_key("cell-1", "samples")
 REPLAY_KEY = station_key("cell-1", "replay")
 
@@ -97,12 +100,16 @@ def test_a_lost_tail_is_determined_by_the_heartbeat_while_the_robot_rests(memory
 
 
 def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
+    now_s = [0.0]
     with (
         FakeService(memory.transport()) as service,
-        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+        Bridge(memory.transport(), "cell-1", LiveSource(), clock=lambda: now_s[0]) as bridge,
     ):
+        bridge.wait_open(30.0)
         bridge.send(samples(3))
+        now_s[0] = 0.9 * bridge.settings.max_latency_s
         assert bridge.sent == 0
+        now_s[0] = bridge.settings.max_latency_s
         eventually(lambda: service.rows() == 3)
 
 
@@ -211,12 +218,33 @@ def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
         eventually(lambda: service.next_seq == 2)
         service.hold = True
         bridge.send(samples(40, t0=0.04))
-        with pytest.raises(ProtocolError, match="batches are missing"):
+        with pytest.raises(Unreachable, match="2 of 4 batches"):
             bridge.finish()
         assert (bridge.acknowledged, bridge.sent) == (2, 4)
     with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
         bridge.send(samples(40))
         with pytest.raises(Unreachable, match="0 of 2 batches"):
+            bridge.finish()
+
+
+class Ahead(FakeService):
+    """Has batches of the session that this bridge never sent."""
+
+    def _close(self, station, close):
+        if self.next_seq > close.last_seq + 1:
+            return ProtocolError("conflict", "the session has other batches", value=close.last_seq)
+        return super()._close(station, close)
+
+
+def test_an_end_that_the_service_refuses_for_good_says_why(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with Ahead(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        service.batches += service.batches
+        with pytest.raises(ProtocolError, match="the session has other batches"):
             bridge.finish()
 
 

@@ -60,6 +60,7 @@ def assert_one_line(result, *words):
         assert word in line
 
 
+@pytest.mark.usefixtures("full_batches")
 def test_bridge_plays_a_file_to_its_acknowledged_end(caesura, router, file):
     with FakeService(router.transport()) as service:
         result = caesura(
@@ -70,6 +71,7 @@ def test_bridge_plays_a_file_to_its_acknowledged_end(caesura, router, file):
     assert service.rows() == 100
 
 
+@pytest.mark.usefixtures("full_batches")
 def test_bridge_declares_what_the_options_say(caesura, router, file):
     with FakeService(router.transport()) as service:
         options = ("--wrench-source", "joint_torque_estimate", "--unit", "mm", "--batch", "50")
@@ -105,6 +107,7 @@ def played(caesura, router, service, file):
     return play
 
 
+@pytest.mark.usefixtures("full_batches")
 def test_bridge_reports_what_was_refused(played):
     # It once said "closed, 640 batches" and ended with 0 where every one had been refused.
     why = Refusal(code="malformed", message="malformed: not a map")

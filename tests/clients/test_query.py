@@ -1,13 +1,16 @@
 """Asking: what comes back, and what is said where nothing does."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from caesura_clients.client import Caesura
-from caesura_clients.query import current_sessions
+from caesura_clients.query import QUERY_ATTEMPTS, current_sessions, samples
 from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
-from caesura_protocol.keys import service_key, station_key
-from caesura_protocol.messages import Program, ServiceStatus
+from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
+from caesura_protocol.messages import Program, RecordedSamples, ServiceStatus
+from caesura_protocol.transport.network import QueryReplies
 from clients.answering import Answering
 from clients.examples import example, snapshot
 
@@ -86,6 +89,29 @@ def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, ne
         assert caesura.stations() == ["cell-8"]
     with pytest.raises(NotFound, match="no session nothing"):
         caesura.snapshot("cell-7", "nothing")
+
+
+@pytest.mark.parametrize("lost", [1, QUERY_ATTEMPTS])
+def test_an_answer_with_samples_that_is_lost_is_asked_for_again(caesura, service, monkeypatch, lost):
+    """A lost answer was reported as a session that is absent; the dashboard then answered 404."""
+    known, found = snapshot(0), example(RecordedSamples)
+    service.snapshots = [known]
+    key = session_key(known.status.station, known.status.session, "samples")
+    service.answers[key] = encode(found)
+    left, query = [lost], caesura.transport.query
+
+    def losing(asked, *arguments, **options):
+        answers = query(asked, *arguments, **options)
+        if asked == key and left[0] > 0:
+            left[0] -= 1
+            return QueryReplies((), ())
+        return answers
+
+    monkeypatch.setattr(caesura.transport, "query", losing)
+    expected = pytest.raises(NotFound, match="no samples of") if lost == QUERY_ATTEMPTS else nullcontext()
+    with expected:
+        wanted = SampleRange(0.0, 1.0, 5)
+        assert samples(caesura.transport, known.status.station, known.status.session, wanted) == found
 
 
 def test_no_session_is_no_error_but_no_service_is(network):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 
 import pytest
 
 from caesura_clients import describing
+from caesura_clients.bridge import BridgeSettings
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.standby import Standby
 from caesura_protocol.errors import ProtocolError
@@ -47,8 +49,9 @@ def standing_by(
     network: MemoryNetwork,
     open_source: Callable[[], AbstractContextManager[Source]],
     say: Callable[[BridgeStatus], None] | None = None,
+    settings: BridgeSettings | None = None,
 ) -> Iterator[Standby]:
-    standby = Standby(network.transport(), STATION, open_source, say=say)
+    standby = Standby(network.transport(), STATION, open_source, say=say, settings=settings)
     thread = threading.Thread(target=standby.run, daemon=True)
     with ExitStack() as stack:
         thread.start()
@@ -101,6 +104,37 @@ def test_a_command_that_fails_is_refused_and_the_next_one_is_answered(monkeypatc
         assert (refusal.value.code, refusal.value.message) == ("internal", "ValueError: not foreseen")
         session = describing.start(operator, STATION).session
         assert describing.stop(operator, STATION).session == session
+
+
+def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
+    """A close that was refused because batches were missing once ended the demonstration with an error."""
+    network, given = MemoryNetwork(), threading.Event()
+
+    def one_chunk() -> Iterator:
+        given.wait(DEADLINE_S)
+        yield samples(40)
+        over.wait(DEADLINE_S)
+
+    at_once = BridgeSettings(close_timeout_s=0.0, retry_s=0.01)
+    with (
+        FakeService(network.transport()) as service,
+        standing_by(network, lambda: nullcontext(Robot(over, one_chunk)), settings=at_once) as standby,
+    ):
+        eventually(lambda: standby.status.state == "ready")
+        operator = network.transport()
+        session = describing.start(operator, STATION).session
+        service.hold = True
+        given.set()
+        eventually(lambda: service._held)
+        with ThreadPoolExecutor(1) as pool:
+            stopped = pool.submit(describing.stop, operator, STATION)
+            eventually(lambda: "0 of 2 batches" in (standby.status.problem or ""))
+            assert standby.status.state == "stopping"
+            service.hold = False
+            assert stopped.result(DEADLINE_S).session == session
+        assert (service.state, service.next_seq) == ("closed", 2)
+        assert standby.status.outcome == "closed with 2 batches"
+        over.set()
 
 
 def test_a_bridge_whose_terminal_is_gone_goes_on(over):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,13 @@ from clients.examples import snapshot
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 BATCH = 20
 UNLIMITED = JournalSettings(waiting_bytes=1 << 30)
+
+
+@contextmanager
+def not_written(journal: SqliteJournal) -> Iterator[None]:
+    """Keep the journal's thread from writing, which would put off what `enforce_retention` does."""
+    with journal._writing:
+        yield
 
 
 def taught(seconds: float, rate_hz: float = 100.0, *, seed: int = 0) -> NDArray[np.float64]:

@@ -256,7 +256,7 @@ class Bridge:
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
                 return ack
-            if failure is not None and (ack is not None or refusal is not None):
+            if failure is not None and (ack is not None or refusal is not None or is_open):
                 raise failure
             if self._clock() >= deadline:
                 raise refusal or failure or self._unacknowledged()
@@ -268,17 +268,20 @@ class Bridge:
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
         """Send the close once; reopen the session at a service that lost it or lacks batches.
 
-        The last value states whether a service has the session now: only then can batches be sent.
+        Returns no refusal where the service lacks batches, because a later close may be accepted. The last
+        value states whether a service has the session now: only then can batches be sent.
         """
         try:
             ack = self._control.ask(close)
         except ProtocolError as refusal:
             if refusal.code not in LOST:
                 raise
-            is_open = False
-            with suppress(ProtocolError):  # the first refusal says more
+            try:
                 is_open = self._ask_to_open()
-            return None, refusal, is_open
+            except ProtocolError:  # the first refusal says more
+                return None, refusal, False
+            is_final = is_open and self.acknowledged > close.last_seq + 1
+            return None, refusal if is_final else None, is_open
         if ack is not None:
             self.acknowledged = ack.next_seq
         return ack, None, False

@@ -147,10 +147,11 @@ def test_some_presses_are_brief() -> None:
 
 def test_people_with_habits_have_a_bias_that_wanders_by_newtons() -> None:
     ranges = []
-    for seed in (31, 33):
-        recording, truth = natural("curves", seed).recording, natural("curves", seed).truth
+    for scenario, seed in (("button", 23), ("dispenser", 12)):  # which other tests look at too
+        recording, truth = natural(scenario, seed).recording, natural(scenario, seed).truth
         rests = [s for s in truth["segments"] if s["cls"] == "steady" and s["t1"] - s["t0"] > 0.5]
         t, force = recording.t, recording.signals["force"]
+        assert len(rests) == 3
         levels = [np.median(force[(t > s["t0"]) & (t < s["t1"])], axis=0) for s in rests]
         ranges.append(float(np.linalg.norm(np.ptp(levels, axis=0))))
     assert 1.0 < np.median(ranges) < 5.0

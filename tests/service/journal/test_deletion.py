@@ -12,6 +12,7 @@ import pytest
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.journal.deletion import BATCH, SELECT_DELETED, delete_batch, mark_deleted
 from caesura_service.journal.sqlite import PATIENCE
+from harness.journals import not_written
 from harness.processes import eventually
 from harness.sessions import NAME, STATION, batch
 from service.journal.test_sqlite import grow_no_more
@@ -103,13 +104,15 @@ def test_what_another_process_dropped_is_reported_where_nothing_can_be_dropped(p
     with SqliteJournal(path, JournalSettings(age_s=100.0)) as journal:
         journal.append(record(0, "old"), now=True)
         journal.append(record(900, "theirs"), now=True)
-        journal.enforce_retention(10.0)
+        with not_written(journal):
+            journal.enforce_retention(10.0)
         with closing(sqlite3.connect(path, isolation_level=None)) as other:
             mark_deleted(other, (STATION, "theirs"))
-        with monkeypatch.context() as patch:
+        with monkeypatch.context() as patch, not_written(journal):
             patch.setattr("caesura_service.journal.sqlite.mark_deleted", failing)
             assert set(journal.enforce_retention(950.0)) == {(STATION, "theirs")}
-        assert set(journal.enforce_retention(950.0)) == {(STATION, "old")}
+        with not_written(journal):
+            assert set(journal.enforce_retention(950.0)) == {(STATION, "old")}
 
 
 def test_a_portion_is_all_that_a_writer_waits_for(path):
@@ -155,7 +158,8 @@ def test_a_look_does_not_wait_for_what_is_being_written_but_now_and_then(path):
     """Once a second every station waited for the disk."""
     with SqliteJournal(path, JournalSettings(commit_s=3600.0)) as journal:
         taught(journal, 1)
-        assert journal.enforce_retention(0.0) == {}
+        with not_written(journal):
+            assert journal.enforce_retention(0.0) == {}
         with SqliteJournal(path, alone=False) as other:
             other.delete(*KEY)
         writes, over = threading.Event(), threading.Event()

@@ -137,7 +137,8 @@ def test_a_flood_on_keys_that_name_no_station_is_one_senders_and_breaks_nothing(
 
 def test_what_was_above_the_rate_is_asked_for_again():
     sent = batches(60)
-    with serving(RateSettings(samples=Rate(50.0, 20.0))) as peer, peer.replaying(sent):
+    slow = Rate(5.0, 20.0)  # eight seconds pass until 60 messages are within it
+    with serving(RateSettings(samples=slow)) as peer, peer.replaying(sent):
         peer.command(opening("s1"))
         for message in sent:
             peer.send(message)

@@ -21,7 +21,7 @@ from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
 from caesura_protocol.paths import Curve
-from caesura_protocol.programs.app_times import rests_of
+from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_motion import stop_torque_nm
@@ -93,8 +93,8 @@ class SkillController:
                     self.tick(self._setpoint_at(creep, k * DT))
                 return
         leaves = self.contact_direction is not None and _leaves_contact(following)
-        force = None if following is None or self._settled_s == 0.0 else following.force
-        force_n = None if force is None else float(np.linalg.norm(force))
+        rises = following is not None and following.force is not None and self._settled_s > 0.0
+        force_n = rest_newtons(following)[0] if following is not None and rises else None
         self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
 
     def send_fingers(self, width_m: float) -> None:
@@ -347,20 +347,21 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
     depth = float(along @ (target - controller.setpoint.position))
-    before_s, after_s = rests_of(app)
+    (before_s, after_s), (before_n, after_n) = rests_of(app), rest_newtons(app)
     seconds = _seconds(app) - before_s - after_s
     lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0) if _leaves_contact(following) else 0.0
     if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)
     else:
-        controller.rest_until(app.path.start, straight, before_s)
+        controller.rest_until(app.path.start, straight if app.rest_before is None else before_n, before_s)
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
     controller.press(straight, seconds, None if slides else aside, path, app.screw, None if slides else depth)
     onward = None if following is None or following.path is None else following.path.start
-    controller.rest_until(onward, straight, max(after_s - lets_go_s, 0.0))
+    rest_n = straight if app.rest_after is None else after_n
+    controller.rest_until(onward, rest_n, max(after_s - lets_go_s, 0.0))
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:

@@ -6,8 +6,8 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
-- a rest at either end of a stroke or of a turn in contact is part of it, where it is pressed as hard there
-  or for less than half a second;
+- a rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
+  lasts for half a second;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
   gripped is not held yet;
@@ -29,7 +29,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
-from caesura_service.constants import GRAVITY, TARED_BIAS_N
+from caesura_protocol.rotations import matrix_of
+from caesura_service.constants import GRAVITY
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 ROUNDED_S = 1e-6
@@ -41,13 +42,15 @@ SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 DECAY_REACH_M = 0.02  # a movement shorter than this, out of a contact, is the contact letting go
+APPROACH_REST_S = 0.3  # a movement that stands for less before its last centimetres goes on
 IN_AIR_M = 0.005  # but for one that goes on for longer than this without the force of the contact
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
-UNLIKE_N = SURE_SDS * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
-SAME_SIDE = 0.7  # cosine between two forces; friction tilts that of a stroke
-STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this is no press of its own
+SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
+PRESS_LOOKS = 100  # observations of a press that are looked at
+PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
+STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
@@ -92,7 +95,7 @@ class ProgramSegment:
     """A segment as the program sees it.
 
     base: of a contact, the force [N] before anything was touched; rests_before, rests_after: of a stroke, as
-    parts of it.
+    parts of it; approach: of a movement into a contact, the movements that it is the end of.
     """
 
     index: int
@@ -101,11 +104,12 @@ class ProgramSegment:
     base: Vector = (0.0, 0.0, 0.0)
     rests_before: tuple[ProgramSegment, ...] = ()
     rests_after: tuple[ProgramSegment, ...] = ()
+    approach: tuple[ProgramSegment, ...] = ()
 
     @property
     def parts(self) -> tuple[ProgramSegment, ...]:
-        """It, and the rests at its ends, in time order."""
-        return (*self.rests_before, self, *self.rests_after)
+        """It, what it is the end of, and the rests at its ends, in time order."""
+        return (*self.approach, *self.rests_before, self, *self.rests_after)
 
     @property
     def t0(self) -> float:
@@ -175,7 +179,56 @@ def kept_steps(
                 read = _still_touching(contact, _base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
         before = step
-    return _with_rests(kept, grips)
+    return _with_rests(_with_approaches(kept, grips), grips, moment_at)
+
+
+def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
+    """[N] median with which a stroke is pressed; None where nothing pushes back.
+
+    Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
+    axes, because a force turns with the tool along a surface.
+    """
+    turn, force = _in_tool([stroke], moment_at, PRESS_SHARE)
+    return None if force is None else tuple((turn @ force).tolist())
+
+
+def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
+    """[N] median with which rests are pressed; None for less than `STROKE_REST_S`, in which the force rises.
+
+    It is one median over all of them, so it is the same however they are divided.
+    """
+    if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
+        return None
+    _, force = _in_tool(rests, moment_at)
+    return None if force is None else length(force)
+
+
+def _in_tool(
+    steps: Sequence[ProgramSegment], moment_at: MomentAt, share: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """The tool's axes (3, 3) halfway, and the median force (3,) [N] in them while something pushes back.
+
+    share: of the force that a tenth of the time exceeds; what is pressed softer is left out.
+    """
+    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
+    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
+    most_n = float(np.quantile([length(force) for _, force in known], 0.9)) if known else 0.0
+    least_n = max(share * most_n, PUSHES_BACK_N)
+    pressed = [(_axes(moment), force) for moment, force in known if length(force) >= least_n]
+    if not pressed:
+        return np.eye(3), None
+    return pressed[len(pressed) // 2][0], np.median([force @ turn for turn, force in pressed], axis=0)
+
+
+def _looks(segment: Segment) -> list[float]:
+    """[s] Observations of a segment, of more than `PRESS_LOOKS` evenly some."""
+    times = observed(segment.t0, segment.tn)
+    return times[:: -(-len(times) // PRESS_LOOKS)]
+
+
+def _axes(moment: Moment) -> NDArray[np.float64]:
+    """(3, 3) The tool's axes in the base frame; those of the base where they are not known."""
+    return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
 
 
 def observed(begin: float, end: float) -> list[float]:
@@ -255,7 +308,40 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
     return length(np.subtract(segment.position_end, last.segment.position_end)) < OUT_M
 
 
-def _with_rests(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
+def _with_approaches(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
+    """The same steps; the last centimetres before a contact are part of the movement that they go on from."""
+    joined: list[ProgramSegment] = []
+    for place, step in enumerate(steps):
+        touched = place + 1 < len(steps) and steps[place + 1].touches
+        last = joined[-1] if joined else None
+        if last is None or not touched or not _ends(last, step) or _fingers_move(last.tn, step, grips):
+            joined.append(step)
+            continue
+        whole = {"t0": last.segment.t0, "position_start": last.segment.position_start}
+        joined[-1] = replace(step, approach=(*last.parts,), segment=step.segment.model_copy(update=whole))
+    return joined
+
+
+def _ends(movement: ProgramSegment, step: ProgramSegment) -> bool:
+    """Is a step the last of a movement: short, of the same kind, and without a rest between the two?"""
+    one, other = movement.segment, step.segment
+    same = other.kind in ("motion", "transport") and one.kind == other.kind and one.contact == other.contact
+    at_once = other.t0 - one.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
+    return same and at_once and not other.corrected and may_end_movement(step)
+
+
+def may_end_movement(step: ProgramSegment) -> bool:
+    """Is a movement so short that it is the end of the one before it, where a contact follows?"""
+    return length(step.moved) < DECAY_REACH_M
+
+
+def _fingers_move(since: float, step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
+    return any(grip.is_near(since, step.segment.t0) for grip in grips)
+
+
+def _with_rests(
+    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
+) -> list[ProgramSegment]:
     """The same steps, each stroke with the rests at its ends; those between two strokes end the first."""
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
@@ -263,9 +349,9 @@ def _with_rests(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction])
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
         pressed = last is not None and last.touches and not _is_stroke(last)
-        if rests and last is not None and _goes_on(last, run[0]) and _belong(run, last):
+        if rests and last is not None and _goes_on(last, run[0]) and _belong(run, last, moment_at):
             joined[-1] = replace(last, rests_after=run)
-        elif rests and _leads_to(run, following) and not pressed:
+        elif rests and _leads_to(run, following, moment_at) and not pressed:
             begins = run
         else:
             joined += (replace(run[0], rests_before=begins), *run[1:])
@@ -282,26 +368,19 @@ def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
     return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
 
 
-def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment) -> bool:
-    """Is a step a stroke, and are rests beside it short, or pressed as it is?"""
+def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is a step a stroke, and are rests beside it pressed to the same side of the tool?"""
     if not _is_stroke(stroke):
         return False
-    short = rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S
-    return all((short and rest.segment.kind == "contact") or _pressed_as(rest, stroke) for rest in rests)
+    (_, here), (_, there) = _in_tool(rests, moment_at), _in_tool([stroke], moment_at)
+    return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
 
 
-def _pressed_as(rest: ProgramSegment, stroke: ProgramSegment) -> bool:
-    """Is a rest pressed as hard as a stroke, to the same side? The touch that pushes in may press less."""
-    here, there = length(rest.force), length(stroke.force)
-    along = float(np.dot(rest.force, stroke.force)) >= SAME_SIDE * here * there
-    least = there - UNLIKE_N if rest.segment.kind == "contact" else 0.0
-    near = length(np.subtract(rest.force, stroke.force)) < UNLIKE_N
-    return least < here < there + UNLIKE_N and (along or near)
-
-
-def _leads_to(rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment]) -> bool:
+def _leads_to(
+    rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment], moment_at: MomentAt
+) -> bool:
     """Are rests part of the stroke that follows, if one does?"""
-    return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0])
+    return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:

@@ -56,11 +56,17 @@ class SkillController:
         self.contact_direction: Array | None = None  # direction in which it stands on something
         self._pressed_n, self._correction_n = 0.0, 0.0
         self._settled_s = 0.0  # in which the contact that the last app made came to rest
+        self._free_force = np.zeros(3)  # [N] that was felt on the way to it: by what its load was set wrong
 
     @property
     def measured(self) -> ArmMeasurement:
         """Return the measurement after the last tick."""
         return self.arm.measured
+
+    @property
+    def felt(self) -> Array:
+        """(3,) [N] that the contact adds to what was felt before it, as a program states its forces."""
+        return self.measured.force - self._free_force
 
     def run(self, app: App, following: App | None) -> None:
         """Execute an app. Raises RobotStopped."""
@@ -105,7 +111,7 @@ class SkillController:
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
             self.hold_position(FINGER_POLL_S, STANDING_N)
             if not world.held_kg:
-                self.arm.load_kg = 0.0
+                self.arm.load_kg, self._free_force = 0.0, np.zeros(3)
             if world.fingers_still:
                 break
         self.hold_position(SETTLE_S, STANDING_N)
@@ -130,6 +136,7 @@ class SkillController:
         With `approach` (3,) until a contact in that direction, past the target if needed.
         """
         self.release_contact()
+        self._free_force = np.zeros(3)
         search = self._search_speed(app, approach)
         path = self.path_within_limits(app, _seconds(app), None if approach is None else search * approach)
         seconds = float(path.t[-1])
@@ -142,14 +149,12 @@ class SkillController:
                 break
             if k == weighed:
                 self._check_load(measured)
-            if (
-                approach is not None
-                and k > weighed
-                and -float(approach @ measured.force) > self.safety.contact_n
-            ):
+            if approach is not None and k > weighed and -float(approach @ self.felt) > self.safety.contact_n:
                 self._enter_contact(approach)
                 self._settle_on_contact(approach)
                 return
+            if weighed and k >= weighed:
+                self._free_force = self._free_force + (measured.force - self._free_force) / (k - weighed + 1)
         if approach is not None:
             raise RobotStopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 
@@ -189,7 +194,7 @@ class SkillController:
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.measured.force))
+            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.felt))
             fast = 0.0 if depth_m is None else speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
             slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
             spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
@@ -199,7 +204,7 @@ class SkillController:
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = 0.0 if slowed_n or sinks else want + float(along @ measured.force)
+            wrong = 0.0 if slowed_n or sinks else want + float(along @ self.felt)
             corrected = self._correction_n + gain_per_s * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
@@ -284,7 +289,7 @@ class SkillController:
 
     def _enter_contact(self, along: Array) -> None:
         self.contact_direction = along
-        self._pressed_n, self._correction_n = max(-float(along @ self.measured.force), 0.0), 0.0
+        self._pressed_n, self._correction_n = max(-float(along @ self.felt), 0.0), 0.0
         self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
 

@@ -207,6 +207,24 @@ def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str
         assert said in done.stopped
 
 
+@pytest.mark.parametrize("kg", [0.1, 0.25, 0.4])
+def test_a_press_with_a_load_has_its_force_though_the_load_was_taught_too_light_or_too_heavy(
+    kg: float, robot: Robot
+) -> None:
+    """The load of 0.25 kg was taught 0.15 kg off, and 1.5 N of each press were off."""
+    apps = pick_and_place()
+    carried = tuple(
+        one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one for one in apps
+    )
+    place = apps[3].target
+    pressing = app("apply_force", 7.5, 9.5, place, force=(0.0, 0.0, -9.0))
+    release, leave = (one.model_copy(update={"t0": one.t0 + 2.0, "tn": one.tn + 2.0}) for one in apps[4:])
+    done = executed((*carried[:4], pressing, release, leave), PICKING)
+    assert done.stopped is None
+    begun, ended = (round(1000 * t) for t in done.spans[4])
+    assert np.median(done.trace.contact[begun + 500 : ended - 200, 2]) == pytest.approx(9.0, abs=0.5)
+
+
 def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> None:
     """A hand had drifted by 5.6 mm before it moved, and the run was off its path by as much."""
     start = tuple(np.add(PRESSING.scenario.start, (0.004, 0.003, 0.0)).tolist())

@@ -34,6 +34,7 @@ STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between two polls of them
+WEIGHED = (0.4, 0.6)  # shares of a path with a load between which its force is the zero of a contact
 LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
@@ -142,19 +143,19 @@ class SkillController:
         seconds = float(path.t[-1])
         torque_stop = TorqueStop(app.screw)
         search_s = 0.0 if approach is None else self.safety.search_m / search
-        weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
+        weighs_from, weighed = (round(s * seconds / DT) if self.arm.load_kg else 0 for s in WEIGHED)
         for k in range(1, round((seconds + search_s) / DT) + 1):
             measured = self.tick(self._setpoint_at(path, k * DT))
             if torque_stop.reached(measured):
                 break
-            if k == weighed:
+            if k == round(0.5 * (weighs_from + weighed)):
                 self._check_load(measured)
             if approach is not None and k > weighed and -float(approach @ self.felt) > self.safety.contact_n:
                 self._enter_contact(approach)
                 self._settle_on_contact(approach)
                 return
-            if weighed and k >= weighed:
-                self._free_force = self._free_force + (measured.force - self._free_force) / (k - weighed + 1)
+            if weighs_from < k <= weighed:
+                self._free_force = self._free_force + measured.force / (weighed - weighs_from)
         if approach is not None:
             raise RobotStopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 

@@ -8,10 +8,13 @@ A segment is judged by itself. Here it is seen that
   recording, and a press is what is added to that;
 - a rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
   lasts for half a second;
+- what is held keeps its weight: where its force changes and stays so, it touches;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
   gripped is not held yet;
-- a movement far out of what was pressed goes on in the air.
+- a movement far out of what was pressed goes on in the air;
+- a short slide or a tilt beside a stroke is an end of it, and the last centimetres before a contact are an
+  end of the movement into it.
 What an operator has named is what it is.
 """
 
@@ -20,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, takewhile, zip_longest
+from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
 from statistics import median
 from typing import Literal
 
@@ -30,7 +33,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
 from caesura_protocol.rotations import matrix_of
-from caesura_service.constants import GRAVITY
+from caesura_service.constants import GRAVITY, TARED_BIAS_N
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 ROUNDED_S = 1e-6
@@ -48,8 +51,10 @@ OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; fric
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
 SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
+UNLIKE_N = SURE_SDS * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 PRESS_LOOKS = 100  # observations of a press that are looked at
 PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
+TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -95,7 +100,7 @@ class ProgramSegment:
     """A segment as the program sees it.
 
     base: of a contact, the force [N] before anything was touched; rests_before, rests_after: of a stroke, as
-    parts of it; approach: of a movement into a contact, the movements that it is the end of.
+    parts of it; approach: what it is the end of, as a part of it: movements into a contact, a stroke.
     """
 
     index: int
@@ -109,7 +114,7 @@ class ProgramSegment:
     @property
     def parts(self) -> tuple[ProgramSegment, ...]:
         """It, what it is the end of, and the rests at its ends, in time order."""
-        return (*self.approach, *self.rests_before, self, *self.rests_after)
+        return (*self.rests_before, *self.approach, self, *self.rests_after)
 
     @property
     def t0(self) -> float:
@@ -174,12 +179,15 @@ def kept_steps(
         if not _lets_go(before, kept, step, moment_at):
             read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
             read = _leaving(_as_touching(last, read, grips, moment_at))
-            contact = _contact_before(behind, beside, last)
-            if contact is not None and last is not None and not read.touches:
-                read = _still_touching(contact, _base(last, moment_at), read, moment_at)
+            contact = _contact_before(behind, beside, last, grips)
+            if last is not None and not read.touches:
+                if contact is not None:
+                    read = _still_touching(contact, _base(last, moment_at), read, moment_at)
+                elif last.segment.contact == read.segment.contact == "transport":
+                    read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
         before = step
-    return _with_rests(_with_approaches(kept, grips), grips, moment_at)
+    return _with_rests(_with_ends(_with_approaches(kept, grips), grips, moment_at), grips, moment_at)
 
 
 def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
@@ -268,26 +276,44 @@ def _base(before: ProgramSegment, moment_at: MomentAt) -> Vector:
 
 
 def _contact_before(
-    behind: ProgramSegment | None, beside: ProgramSegment | None, last: ProgramSegment | None
+    behind: ProgramSegment | None,
+    beside: ProgramSegment | None,
+    last: ProgramSegment | None,
+    grips: Sequence[GripperAction],
 ) -> ProgramSegment | None:
     """The contact that a step follows directly, or with one step between that was read as a contact itself.
 
+    With something between the fingers there may be more of them: what it weighs is known.
     behind, beside: the last but one and the last step before it, however short; last: the last one kept.
     """
     if beside is None or beside.touches:
         return beside
     read = last is not None and last.touches and last.index == beside.index
-    return last if read and behind is not None and behind.touches else None
+    known = (behind is not None and behind.touches) or holds(beside, grips)
+    return last if read and known else None
 
 
 def _still_touching(
     contact: ProgramSegment, base: Vector, step: ProgramSegment, moment_at: MomentAt
 ) -> ProgramSegment:
     """What follows a contact is one too, where its force above a base lasts and the tool does not leave."""
-    normal = _direction(replace(contact, base=base).force)
+    return _touching(_direction(replace(contact, base=base).force), PUSHES_BACK_N, base, step, moment_at)
+
+
+def _set_down(base: Vector, step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
+    """A load keeps its weight: where its force changes by more than a bias can and stays so, it touches."""
+    forces = _forces(observed(step.segment.t0, step.segment.tn), moment_at)
+    changed = np.median(forces, axis=0) - base if len(forces) else np.zeros(3)
+    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, moment_at)
+
+
+def _touching(
+    normal: NDArray[np.float64], least_n: float, base: Vector, step: ProgramSegment, moment_at: MomentAt
+) -> ProgramSegment:
+    """A step as a contact, where its force along a normal stays above a base and the tool does not leave."""
     forces = _forces(observed(step.segment.t0, step.segment.tn), moment_at)
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
-    if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < PUSHES_BACK_N:
+    if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step
     held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
     return replace(_as(step, "contact", force_held=held), base=base)
@@ -383,10 +409,90 @@ def _leads_to(
     return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
 
 
+def _with_ends(
+    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
+) -> list[ProgramSegment]:
+    """The same steps; short slides and tilts beside a stroke are ends of it, with one path.
+
+    Whether such an end is divided from its stroke is a close decision: a person and a robot differ in it.
+    """
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        ends = _is_end(step, grips, moment_at)
+        rests = _length_of(joined, lambda one: _rests(one, grips))
+        lead = _length_of(joined, lambda one: _rests(one, grips) or _is_end(one, grips, moment_at))
+        before = joined[-rests - 1] if rests < len(joined) else None
+        parts: list[ProgramSegment] = []
+        if (
+            ends
+            and before is not None
+            and _has_ends(before, moment_at)
+            and not _is_end(before, grips, moment_at)
+        ):
+            parts = [*joined[len(joined) - rests - 1 :], step]
+        elif not ends and _has_ends(step, moment_at):
+            parts = [*dropwhile(lambda one: _rests(one, grips), joined[len(joined) - lead :]), step]
+        if len(parts) > 1 and all(_stays(one, other) for one, other in pairwise(parts)):
+            joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
+        else:
+            joined.append(step)
+    return joined
+
+
+def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegment], bool]) -> int:
+    """How many of the last steps belong to something."""
+    return len(list(takewhile(belongs, reversed(steps))))
+
+
+def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
+    """A stroke and its ends as one way in contact; rests between them are part of it."""
+    first, last = parts[0], parts[-1]
+    whole = {
+        "kind": "turning",
+        "turn": None,
+        "screw": None,
+        "t0": first.segment.t0,
+        "position_start": first.segment.position_start,
+    }
+    before = tuple(one for part in parts[:-1] for one in part.parts)
+    return replace(last, segment=last.segment.model_copy(update=whole), approach=(*before, *last.approach))
+
+
+def _is_end(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt) -> bool:
+    """Is it a tilt in contact, or a slide so short that it is the end of a stroke?"""
+    segment = step.segment
+    if segment.corrected or any(grip.is_near(segment.t0, segment.tn) for grip in grips):
+        return False
+    slides = segment.kind == "sliding" and not _rests(step, grips) and abs(step.pushed_in) < INSERTED_M
+    return (slides and length(step.moved) < DECAY_REACH_M) or _is_tilt(step, moment_at)
+
+
+def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is it a stroke other than a screw that is driven?"""
+    segment = step.segment
+    driven = segment.kind == "turning" and segment.turn is not None and not _is_tilt(step, moment_at)
+    return _is_stroke(step) and not segment.corrected and not driven
+
+
+def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
+    """Does the tool stay in contact from one step to the next? What is left out between them is short."""
+    return _goes_on(one, following) or following.segment.t0 - one.segment.tn < APPROACH_REST_S - ROUNDED_S
+
+
+def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Does it turn in contact about an axis across the tool? A screw is driven about the tool."""
+    segment, orientation = step.segment, moment_at(step.segment.tn).orientation
+    if segment.kind != "turning" or not step.touches or segment.corrected:
+        return False
+    if segment.turn is None or orientation is None:
+        return False
+    return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
+
+
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
     """Does a step begin where another one ends? What is left out between them may lead elsewhere."""
     apart = np.subtract(following.segment.position_start, one.segment.position_end)
-    return following.index == one.index + 1 or length(apart) < OUT_M
+    return following.parts[0].index == one.parts[-1].index + 1 or length(apart) < OUT_M
 
 
 def _is_stroke(step: ProgramSegment) -> bool:

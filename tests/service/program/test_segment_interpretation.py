@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, Segment
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
@@ -295,6 +295,124 @@ def test_what_a_touch_pushes_in_before_a_stroke_is_its_beginning() -> None:
         ("move_to_contact", (0,)),
         ("apply_force", (1, 2, 3)),
     ]
+
+
+def turned(axis: tuple[float, float, float], t0: float, tn: float) -> Segment:
+    """A turn in contact by 0.3 rad about an axis."""
+    x, y, z = axis
+    place = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.11, 0.0, 0.2)}
+    made = segment("sliding", t0, tn, **held(9.0), **place)
+    return made.model_copy(update={"kind": "turning", "turn": (0.3 * x, 0.3 * y, 0.3 * z)})
+
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)  # the tool points down
+
+
+@pytest.mark.parametrize(
+    ("axis", "strokes"),
+    [((1.0, 0.0, 0.0), [(1, 2, 3)]), ((0.0, 0.0, -1.0), [(1, 2), (3,)])],
+)
+def test_a_tilt_in_contact_is_the_end_of_the_stroke_before_it_and_a_turn_about_the_tool_is_not(
+    axis: tuple[float, float, float], strokes: list[tuple[int, ...]]
+) -> None:
+    """A person tilted a peg at the end of a stroke, and the robot that did the same was found to turn."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 4.3, **held(9.0)),
+        turned(axis, 4.3, 5.0),
+        segment("motion", 5.0, 7.0, **OFF),
+        at=lambda t: replace(drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 else 0.0), orientation=UPRIGHT),
+    )
+    pressed = [app for app in made if app.kind == "apply_force"]
+    assert [app.segments for app in pressed] == strokes
+    assert (pressed[0].t0, pressed[-1].tn) == (2.0, 5.0)
+    assert pressed[0].target == pytest.approx((0.11, 0.0, 0.2) if len(strokes) == 1 else (0.1, 0.0, 0.2))
+
+
+def test_a_tilt_after_a_screw_is_an_app_of_its_own() -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        turned((0.0, 0.0, -1.0), 2.0, 4.0),
+        turned((1.0, 0.0, 0.0), 4.0, 5.0),
+        at=lambda t: replace(drifted(t, pushed_n=0.0 if t < 2.0 else 9.0), orientation=UPRIGHT),
+    )
+    assert [app.segments for app in made] == [(0,), (1,), (2,)]
+
+
+SHORT: dict[str, Any] = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.013, 0.2)}
+LONG: dict[str, Any] = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.03, 0.2)}
+
+
+@pytest.mark.parametrize(("slide", "strokes"), [(SHORT, [(1, 2, 3)]), (LONG, [(1, 2), (3,)])])
+def test_a_short_slide_after_a_stroke_is_its_end(
+    slide: dict[str, Any], strokes: list[tuple[int, ...]]
+) -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 4.6, **held(9.0)),
+        segment("sliding", 4.6, 5.2, **held(9.0), **slide),
+        segment("motion", 5.2, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 5.2 else 0.0),
+    )
+    assert [app.segments for app in made if app.kind == "apply_force"] == strokes
+
+
+def test_a_short_slide_before_a_stroke_is_its_beginning_with_one_path() -> None:
+    """The hand slid on by 13 mm as it touched, and the robot that did the same stood there."""
+    slide = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.013, 0.0, 0.2)}
+    stroke = {"position_start": (0.013, 0.0, 0.2), "position_end": (0.2, 0.0, 0.2)}
+    t = np.linspace(2.0, 6.0, 41)
+    poses = np.column_stack(
+        [np.interp(t, [2.0, 2.5, 3.0, 6.0], [0.0, 0.013, 0.013, 0.2]), 0.0 * t, 0.0 * t + 0.2]
+    )
+
+    def between(t0: float, tn: float) -> tuple[np.ndarray, np.ndarray]:
+        inside = (t >= t0 - 1e-9) & (t <= tn + 1e-9)
+        return t[inside], poses[inside]
+
+    made = task_program(
+        [
+            ProgramSegment(0, segment("motion", 0.0, 2.0), 1.0),
+            ProgramSegment(1, segment("sliding", 2.0, 2.5, **held(9.0), **slide), 1.0),
+            ProgramSegment(2, segment("contact", 2.5, 3.0, **held(9.0)), 1.0),
+            ProgramSegment(3, segment("sliding", 3.0, 6.0, **held(9.0), **stroke), 1.0),
+        ],
+        (),
+        lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0),
+        paths=Paths(between),
+    )
+    (pressed,) = (app for app in made if app.kind == "apply_force")
+    assert pressed.path is not None
+    assert (pressed.segments, pressed.path.start.t, pressed.path.tn) == ((1, 2, 3), 2.0, 6.0)
+    assert pressed.target == pytest.approx((0.2, 0.0, 0.2))
+
+
+def carried(at_n: float) -> tuple[App, ...]:
+    """A load of 4 N is carried, rests and is moved on, under a force of its own from 2 to 5 s."""
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    still = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        return replace(moment_at(t), force=(0.0, 0.0, at_n if 2.0 < t < 5.0 else -4.0))
+
+    return program(
+        segment("transport", 0.0, 2.0, **load),
+        segment("hold", 2.0, 3.5, **load, **still),
+        segment("motion", 3.5, 4.2, **ACROSS),
+        segment("steady", 4.2, 5.0, **still),
+        segment("transport", 5.0, 7.0, **load),
+        grips=(GripperAction(-1.0, "grasp", 0.03),),
+        at=at,
+    )
+
+
+def test_a_load_that_weighs_something_else_is_set_down() -> None:
+    """A peg that rests on a table with 3 N had 1 N more than nothing, and was said to be carried."""
+    assert kinds(carried(1.5)) == ["grasp", "transport", "apply_force", "transport"]
+    assert carried(1.5)[2].segments == (1, 2, 3)
+    assert kinds(carried(-1.0)) == ["grasp", "transport", "hold", "transport", "hold", "transport"]
 
 
 def test_a_rest_between_a_soft_and_a_hard_stroke_ends_the_soft_one() -> None:

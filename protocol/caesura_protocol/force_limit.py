@@ -55,13 +55,28 @@ def force_in_words(app: App) -> str:
 
     What rests beside a path are pressed with stands in brackets.
     """
-    path, *rests = [_in_words(force) for force in exerted_forces(app)] or [""]
-    return f"{path} ({', '.join(rests)})" if rests else path
+    path, rests = path_force_in_words(app), rests_in_words(app)
+    return f"{path} ({rests})" if rests else path
+
+
+def path_force_in_words(app: App) -> str:
+    """The same without the rests beside a path."""
+    return ", ".join(_in_words(force) for force in exerted_forces(app) if not force.when)
+
+
+def rests_in_words(app: App) -> str:
+    """What the rests beside a path are pressed with, where they have a force of their own."""
+    return ", ".join(_in_words(force) for force in exerted_forces(app) if force.when)
 
 
 def is_limited(app: App) -> bool:
     """Does an app exert less than was taught?"""
     return any(force.is_cut for force in exerted_forces(app))
+
+
+def is_path_limited(app: App) -> bool:
+    """Does an app exert less than was taught, the rests beside its path left aside?"""
+    return any(force.is_cut for force in exerted_forces(app) if not force.when)
 
 
 def _in_words(force: ExertedForce) -> str:

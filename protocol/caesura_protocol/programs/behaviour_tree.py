@@ -16,7 +16,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, app_title
-from caesura_protocol.force_limit import exerted_forces
+from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import AppPath
 from caesura_protocol.paths import turning_at_points
 from caesura_protocol.programs.app_times import rests_of
@@ -118,14 +118,13 @@ def _model(models: Xml.Element, kind: AppKind) -> None:
 def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
     """What is known of the ports of an app's action, as text."""
     safety, screw = program.safety, app.screw
-    is_cut = any(force.is_cut for force in exerted_forces(app) if not force.when)
     values: dict[str, Sequence[float] | float | None] = {
         TARGET.name: app.target,
         ORIENTATION.name: app.orientation,
         JOINTS.name: app.joints,
         SECONDS.name: app.tn - app.t0,
         FORCE.name: app.force,
-        TAUGHT.name: app.force_taught if is_cut else None,
+        TAUGHT.name: app.force_taught if is_path_limited(app) else None,
         VIA.name: None if app.path is None else _via(app.path),
         TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,

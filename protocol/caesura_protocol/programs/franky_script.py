@@ -11,7 +11,7 @@ from pprint import pformat
 from typing import Any
 
 from caesura_protocol.app_kinds import app_title
-from caesura_protocol.force_limit import exerted_forces
+from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.app_times import rests_of
@@ -55,7 +55,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
         value = getattr(app, name)
         if value is not None:
             row[name] = _rounded(value)
-    if not any(force.is_cut for force in exerted_forces(app) if not force.when):
+    if not is_path_limited(app):
         row.pop("force_taught", None)
     if app.path is not None:
         points, began = (app.path.start, *app.path.via), app.path.start.t

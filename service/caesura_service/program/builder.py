@@ -180,7 +180,7 @@ class _Group:
 
         Where nothing pushes back, at the contact's first observation.
         """
-        pushes = pushes_back(contact, self.moment_at)
+        pushes = pushes_back(contact.parts[0], self.moment_at)
         first = observed(contact.t0, contact.tn)[0]
         begin = contact.t0 if approach is None else approach.tn
         before = [] if approach is None else observed(approach.t0, approach.tn)

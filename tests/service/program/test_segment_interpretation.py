@@ -340,6 +340,24 @@ def test_a_tilt_after_a_screw_is_an_app_of_its_own() -> None:
     assert [app.segments for app in made] == [(0,), (1,), (2,)]
 
 
+def test_a_contact_was_made_where_its_rest_pushes_back_though_the_stroke_leans_to_another_side() -> None:
+    """Over a bend the force leans by 59 degrees from rest to stroke: the touch was found 24 mm later."""
+    x, y, z = DRIFT_N
+
+    def at(t: float) -> Moment:
+        leaning = (x, y - 4.0 * (t > 2.0), z + 3.0 * (t > 2.0)) if t < 3.0 else (x, y + 1.0, z + 9.0)
+        return replace(drifted(t), force=leaning, position=(t, 0.0, 0.2))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x, y - 4.0, z + 3.0)),
+        segment("sliding", 3.0, 5.0, force_held=(x, y + 1.0, z + 9.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == [(0,), (1, 2)]
+    assert made[0].target == pytest.approx((2.05, 0.0, 0.2))
+
+
 SHORT: dict[str, Any] = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.013, 0.2)}
 LONG: dict[str, Any] = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.03, 0.2)}
 

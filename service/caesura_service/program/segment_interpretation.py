@@ -54,6 +54,7 @@ SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, a
 UNLIKE_N = SURE_SDS * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 PRESS_LOOKS = 100  # observations of a press that are looked at
 PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
+LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
 TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
@@ -389,7 +390,9 @@ def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
     """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
     segment = step.segment
     pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
-    if segment.corrected or not (segment.kind == "contact" or pushes):
+    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
+    stands = segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
+    if segment.corrected or not (segment.kind == "contact" or pushes or stands):
         return False
     return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
 

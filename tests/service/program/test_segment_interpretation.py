@@ -330,6 +330,21 @@ def test_a_tilt_in_contact_is_the_end_of_the_stroke_before_it_and_a_turn_about_t
     assert pressed[0].target == pytest.approx((0.11, 0.0, 0.2) if len(strokes) == 1 else (0.1, 0.0, 0.2))
 
 
+@pytest.mark.parametrize(("rad", "apps"), [(0.004, [(0,), (1, 2)]), (0.3, [(0,), (1,), (2,)])])
+def test_a_turn_by_next_to_nothing_after_a_screw_is_a_rest(rad: float, apps: list[tuple[int, ...]]) -> None:
+    """While the force on a screw fell, the tool turned by 0.2 degrees, and that was an app."""
+    after = turned((0.0, 0.0, -1.0), 4.0, 4.5).model_copy(
+        update={"turn": (0.0, 0.0, -rad), "position_start": (0.11, 0.0, 0.2)}
+    )
+    made = program(
+        segment("motion", 0.0, 2.0),
+        turned((0.0, 0.0, -1.0), 2.0, 4.0),
+        after,
+        at=lambda t: replace(drifted(t, pushed_n=0.0 if t < 2.0 else 9.0), orientation=UPRIGHT),
+    )
+    assert [app.segments for app in made] == apps
+
+
 def test_a_tilt_after_a_screw_is_an_app_of_its_own() -> None:
     made = program(
         segment("motion", 0.0, 2.0),

@@ -66,6 +66,7 @@ from caesura_protocol.messages import (
     Relabel,
     Remove,
     ReplacePart,
+    RestForce,
     ScrewMotion,
     Segment,
     Segments,
@@ -207,6 +208,7 @@ def examples() -> dict[str, Message]:
         pitch_sd_m=0.0000152587890625,
         torque=(0.0, 0.125, -0.75),
     )
+    rest = RestForce(newton=20.0, newton_taught=25.5)
     reference = AppReference(kind="transport", t0=0.0, tn=3.5)
     program_actions = (
         ChangeApp(app=reference, name="carry", speed=0.5, as_taught=("note",)),
@@ -235,6 +237,7 @@ def examples() -> dict[str, Message]:
         segments=(0,),
         path=path,
         screw=screw,
+        rest_before=rest,
         name="carry",
         speed=0.5,
         changes=(AppChange(field="name", author="Ann", edit=2), change),
@@ -352,6 +355,7 @@ def examples() -> dict[str, Message]:
         path,
         app,
         screw,
+        rest,
         program,
         Snapshot(
             status=status,

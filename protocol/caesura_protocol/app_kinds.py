@@ -51,7 +51,7 @@ _PATH = ("via", "turning", "arrives", "length", "max_speed", "max_turn")
 _SCREW = ("axis", "axis_point", "angle", "pitch", "torque")
 _POSE = ("target", "orientation", "joints", "seconds")
 _PLACE = (*_POSE, *_PATH, *_SCREW, "max_force")
-_PRESS = ("force", "force_taught", "waits", *_PLACE)
+_PRESS = ("force", "force_taught", "waits", "force_before", "force_after", *_PLACE)
 
 APP_KINDS: Mapping[AppKind, AppKindFacts] = MappingProxyType(
     {

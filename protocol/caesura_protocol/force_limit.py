@@ -3,32 +3,82 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import NamedTuple
 
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, RestForce
 from caesura_protocol.number_words import fixed
+
+CUT_SHARE = 1e-9  # of a force that may be missing where nothing was cut
+
+
+class ExertedForce(NamedTuple):
+    """A force of an app: when, empty while it follows its path; [N] exerted and taught."""
+
+    when: str
+    newton: float
+    newton_taught: float
+
+    @property
+    def is_cut(self) -> bool:
+        """Is less exerted than was taught?"""
+        return self.newton < self.newton_taught * (1.0 - CUT_SHARE)
 
 
 def with_force_limit(app: App, limit_n: float) -> App:
     """The app, exerting no more than that [N]; one that exerts less, or nothing, stays as it is."""
+    cut: dict[str, object] = {}
     exerted = 0.0 if app.force is None else math.hypot(*app.force)
-    if app.force is None or exerted <= limit_n:
-        return app
-    x, y, z = (limit_n / exerted * component for component in app.force)
-    return app.model_copy(update={"force": (x, y, z), "force_taught": app.force_taught or app.force})
+    if app.force is not None and exerted > limit_n:
+        x, y, z = (limit_n / exerted * component for component in app.force)
+        cut = {"force": (x, y, z), "force_taught": app.force_taught or app.force}
+    for name, rest in (("rest_before", app.rest_before), ("rest_after", app.rest_after)):
+        if rest is not None and rest.newton > limit_n:
+            cut[name] = rest.model_copy(update={"newton": limit_n})
+    return app.model_copy(update=cut) if cut else app
+
+
+def exerted_forces(app: App) -> Iterator[ExertedForce]:
+    """The force of an app, then those of its rests that have their own, in the order of time."""
+    if app.force is None:
+        return
+    exerted = math.hypot(*app.force)
+    yield ExertedForce("", exerted, exerted if app.force_taught is None else math.hypot(*app.force_taught))
+    rests: tuple[tuple[str, RestForce | None], ...] = (("before", app.rest_before), ("after", app.rest_after))
+    for when, rest in rests:
+        if rest is not None:
+            yield ExertedForce(when, rest.newton, rest.newton_taught)
 
 
 def force_in_words(app: App) -> str:
-    """The size of an app's force, with what was taught where a limit has cut it; empty without a force."""
-    if app.force is None:
-        return ""
-    exerted = math.hypot(*app.force)
-    taught = exerted if app.force_taught is None else math.hypot(*app.force_taught)
-    cut = f" of {fixed(taught, 1)} N taught" if is_limited(app) else ""
-    return f"{fixed(exerted, 1)} N{cut}"
+    """The size of an app's force, with what was taught where a limit has cut it; empty without a force.
+
+    What rests beside a path are pressed with stands in brackets.
+    """
+    path, rests = path_force_in_words(app), rests_in_words(app)
+    return f"{path} ({rests})" if rests else path
+
+
+def path_force_in_words(app: App) -> str:
+    """The same without the rests beside a path."""
+    return ", ".join(_in_words(force) for force in exerted_forces(app) if not force.when)
+
+
+def rests_in_words(app: App) -> str:
+    """What the rests beside a path are pressed with, where they have a force of their own."""
+    return ", ".join(_in_words(force) for force in exerted_forces(app) if force.when)
 
 
 def is_limited(app: App) -> bool:
     """Does an app exert less than was taught?"""
-    if app.force is None or app.force_taught is None:
-        return False
-    return math.hypot(*app.force) < math.hypot(*app.force_taught) * (1.0 - 1e-9)
+    return any(force.is_cut for force in exerted_forces(app))
+
+
+def is_path_limited(app: App) -> bool:
+    """Does an app exert less than was taught, the rests beside its path left aside?"""
+    return any(force.is_cut for force in exerted_forces(app) if not force.when)
+
+
+def _in_words(force: ExertedForce) -> str:
+    cut = f" of {fixed(force.newton_taught, 1)} N taught" if force.is_cut else ""
+    return f"{fixed(force.newton, 1)} N{cut}{f' {force.when}' if force.when else ''}"

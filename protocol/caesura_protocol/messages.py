@@ -710,6 +710,13 @@ class AppChange(Message):
     inferred: Shown = None  # the value without edits; of a force its size [N]
 
 
+class RestForce(Message):
+    """How hard a stroke is pressed while it rests: before its path begins, or after it has ended."""
+
+    newton: Newtons  # after the limit
+    newton_taught: Newtons  # before the limit
+
+
 class App(Message):
     """One step of a task program, with the edits that apply to it."""
 
@@ -728,6 +735,8 @@ class App(Message):
     segments: Listed[Count]  # indices of the segments that it came from
     path: AppPath | None = None  # None: an app that does not move, or whose movement goes on
     screw: ScrewMotion | None = None  # of a turn: its torque is what the robot exerts
+    rest_before: RestForce | None = None  # in contact until the path begins; None: as hard as `force`
+    rest_after: RestForce | None = None  # in contact after the path; None: as hard as `force`
     name: AppLabel | None = None
     note: Note | None = None
     speed: SpeedFactor | None = None  # a factor of the taught speed; None: as taught

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from caesura_protocol.app_kinds import AppKind
-from caesura_protocol.messages import App, AppPath, Quaternion, Vector, ViaPoint
+from caesura_protocol.messages import App, AppPath, Quaternion, RestForce, Vector, ViaPoint
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
 
 DOWN = (-0.70710678, 0.70710678, 0.0, 0.0)  # fingers down, the hand turned to -y
@@ -90,6 +90,13 @@ def wiped() -> tuple[App, ...]:
     along = path.model_copy(update={"start": start, "tn": pressed.t0 + 1.8})
     update = {"path": along, "tn": pressed.t0 + 2.3, "target": (0.08, -0.52, 0.19)}
     return touch, pressed.model_copy(update=update)
+
+
+def pressed_harder_before(newton: float = 12.0) -> tuple[App, ...]:
+    """`wiped`, pressed harder before its way than along it, and softer after it."""
+    touch, stroke = wiped()
+    before, after = RestForce(newton=newton, newton_taught=18.0), RestForce(newton=5.0, newton_taught=5.0)
+    return touch, stroke.model_copy(update={"rest_before": before, "rest_after": after})
 
 
 def as_file(apps: tuple[App, ...], name: str = "example") -> ProgramFile:

@@ -10,7 +10,7 @@ from caesura_clients.dashboard.drawing import common
 from caesura_clients.dashboard.program_edits import app_editing, checked, editing_of
 from caesura_clients.dashboard.program_path import program_path, target_before
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import force_in_words, is_limited
+from caesura_protocol.force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import NAMED_TURN_RAD, turn_of
@@ -114,13 +114,15 @@ def card(number: int, app: App) -> dict[str, Any]:
 
 
 def _lines(app: App) -> list[tuple[str, str]]:
-    taught = f"{vector(app.force_taught, 'N', 1)}: {force_in_words(app)}" if is_limited(app) else ""
+    limited = is_path_limited(app)
+    taught = f"{vector(app.force_taught, 'N', 1)}: {path_force_in_words(app)}" if limited else ""
     return [
         ("target", "" if app.target is None else vector(scaled(app.target, 1000.0), "mm", 0)),
         ("path", path(app)),
         ("turn", "" if app.screw is None else screw_in_words(app.screw)),
         ("force", vector(app.force, "N", 1)),
         ("taught", taught),
+        ("rests", rests_in_words(app)),
         ("load", load(app)),
         ("gripper", "" if app.gripper_width is None else f"{fixed(1000 * app.gripper_width, 0)} mm"),
     ]

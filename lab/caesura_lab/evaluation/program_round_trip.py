@@ -9,7 +9,7 @@ from every place of the demonstration to the nearest of the run, and back.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.safety import CellSettings, Safety
@@ -171,9 +171,7 @@ def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Seque
     if kinds[0] != kinds[1]:
         return RoundTripResult(case, *kinds, (), (), _first_difference(*kinds))
     targets = tuple(_target_error(a, b) for a, b in zip(taught, executed, strict=True))
-    forces = tuple(
-        _force_error(a, b) for a, b in zip(taught, executed, strict=True) if APP_KINDS[a.kind].presses
-    )
+    forces = tuple(error for a, b in zip(taught, executed, strict=True) for error in _force_errors(a, b))
     return RoundTripResult(case, *kinds, targets, forces, _target_or_force_error(taught, targets, forces))
 
 
@@ -184,10 +182,21 @@ def _target_error(taught: App, executed: App) -> float:
     return float(np.linalg.norm(np.subtract(executed.target, taught.target)))
 
 
-def _force_error(asked: App, executed: App) -> float:
-    """Of the force that was asked for; signed. What was measured is not yet scaled to a limit."""
-    newtons = float(np.linalg.norm(asked.force or (0.0, 0.0, 0.0)))
-    return float(np.linalg.norm(executed.force_taught or (0.0, 0.0, 0.0))) / max(newtons, REST_N) - 1.0
+def _force_errors(asked: App, executed: App) -> Iterator[float]:
+    """Of the forces that were asked for; signed. What was measured is not yet scaled to a limit.
+
+    The force of a rest is compared where both programs state it.
+    """
+    if not APP_KINDS[asked.kind].presses:
+        return
+    yield _size(executed.force_taught) / max(_size(asked.force), REST_N) - 1.0
+    for mine, other in ((asked.rest_before, executed.rest_before), (asked.rest_after, executed.rest_after)):
+        if mine is not None and other is not None:
+            yield other.newton_taught / max(mine.newton, REST_N) - 1.0
+
+
+def _size(force: Vector | None) -> float:
+    return math.hypot(*(force or (0.0, 0.0, 0.0)))
 
 
 def _first_difference(taught: Sequence[str], executed: Sequence[str]) -> str:

@@ -21,7 +21,7 @@ from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
 from caesura_protocol.paths import Curve
-from caesura_protocol.programs.app_times import rests_of
+from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_motion import stop_torque_nm
@@ -34,6 +34,7 @@ STANDING_N = 10.0  # with which it stands while the fingers move
 SLIDE_M = 0.015  # a target of Apply Force this far aside is slid to
 SQUEEZE_M = 0.01  # by which fingers aim to close further than what they grip is wide
 SETTLE_S, FINGER_POLL_S = 0.4, 0.1  # before and after the fingers move; between two polls of them
+WEIGHED = (0.4, 0.6)  # shares of a path with a load between which its force is the zero of a contact
 LOAD_ERROR_LIMIT_N = 3.5  # by which a load may be heavier or lighter than it was taught to be
 MEET_S, MEET_N = 0.15, 4.0  # in which a contact comes to rest before it is pressed, and what holds it
 NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
@@ -56,11 +57,17 @@ class SkillController:
         self.contact_direction: Array | None = None  # direction in which it stands on something
         self._pressed_n, self._correction_n = 0.0, 0.0
         self._settled_s = 0.0  # in which the contact that the last app made came to rest
+        self._free_force = np.zeros(3)  # [N] that was felt on the way to it: by what its load was set wrong
 
     @property
     def measured(self) -> ArmMeasurement:
         """Return the measurement after the last tick."""
         return self.arm.measured
+
+    @property
+    def felt(self) -> Array:
+        """(3,) [N] that the contact adds to what was felt before it, as a program states its forces."""
+        return self.measured.force - self._free_force
 
     def run(self, app: App, following: App | None) -> None:
         """Execute an app. Raises RobotStopped."""
@@ -93,8 +100,8 @@ class SkillController:
                     self.tick(self._setpoint_at(creep, k * DT))
                 return
         leaves = self.contact_direction is not None and _leaves_contact(following)
-        force = None if following is None or self._settled_s == 0.0 else following.force
-        force_n = None if force is None else float(np.linalg.norm(force))
+        rises = following is not None and following.force is not None and self._settled_s > 0.0
+        force_n = rest_newtons(following)[0] if following is not None and rises else None
         self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
 
     def send_fingers(self, width_m: float) -> None:
@@ -105,7 +112,7 @@ class SkillController:
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
             self.hold_position(FINGER_POLL_S, STANDING_N)
             if not world.held_kg:
-                self.arm.load_kg = 0.0
+                self.arm.load_kg, self._free_force = 0.0, np.zeros(3)
             if world.fingers_still:
                 break
         self.hold_position(SETTLE_S, STANDING_N)
@@ -130,26 +137,25 @@ class SkillController:
         With `approach` (3,) until a contact in that direction, past the target if needed.
         """
         self.release_contact()
+        self._free_force = np.zeros(3)
         search = self._search_speed(app, approach)
         path = self.path_within_limits(app, _seconds(app), None if approach is None else search * approach)
         seconds = float(path.t[-1])
         torque_stop = TorqueStop(app.screw)
         search_s = 0.0 if approach is None else self.safety.search_m / search
-        weighed = round(0.5 * seconds / DT) if self.arm.load_kg else 0
+        weighs_from, weighed = (round(s * seconds / DT) if self.arm.load_kg else 0 for s in WEIGHED)
         for k in range(1, round((seconds + search_s) / DT) + 1):
             measured = self.tick(self._setpoint_at(path, k * DT))
             if torque_stop.reached(measured):
                 break
-            if k == weighed:
+            if k == round(0.5 * (weighs_from + weighed)):
                 self._check_load(measured)
-            if (
-                approach is not None
-                and k > weighed
-                and -float(approach @ measured.force) > self.safety.contact_n
-            ):
+            if approach is not None and k > weighed and -float(approach @ self.felt) > self.safety.contact_n:
                 self._enter_contact(approach)
                 self._settle_on_contact(approach)
                 return
+            if weighs_from < k <= weighed:
+                self._free_force = self._free_force + measured.force / (weighed - weighs_from)
         if approach is not None:
             raise RobotStopped(f"no contact within {1000 * self.safety.search_m:.0f} mm past its target")
 
@@ -189,7 +195,7 @@ class SkillController:
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
             along = setpoint.rotation @ in_tool
-            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.measured.force))
+            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.felt))
             fast = 0.0 if depth_m is None else speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
             slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
             spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
@@ -199,7 +205,7 @@ class SkillController:
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = 0.0 if slowed_n or sinks else want + float(along @ measured.force)
+            wrong = 0.0 if slowed_n or sinks else want + float(along @ self.felt)
             corrected = self._correction_n + gain_per_s * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
@@ -284,7 +290,7 @@ class SkillController:
 
     def _enter_contact(self, along: Array) -> None:
         self.contact_direction = along
-        self._pressed_n, self._correction_n = max(-float(along @ self.measured.force), 0.0), 0.0
+        self._pressed_n, self._correction_n = max(-float(along @ self.felt), 0.0), 0.0
         self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
 
@@ -347,20 +353,21 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     size, aside = float(np.linalg.norm(force)), force - along * (along @ force)
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
     depth = float(along @ (target - controller.setpoint.position))
-    before_s, after_s = rests_of(app)
+    (before_s, after_s), (before_n, after_n) = rests_of(app), rest_newtons(app)
     seconds = _seconds(app) - before_s - after_s
     lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0) if _leaves_contact(following) else 0.0
     if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)
     else:
-        controller.rest_until(app.path.start, straight, before_s)
+        controller.rest_until(app.path.start, straight if app.rest_before is None else before_n, before_s)
     path = None
     if app.target is not None:
         path = controller.path_within_limits(app, seconds)
         seconds = float(path.t[-1])
     controller.press(straight, seconds, None if slides else aside, path, app.screw, None if slides else depth)
     onward = None if following is None or following.path is None else following.path.start
-    controller.rest_until(onward, straight, max(after_s - lets_go_s, 0.0))
+    rest_n = straight if app.rest_after is None else after_n
+    controller.rest_until(onward, rest_n, max(after_s - lets_go_s, 0.0))
 
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:

@@ -67,6 +67,13 @@ def rests_of(app: App) -> tuple[float, float]:
     return before_s, max(app.tn - app.t0 - before_s - (app.path.tn - app.path.start.t), 0.0)
 
 
+def rest_newtons(app: App) -> tuple[float, float]:
+    """How hard [N] an app presses while it rests before its path, and after it; as on its path by default."""
+    newtons = 0.0 if app.force is None else math.hypot(*app.force)
+    before, after = (newtons if rest is None else rest.newton for rest in (app.rest_before, app.rest_after))
+    return before, after
+
+
 def _times(factor: float, vector: Vector | None) -> Vector | None:
     return None if vector is None else (factor * vector[0], factor * vector[1], factor * vector[2])
 

@@ -16,7 +16,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, app_title
-from caesura_protocol.force_limit import is_limited
+from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import AppPath
 from caesura_protocol.paths import turning_at_points
 from caesura_protocol.programs.app_times import rests_of
@@ -64,6 +64,8 @@ WAITS = Port(
     DOUBLE,
     "for how long it presses before the path begins [s]; what is left of `seconds` after it is pressed, too",
 )
+BEFORE = Port("force_before", DOUBLE, "that is pressed before the path, where it is another one [N]")
+AFTER = Port("force_after", DOUBLE, "that is pressed after the path, where it is another one [N]")
 LENGTH = Port("length", DOUBLE, "of the path that was taught [m]")
 TAUGHT = Port("force_taught", DOUBLES, "x;y;z that was taught, where a limit has cut it [N]")
 
@@ -78,7 +80,7 @@ PORTS: Mapping[str, Port] = MappingProxyType(
         port.name: port
         for port in (
             *(TARGET, ORIENTATION, JOINTS, SECONDS, FORCE, TAUGHT, WIDTH, LOAD, SPEED, TURN, MOST, CONTACT),
-            *(SEARCH, VIA, TURNING, ARRIVES, WAITS, LENGTH, AXIS, POINT, ANGLE, PITCH, TORQUE),
+            *(SEARCH, VIA, TURNING, ARRIVES, WAITS, BEFORE, AFTER, LENGTH, AXIS, POINT, ANGLE, PITCH, TORQUE),
         )
     }
 )
@@ -122,11 +124,13 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
         JOINTS.name: app.joints,
         SECONDS.name: app.tn - app.t0,
         FORCE.name: app.force,
-        TAUGHT.name: app.force_taught if is_limited(app) else None,
+        TAUGHT.name: app.force_taught if is_path_limited(app) else None,
         VIA.name: None if app.path is None else _via(app.path),
         TURNING.name: None if app.path is None else np.ravel(turning_at_points(app)).tolist() or None,
         ARRIVES.name: None if app.path is None else app.path.tn - app.path.start.t,
         WAITS.name: None if app.path is None else rests_of(app)[0],
+        BEFORE.name: None if app.rest_before is None else app.rest_before.newton,
+        AFTER.name: None if app.rest_after is None else app.rest_after.newton,
         LENGTH.name: None if app.path is None else app.path.length_m,
         AXIS.name: None if screw is None else screw.axis,
         POINT.name: None if screw is None else screw.point,

@@ -11,7 +11,7 @@ from pprint import pformat
 from typing import Any
 
 from caesura_protocol.app_kinds import app_title
-from caesura_protocol.force_limit import is_limited
+from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.app_times import rests_of
@@ -55,7 +55,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
         value = getattr(app, name)
         if value is not None:
             row[name] = _rounded(value)
-    if not is_limited(app):
+    if not is_path_limited(app):
         row.pop("force_taught", None)
     if app.path is not None:
         points, began = (app.path.start, *app.path.via), app.path.start.t
@@ -68,6 +68,9 @@ def _row(app: ProgramStep) -> dict[str, Any]:
         if row.get("force") and touching_force(app) is None:
             row["tilts"] = True
         row["waits"] = round(rests_of(app)[0], 3)
+        for name, rest in (("before_n", app.rest_before), ("after_n", app.rest_after)):
+            if rest is not None:
+                row[name] = _rounded(rest.newton)
         row["turns"] = _rounded(turn_of(app))
     most_nm = stop_torque_nm(app.screw)
     if app.screw is not None and most_nm is not None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from caesura_protocol.app_kinds import app_name
+from caesura_protocol.force_limit import exerted_forces
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
@@ -63,7 +64,7 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
             for x, low, high in zip(place or (), safety.workspace_low, safety.workspace_high, strict=False):
                 if not low <= x <= high:
                     raise ValueError(f"{name}: {what} at {x:g} m, the workspace is {low} to {high} m")
-        force = 0.0 if app.force is None else math.hypot(*app.force)
+        force = max((one.newton for one in exerted_forces(app)), default=0.0)
         if force > safety.most_force_n + FORCE_SLACK_N:
             raise ValueError(f"{name}: force {force:.1f} N, at most {safety.most_force_n:.1f} N are allowed")
         if app.load_kg is not None and not 0.0 <= app.load_kg <= safety.load_kg:

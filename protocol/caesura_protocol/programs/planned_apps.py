@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.app_times import rests_of
+from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.limits import press_direction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
@@ -23,7 +23,7 @@ class PlannedApp(NamedTuple):
     place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
     wherever it is; legs: then; contact: (3,) where a contact ends it, the direction in which it is looked
     for; wait_s: that a press rests before the legs; hold_s: that it stays where it is then, as a hold or a
-    press does; pause_s: after it.
+    press does; pause_s: after it. wait_n, hold_n: how hard it presses meanwhile.
     """
 
     place: int
@@ -34,6 +34,8 @@ class PlannedApp(NamedTuple):
     wait_s: float
     hold_s: float
     pause_s: float
+    wait_n: float
+    hold_n: float
 
     @property
     def name(self) -> str:
@@ -68,7 +70,8 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         if place is None and legs:
             start, legs = _begun(app, legs)
         pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
-        yield PlannedApp(index, app, start, legs, contact, wait, hold, min(pause, program.safety.pause_s))
+        pause = min(pause, program.safety.pause_s)
+        yield PlannedApp(index, app, start, legs, contact, wait, hold, pause, *rest_newtons(app))
         place = app.target or place
 
 

@@ -123,14 +123,18 @@ class _Writer:
         newtons = math.hypot(*force)
         direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
         frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
-        lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {newtons:.3f})"]
+        first_n = planned.wait_n if planned.legs else newtons
+        lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {first_n:.3f})"]
         depth, name = f"check_depth({began}, {_list(direction)})", f"held_{number}"
         if planned.legs:
             kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
             moves = [_move(leg, kind) for leg in planned.legs]
             lines += _held(name, planned.wait_s, depth)
+            lines += [f"begin_force({frame}, {newtons:.3f})"] if planned.wait_n != newtons else []
             lines += self._watched(planned.place, moves, self._tightness(app))
-            lines += [f"sleep({planned.hold_s:.3f})"] if planned.hold_s >= LEAST_PAUSE_S else []
+            if planned.hold_s >= LEAST_PAUSE_S:
+                lines += [f"begin_force({frame}, {planned.hold_n:.3f})"] if planned.hold_n != newtons else []
+                lines.append(f"sleep({planned.hold_s:.3f})")
         else:
             lines += _held(name, max(planned.hold_s, PERIOD_S), depth)
         return [*lines, "end_force_mode()", "stopl(2.0)"]

@@ -80,7 +80,11 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     if APP_KINDS[app.kind].carries:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
-        row["force"] = _force(planned.name, app.force, app.orientation)
+        row["force"] = frame, axis, newtons = _force(planned.name, app.force, app.orientation)
+        rests = (("wait_force", app.rest_before), ("hold_force", app.rest_after)) if planned.legs else ()
+        for name, rest in rests:
+            if rest is not None:
+                row[name] = frame, axis, round(math.copysign(rest.newton, newtons), 3)
     if app.kind in GRIPS:
         row["fingers"] = _fingers(planned, gripper_of(program), program.safety)
     most_nm = stop_torque_nm(app.screw)

@@ -12,6 +12,7 @@ from caesura_service.program.segment_interpretation import (
     MomentAt,
     ProgramSegment,
     holds,
+    may_end_movement,
 )
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "check_applies",
     "holds",
     "log_of",
+    "may_end_movement",
     "observed_share",
     "task_program",
     "with_edits",

@@ -23,7 +23,7 @@ from types import MappingProxyType
 import numpy as np
 
 from caesura_protocol.app_kinds import AppKind
-from caesura_protocol.messages import App, Contact, Gap, Segment, Vector
+from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
 from caesura_protocol.screw_motion import exerted
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
@@ -39,6 +39,8 @@ from caesura_service.program.segment_interpretation import (
     length,
     observed,
     pushes_back,
+    rest_force_n,
+    stroke_force,
 )
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
@@ -178,7 +180,7 @@ class _Group:
 
         Where nothing pushes back, at the contact's first observation.
         """
-        pushes = pushes_back(contact, self.moment_at)
+        pushes = pushes_back(contact.parts[0], self.moment_at)
         first = observed(contact.t0, contact.tn)[0]
         begin = contact.t0 if approach is None else approach.tn
         before = [] if approach is None else observed(approach.t0, approach.tn)
@@ -287,9 +289,19 @@ def _inserted(group: _Group) -> list[ProgramSegment]:
 
 
 def _slides(group: _Group) -> Iterable[App]:
-    """One app a stroke, with its own target."""
+    """One app a stroke, with its own target and the force of its rests."""
     for step in group.steps:
-        yield group.moving("apply_force", step, changes=_forces(step.force, group.force_limit_n))
+        force = stroke_force(step, group.moment_at) or step.force
+        rests = {"rest_before": _rest(step.rests_before, group), "rest_after": _rest(step.rests_after, group)}
+        yield group.moving("apply_force", step, changes=_forces(force, group.force_limit_n) | rests)
+
+
+def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
+    """How hard a stroke is pressed in the rests at one of its ends, where they last."""
+    taught_n, limit_n = rest_force_n(rests, group.moment_at), group.force_limit_n
+    if taught_n is None:
+        return None
+    return RestForce(newton=taught_n if limit_n is None else min(taught_n, limit_n), newton_taught=taught_n)
 
 
 def _carries(group: _Group) -> Iterable[App]:

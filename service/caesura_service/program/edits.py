@@ -40,6 +40,7 @@ from caesura_protocol.messages import (
     ProgramEdit,
     Redo,
     ReplacePart,
+    RestForce,
     Undo,
     Vector,
 )
@@ -431,9 +432,19 @@ def _set_target(app: App, target: Vector) -> dict[str, Any]:
 
 
 def _set_force(app: App, newtons: float) -> dict[str, Any]:
+    """Rests beside a stroke are pressed harder or softer by the same factor."""
     direction = _direction(app)
     x, y, z = (newtons / math.hypot(*direction) * component for component in direction)
-    return {"force": (x, y, z)}
+    factor = newtons / max(math.hypot(*(app.force or direction)), LEAST_N)
+    rests = (("rest_before", app.rest_before), ("rest_after", app.rest_after))
+    pressed = {name: _pressed(rest, factor, newtons) for name, rest in rests if rest is not None}
+    return {"force": (x, y, z), **pressed}
+
+
+def _pressed(rest: RestForce, factor: float, newtons: float) -> RestForce:
+    """A rest pressed by a factor, no harder than its stroke or than before: both are within the limit."""
+    most = max(rest.newton, newtons)
+    return rest.model_copy(update={"newton": min(factor * rest.newton, most)})
 
 
 def _set_tolerance(app: App, tolerance_m: float) -> dict[str, Any]:

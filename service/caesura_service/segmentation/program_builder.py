@@ -1,10 +1,11 @@
 """Incremental construction of the task program: apps before a quiet place are built once.
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
-it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments and
-is not part of a carry. The program is then that of the segments up to it, and that of the segments from
-it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them in no contact. A gap
-that touches what lies before it is known by then: it ends where a segment begins, and the quiet place is one.
+it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments, is not
+part of a carry, and is too long for the end of another motion. The program is then that of the segments up to
+it, and that of the segments from it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the
+last of them in no contact. A gap that touches what lies before it is known by then: it ends where a segment
+begins, and the quiet place is one.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from caesura_service.program import (
     Paths,
     ProgramSegment,
     holds,
+    may_end_movement,
     task_program,
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
@@ -123,7 +125,7 @@ class IncrementalProgramBuilder:
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
             touched = before.touches or (i > 1 and steps[i - 2].touches)
-            moves = kind == "motion" and self._lasts(before) and not touched
+            moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             if self._lasts(step) and moves and not holds(step, known) and not gripped:
                 return i

@@ -18,9 +18,9 @@ from caesura_lab.evaluation.program_round_trip import (
     run_round_trip,
     summarise,
 )
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, RestForce
 from harness.once import once_a_version
-from harness.programs import press
+from harness.programs import press, pressed_harder_before
 
 CASE = RoundTripCase("dispenser", 1)
 
@@ -53,6 +53,22 @@ def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], wh
     else:
         assert trip.why is not None
         assert re.search(why, trip.why), trip.why
+
+
+@pytest.mark.parametrize(
+    ("measured", "forces"),
+    [
+        (RestForce(newton=9.0, newton_taught=9.0), (0.0, -0.25, 0.0)),
+        (None, (0.0, 0.0)),
+    ],
+)
+def test_the_force_of_a_rest_is_compared_where_both_programs_state_it(
+    measured: RestForce | None, forces: tuple[float, ...]
+) -> None:
+    apps = pressed_harder_before()
+    again = tuple(app.model_copy(update={"force_taught": app.force}) for app in apps)
+    again = (again[0], again[1].model_copy(update={"rest_before": measured}))
+    assert compare_programs(CASE, apps, again).force == pytest.approx(forces)
 
 
 def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:

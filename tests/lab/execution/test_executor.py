@@ -19,7 +19,7 @@ from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.guided_arm import start_posture
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS, Surface, tips
-from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
+from caesura_protocol.messages import App, AppPath, RestForce, ScrewMotion, ViaPoint
 from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.screw_motion import torque_about_axis
@@ -207,6 +207,24 @@ def test_a_load_that_is_not_what_was_taught_stops_it(kg: float | None, said: str
         assert said in done.stopped
 
 
+@pytest.mark.parametrize("kg", [0.1, 0.25, 0.4])
+def test_a_press_with_a_load_has_its_force_though_the_load_was_taught_too_light_or_too_heavy(
+    kg: float, robot: Robot
+) -> None:
+    """The load of 0.25 kg was taught 0.15 kg off, and 1.5 N of each press were off."""
+    apps = pick_and_place()
+    carried = tuple(
+        one.model_copy(update={"load_kg": kg}) if one.kind == "transport" else one for one in apps
+    )
+    place = apps[3].target
+    pressing = app("apply_force", 7.5, 9.5, place, force=(0.0, 0.0, -9.0))
+    release, leave = (one.model_copy(update={"t0": one.t0 + 2.0, "tn": one.tn + 2.0}) for one in apps[4:])
+    done = executed((*carried[:4], pressing, release, leave), PICKING)
+    assert done.stopped is None
+    begun, ended = (round(1000 * t) for t in done.spans[4])
+    assert np.median(done.trace.contact[begun + 500 : ended - 200, 2]) == pytest.approx(9.0, abs=0.5)
+
+
 def test_a_run_begins_where_the_first_path_was_taught_to_begin(robot: Robot) -> None:
     """A hand had drifted by 5.6 mm before it moved, and the run was off its path by as much."""
     start = tuple(np.add(PRESSING.scenario.start, (0.004, 0.003, 0.0)).tolist())
@@ -299,6 +317,30 @@ def test_a_stroke_is_pressed_before_its_path_and_after_it(robot: Robot) -> None:
     assert 1e-3 * (arrived - begun) == pytest.approx(2.0, abs=0.15)
     for rest in (slice(begun + 200, begun + 900), slice(arrived + 100, ended - 50)):
         assert np.median(done.trace.contact[rest, 2]) == pytest.approx(8.0, rel=0.1)
+
+
+def test_a_stroke_has_another_force_in_its_rests(robot: Robot) -> None:
+    touch, stroke = (0.40, -0.16, 0.150), (0.47, 0.04, 0.150)
+    path = path_from(touch, 2.5, 3.5, 0.21, FLAT)
+    down = {"orientation": FLAT}
+    harder, softer = (RestForce(newton=one, newton_taught=one) for one in (14.0, 5.0))
+    apps = (
+        app("move_to_contact", 0.5, 1.5, touch, **down),
+        app("apply_force", 1.5, 4.5, stroke, force=(0.0, 0.0, -9.0), path=path, **down).model_copy(
+            update={"rest_before": harder, "rest_after": softer}
+        ),
+        app("cartesian_motion", 4.5, 5.5, (0.47, 0.04, 0.25), **down),
+    )
+    done = executed(apps, SimulatedCell(SCENARIOS["wiping"], THESIS, 1))
+    assert done.stopped is None
+    begun, ended = (round(1000 * t) for t in done.spans[1])
+    parts = (
+        slice(begun + 300, begun + 900),
+        slice(begun + 1300, begun + 1900),
+        slice(begun + 2300, ended - 200),
+    )
+    medians = [np.median(done.trace.contact[part, 2]) for part in parts]
+    assert medians == pytest.approx([14.0, 9.0, 5.0], rel=0.1)
 
 
 def test_a_stroke_over_a_crown_takes_its_time_and_keeps_its_force(robot: Robot) -> None:

@@ -9,7 +9,7 @@ import pytest
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, ViaPoint
 from caesura_protocol.programs.behaviour_tree import PORTS, action_name, behaviour_tree
-from harness.programs import DOWN, app, as_file, pick_and_place, press
+from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
 
 
 def tree(apps: tuple[App, ...]) -> Xml.Element:
@@ -77,3 +77,10 @@ def test_a_title_that_xml_cannot_have_is_written_without_it() -> None:
         "BehaviorTree/Sequence/*"
     )
     assert node.get("name") == "1 a\N{REPLACEMENT CHARACTER}b</Task>\N{REPLACEMENT CHARACTER}"
+
+
+def test_the_force_of_a_rest_beside_a_way_is_a_port() -> None:
+    _, stroke = tree(pressed_harder_before()).iterfind("BehaviorTree/Sequence/*")
+    assert (stroke.attrib["force_before"], stroke.attrib["force_after"]) == ("12", "5")
+    _, even = tree(wiped()).iterfind("BehaviorTree/Sequence/*")
+    assert "force_before" not in even.attrib

@@ -19,7 +19,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.checks import DemonstrationQuality, document_findings, fidelity_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.safety import DEFAULT
-from harness.programs import app, move
+from harness.programs import app, move, pressed_harder_before
 
 MOVED = (AppChange(field="place", author="Ann", edit=1),)
 
@@ -116,3 +116,8 @@ def test_findings_are_short_whatever_numbers_a_file_states():
         steps = document_findings(document(program(*apps)))
         assert len(shown) > 3
         assert max(len(one.reason) for one in (*shown, *steps)) < 250
+
+
+def test_a_rest_whose_force_was_cut_is_a_force_that_was_limited():
+    reasons = [reason for _, reason in found(*pressed_harder_before()) if "force" in reason]
+    assert reasons == ["force limited: 10.0 N (12.0 N of 18.0 N taught before, 5.0 N after)"]

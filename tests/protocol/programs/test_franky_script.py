@@ -22,7 +22,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
-from harness.programs import DOWN, app, as_file, pick_and_place, press, wiped
+from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
 
 from . import fake_franky
 
@@ -221,6 +221,23 @@ def test_a_stroke_presses_where_it_is_before_its_way_and_after_it() -> None:
     still = np.abs(np.diff(ways)) < 1e-9
     assert np.flatnonzero(~still)[[0, -1]].tolist() == pytest.approx([40, 89], abs=1)
     assert ways[-1] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_rest_beside_a_way_is_pressed_with_its_own_force(capsys: pytest.CaptureFixture[str]) -> None:
+    made = module_of(as_file(pressed_harder_before()))
+    stroke = made.APPS[1]
+    newtons = [made.newtons_at(stroke, t, 1.0) for t in (0.0, 0.79, 0.81, 1.79, 1.81, 2.3)]
+    assert newtons == pytest.approx([12.0, 12.0, 10.0, 10.0, 5.0, 5.0])
+    assert made.newtons_at(stroke, 1.81, 2.0) == pytest.approx(10.0)  # twice as slow, the way is not over yet
+    made.say(2, stroke)
+    assert "12.0 N before its path  5.0 N after its path" in capsys.readouterr().out
+
+
+def test_a_rest_beyond_the_limit_is_refused_before_anything_moves() -> None:
+    made = module_of(as_file(pressed_harder_before()))
+    made.APPS[1]["before_n"] = 40.0
+    with pytest.raises(made.Stop, match=r"force 40\.0 N"):
+        made.checked(made.APPS)
 
 
 def test_over_a_bend_the_contact_is_looked_for_where_the_fingers_point() -> None:

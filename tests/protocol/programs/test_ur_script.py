@@ -15,7 +15,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import CHORD_M
 from caesura_protocol.programs.ur_script import ur_script
-from harness.programs import DOWN, app, as_file, pick_and_place, press, wiped
+from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
 
 from .fake_ur_controller import Controller, Halted, as_python
 
@@ -242,3 +242,15 @@ def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught()
         one["t"] for name, one in controller.calls[last : names.index("end_force_mode")] if name == "sleep"
     ]
     assert sum(holds) == pytest.approx(0.5)
+
+
+def test_a_rest_beside_a_way_is_pressed_with_its_own_force():
+    controller = played(on_ur(pressed_harder_before()), table_m=0.19)
+    newtons = [call["wrench"][2] for call in controller.named("force_mode")]
+    assert newtons == pytest.approx([12.0, 10.0, 5.0])
+    names = [name for name, _ in controller.calls]
+    second, third = (
+        i for i, name in enumerate(names) if name == "force_mode" and i > names.index("force_mode")
+    )
+    ways = [i for i, name in enumerate(names) if name.startswith("move") and i > second]
+    assert second < ways[0] <= ways[-1] < third < names.index("end_force_mode")

@@ -17,7 +17,7 @@ from caesura_protocol.messages import App, ScrewMotion
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import DOWN, as_file, pick_and_place, press, wiped
+from harness.programs import DOWN, as_file, pick_and_place, press, pressed_harder_before, wiped
 from harness.xarm_sdk import xarm_api
 
 from .test_ur_script import circle
@@ -233,3 +233,16 @@ def test_a_dry_run_needs_neither_the_sdk_nor_a_robot(tmp_path: Path):
     refused = subprocess.run([*command, "--robot", "10.0.0.3"], capture_output=True, text=True, check=False)
     assert refused.returncode == 1
     assert "pip install xarm-python-sdk" in refused.stderr
+
+
+def test_a_rest_beside_a_way_is_pressed_with_its_own_force():
+    made = module_of(on_xarm(pressed_harder_before()))
+    done: list[object] = []
+    runner = create_autospec(made.Runner, instance=True)
+    runner.arm = create_autospec(xarm_api(), instance=True)
+    runner.pose.return_value = [0.0] * 6
+    runner.aim.side_effect = lambda frame, axis, newtons: done.append(newtons)
+    runner.go.side_effect = lambda legs, tight: done.append("way")
+    runner.stay.side_effect = lambda seconds, began: done.append("rest")
+    made.Runner.press(runner, made.APPS[1])
+    assert done == [-12.0, "rest", -10.0, "way", -5.0, "rest"]

@@ -34,7 +34,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.document import document
 from caesura_service.program import edits as edits_module
 from caesura_service.program.edits import EditLog, apply, check_applies, log_of, with_edits
-from harness.programs import app, pick_and_place, press
+from harness.programs import app, pick_and_place, press, pressed_harder_before
 
 START = ViaPoint(t=0.2, position=(-0.014, -0.673, 0.29), orientation=None)
 PATH = AppPath(
@@ -127,6 +127,15 @@ def test_a_force_keeps_the_direction_that_was_taught_and_the_limit_of_the_cell()
     assert limited.apps == press()
     assert limited.edits[0].reason == "40 N is more than the cell's force limit, 20 N"
     assert "Edit 1 by Ann (change) is not applied: 40 N is more" in limited.notes[-1]
+
+
+def test_rests_beside_a_stroke_are_pressed_harder_or_softer_with_it():
+    apps = pressed_harder_before()
+    softer = edited(apps, ChangeApp(app=ref(apps[1]), force_n=5.0)).apps[1]
+    assert (softer.rest_before.newton, softer.rest_after.newton) == pytest.approx((6.0, 2.5))
+    assert softer.rest_before.newton_taught == 18.0
+    harder = edited(apps, ChangeApp(app=ref(apps[1]), force_n=20.0), force_limit_n=20.0).apps[1]
+    assert (harder.rest_before.newton, harder.rest_after.newton) == pytest.approx((20.0, 10.0))
 
 
 def test_apps_are_deleted_duplicated_moved_and_inserted():

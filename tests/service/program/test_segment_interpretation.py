@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, Segment
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
@@ -33,6 +35,12 @@ def program(*segments: Any, grips: tuple[GripperAction, ...] = (), at: Any = mom
     return task_program([ProgramSegment(i, one, 1.0) for i, one in enumerate(segments)], grips, at)
 
 
+def forces_of(app: App) -> list[float]:
+    """[N] taught: along its path, then in the rests that have a force of their own."""
+    rests = [rest.newton_taught for rest in (app.rest_before, app.rest_after) if rest is not None]
+    return [math.hypot(*(app.force_taught or ())), *rests]
+
+
 def test_a_press_is_what_it_adds_to_the_force_that_was_there_before() -> None:
     apps = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, **held(8.0)), at=drifted)
     assert apps[1].force_taught == pytest.approx((0.0, 0.0, -8.0))
@@ -43,9 +51,10 @@ def test_presses_that_follow_each_other_are_all_measured_from_before_the_first()
         segment("motion", 0.0, 2.0),
         segment("contact", 2.0, 3.0, **held(18.0)),
         segment("sliding", 3.0, 4.5, **held(9.0), **ACROSS),
-        at=drifted,
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 18.0 if t < 3.0 else 9.0),
     )
-    assert apps[2].force_taught == pytest.approx((0.0, 0.0, -9.0))
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -9.0))
+    assert forces_of(apps[1]) == pytest.approx([9.0, 18.0])
 
 
 @pytest.mark.parametrize(
@@ -125,10 +134,13 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, re
         back,
         segment(rest, 6.0, 7.0, **still),
         segment("contact", 7.0, 9.0, **held(13.0)),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0 if 4.0 < t < 7.0 else 13.0),
     )
-    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "apply_force"]
-    assert [round(-app.force_taught[2]) for app in made[1:]] == [13, 6, 13]
+    assert [(app.kind, app.segments) for app in made] == [
+        ("move_to_contact", (0,)),
+        ("apply_force", (1, 2, 3, 4)),
+    ]
+    assert forces_of(made[1]) == pytest.approx([6.0, 13.0, 13.0])
 
 
 def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
@@ -213,13 +225,12 @@ def test_a_contact_that_begins_on_the_way_down_is_left_from_where_it_was_touched
     assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
 
 
-@pytest.mark.parametrize(
-    ("seconds", "push_n", "presses"),
-    [(0.4, 9.0, 0), (1.5, 7.0, 0), (1.5, 14.0, 1), (1.5, 4.0, 1), (0.4, 14.0, 0)],
-)
-def test_a_rest_at_the_end_of_a_stroke_that_presses_as_hard_is_its_end(
-    seconds: float, push_n: float, presses: int
+@pytest.mark.parametrize(("seconds", "lasts"), [(0.4, False), (1.5, True)])
+@pytest.mark.parametrize("push_n", [4.0, 9.0, 14.0])
+def test_a_rest_at_the_end_of_a_stroke_is_its_end_and_has_a_force_of_its_own_where_it_lasts(
+    seconds: float, lasts: bool, push_n: float
 ) -> None:
+    """A press beside a stroke was an app of its own where their forces differed by 4.6 N, and a part else."""
     until = 4.0 + seconds
     made = program(
         segment("motion", 0.0, 2.0),
@@ -228,8 +239,36 @@ def test_a_rest_at_the_end_of_a_stroke_that_presses_as_hard_is_its_end(
         segment("motion", until, 7.0, **OFF),
         at=lambda t: drifted(t, pushed_n=0.0 if not 2.0 < t < until else 9.0 if t < 4.0 else push_n),
     )
-    assert kinds(made) == ["move_to_contact", "apply_force", *["apply_force"] * presses, "cartesian_motion"]
-    assert (made[1].t0, made[1].tn) == (2.0, 4.0 if presses else until)
+    assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+    assert (made[1].t0, made[1].tn) == (2.0, until)
+    assert forces_of(made[1]) == pytest.approx([9.0, push_n] if lasts else [9.0])
+
+
+@pytest.mark.parametrize("parts", [(2.0, 3.6), (2.0, 2.3, 3.0, 3.6)])
+def test_the_force_of_a_rest_is_the_same_however_it_is_divided(parts: tuple[float, ...]) -> None:
+    rests = [segment("contact", t0, tn, **held(9.0)) for t0, tn in pairwise(parts)]
+    made = program(
+        segment("motion", 0.0, 2.0),
+        *rests,
+        segment("sliding", 3.6, 5.0, **held(9.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 2.5 else 12.0 if t < 3.6 else 9.0),
+    )
+    assert forces_of(made[1]) == pytest.approx([9.0, 12.0])
+
+
+def test_the_force_of_a_stroke_is_measured_in_the_axes_of_a_tool_that_turns() -> None:
+    """It is 10 N along the tool, which turns from -40 to 40 degrees: its median in the base frame is less."""
+
+    def at(t: float) -> Moment:
+        angle = math.radians(-40.0 + 40.0 * (t - 2.0)) if t > 2.0 else math.radians(-40.0)
+        x, y, z = DRIFT_N
+        push = 10.0 if t > 2.0 else 0.0
+        along = (x + push * math.sin(angle), y, z + push * math.cos(angle))
+        turned = (0.0, math.sin(0.5 * angle), 0.0, math.cos(0.5 * angle))
+        return replace(moment_at(t), force=along, orientation=turned)
+
+    made = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS), at=at)
+    assert forces_of(made[1]) == pytest.approx([10.0])
 
 
 def test_a_rest_between_two_strokes_ends_the_first_while_the_force_rises() -> None:
@@ -258,7 +297,158 @@ def test_what_a_touch_pushes_in_before_a_stroke_is_its_beginning() -> None:
     ]
 
 
-def test_a_rest_between_a_soft_and_a_hard_stroke_is_part_of_the_one_that_presses_as_hard() -> None:
+def turned(axis: tuple[float, float, float], t0: float, tn: float) -> Segment:
+    """A turn in contact by 0.3 rad about an axis."""
+    x, y, z = axis
+    place = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.11, 0.0, 0.2)}
+    made = segment("sliding", t0, tn, **held(9.0), **place)
+    return made.model_copy(update={"kind": "turning", "turn": (0.3 * x, 0.3 * y, 0.3 * z)})
+
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)  # the tool points down
+
+
+@pytest.mark.parametrize(
+    ("axis", "strokes"),
+    [((1.0, 0.0, 0.0), [(1, 2, 3)]), ((0.0, 0.0, -1.0), [(1, 2), (3,)])],
+)
+def test_a_tilt_in_contact_is_the_end_of_the_stroke_before_it_and_a_turn_about_the_tool_is_not(
+    axis: tuple[float, float, float], strokes: list[tuple[int, ...]]
+) -> None:
+    """A person tilted a peg at the end of a stroke, and the robot that did the same was found to turn."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 4.3, **held(9.0)),
+        turned(axis, 4.3, 5.0),
+        segment("motion", 5.0, 7.0, **OFF),
+        at=lambda t: replace(drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 else 0.0), orientation=UPRIGHT),
+    )
+    pressed = [app for app in made if app.kind == "apply_force"]
+    assert [app.segments for app in pressed] == strokes
+    assert (pressed[0].t0, pressed[-1].tn) == (2.0, 5.0)
+    assert pressed[0].target == pytest.approx((0.11, 0.0, 0.2) if len(strokes) == 1 else (0.1, 0.0, 0.2))
+
+
+@pytest.mark.parametrize(("rad", "apps"), [(0.004, [(0,), (1, 2)]), (0.3, [(0,), (1,), (2,)])])
+def test_a_turn_by_next_to_nothing_after_a_screw_is_a_rest(rad: float, apps: list[tuple[int, ...]]) -> None:
+    """While the force on a screw fell, the tool turned by 0.2 degrees, and that was an app."""
+    after = turned((0.0, 0.0, -1.0), 4.0, 4.5).model_copy(
+        update={"turn": (0.0, 0.0, -rad), "position_start": (0.11, 0.0, 0.2)}
+    )
+    made = program(
+        segment("motion", 0.0, 2.0),
+        turned((0.0, 0.0, -1.0), 2.0, 4.0),
+        after,
+        at=lambda t: replace(drifted(t, pushed_n=0.0 if t < 2.0 else 9.0), orientation=UPRIGHT),
+    )
+    assert [app.segments for app in made] == apps
+
+
+def test_a_tilt_after_a_screw_is_an_app_of_its_own() -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        turned((0.0, 0.0, -1.0), 2.0, 4.0),
+        turned((1.0, 0.0, 0.0), 4.0, 5.0),
+        at=lambda t: replace(drifted(t, pushed_n=0.0 if t < 2.0 else 9.0), orientation=UPRIGHT),
+    )
+    assert [app.segments for app in made] == [(0,), (1,), (2,)]
+
+
+def test_a_contact_was_made_where_its_rest_pushes_back_though_the_stroke_leans_to_another_side() -> None:
+    """Over a bend the force leans by 59 degrees from rest to stroke: the touch was found 24 mm later."""
+    x, y, z = DRIFT_N
+
+    def at(t: float) -> Moment:
+        leaning = (x, y - 4.0 * (t > 2.0), z + 3.0 * (t > 2.0)) if t < 3.0 else (x, y + 1.0, z + 9.0)
+        return replace(drifted(t), force=leaning, position=(t, 0.0, 0.2))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x, y - 4.0, z + 3.0)),
+        segment("sliding", 3.0, 5.0, force_held=(x, y + 1.0, z + 9.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == [(0,), (1, 2)]
+    assert made[0].target == pytest.approx((2.05, 0.0, 0.2))
+
+
+SHORT: dict[str, Any] = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.013, 0.2)}
+LONG: dict[str, Any] = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.03, 0.2)}
+
+
+@pytest.mark.parametrize(("slide", "strokes"), [(SHORT, [(1, 2, 3)]), (LONG, [(1, 2), (3,)])])
+def test_a_short_slide_after_a_stroke_is_its_end(
+    slide: dict[str, Any], strokes: list[tuple[int, ...]]
+) -> None:
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 4.6, **held(9.0)),
+        segment("sliding", 4.6, 5.2, **held(9.0), **slide),
+        segment("motion", 5.2, 7.0, **OFF),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 5.2 else 0.0),
+    )
+    assert [app.segments for app in made if app.kind == "apply_force"] == strokes
+
+
+def test_a_short_slide_before_a_stroke_is_its_beginning_with_one_path() -> None:
+    """The hand slid on by 13 mm as it touched, and the robot that did the same stood there."""
+    slide = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.013, 0.0, 0.2)}
+    stroke = {"position_start": (0.013, 0.0, 0.2), "position_end": (0.2, 0.0, 0.2)}
+    t = np.linspace(2.0, 6.0, 41)
+    poses = np.column_stack(
+        [np.interp(t, [2.0, 2.5, 3.0, 6.0], [0.0, 0.013, 0.013, 0.2]), 0.0 * t, 0.0 * t + 0.2]
+    )
+
+    def between(t0: float, tn: float) -> tuple[np.ndarray, np.ndarray]:
+        inside = (t >= t0 - 1e-9) & (t <= tn + 1e-9)
+        return t[inside], poses[inside]
+
+    made = task_program(
+        [
+            ProgramSegment(0, segment("motion", 0.0, 2.0), 1.0),
+            ProgramSegment(1, segment("sliding", 2.0, 2.5, **held(9.0), **slide), 1.0),
+            ProgramSegment(2, segment("contact", 2.5, 3.0, **held(9.0)), 1.0),
+            ProgramSegment(3, segment("sliding", 3.0, 6.0, **held(9.0), **stroke), 1.0),
+        ],
+        (),
+        lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 9.0),
+        paths=Paths(between),
+    )
+    (pressed,) = (app for app in made if app.kind == "apply_force")
+    assert pressed.path is not None
+    assert (pressed.segments, pressed.path.start.t, pressed.path.tn) == ((1, 2, 3), 2.0, 6.0)
+    assert pressed.target == pytest.approx((0.2, 0.0, 0.2))
+
+
+def carried(at_n: float) -> tuple[App, ...]:
+    """A load of 4 N is carried, rests and is moved on, under a force of its own from 2 to 5 s."""
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    still = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.0, 0.2)}
+
+    def at(t: float) -> Moment:
+        return replace(moment_at(t), force=(0.0, 0.0, at_n if 2.0 < t < 5.0 else -4.0))
+
+    return program(
+        segment("transport", 0.0, 2.0, **load),
+        segment("hold", 2.0, 3.5, **load, **still),
+        segment("motion", 3.5, 4.2, **ACROSS),
+        segment("steady", 4.2, 5.0, **still),
+        segment("transport", 5.0, 7.0, **load),
+        grips=(GripperAction(-1.0, "grasp", 0.03),),
+        at=at,
+    )
+
+
+def test_a_load_that_weighs_something_else_is_set_down() -> None:
+    """A peg that rests on a table with 3 N had 1 N more than nothing, and was said to be carried."""
+    assert kinds(carried(1.5)) == ["grasp", "transport", "apply_force", "transport"]
+    assert carried(1.5)[2].segments == (1, 2, 3)
+    assert kinds(carried(-1.0)) == ["grasp", "transport", "hold", "transport", "hold", "transport"]
+
+
+def test_a_rest_between_a_soft_and_a_hard_stroke_ends_the_soft_one() -> None:
     made = program(
         segment("motion", 0.0, 2.0),
         segment("sliding", 2.0, 4.0, **held(4.0), **ACROSS),
@@ -266,12 +456,13 @@ def test_a_rest_between_a_soft_and_a_hard_stroke_is_part_of_the_one_that_presses
         segment("sliding", 6.0, 8.0, **held(20.0), **ACROSS),
         at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 4.0 else 20.0),
     )
-    assert [(app.t0, app.tn, app.segments) for app in made[1:]] == [(2.0, 4.0, (1,)), (4.0, 8.0, (2, 3))]
+    assert [(app.t0, app.tn, app.segments) for app in made[1:]] == [(2.0, 6.0, (1, 2)), (6.0, 8.0, (3,))]
+    assert [forces_of(app) for app in made[1:]] == [pytest.approx([4.0, 20.0]), pytest.approx([20.0])]
 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.5])
-def test_what_is_pushed_in_harder_after_a_stroke_is_a_press_of_its_own(seconds: float) -> None:
-    into = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.0, 0.192)}
+def test_what_is_pushed_in_after_a_stroke_is_a_press_of_its_own(seconds: float) -> None:
+    into = {"position_start": (0.1, 0.0, 0.2), "position_end": (0.1, 0.0, 0.188)}
     until = 4.0 + seconds
     made = program(
         segment("motion", 0.0, 2.0),
@@ -291,7 +482,10 @@ def test_a_rest_that_presses_to_another_side_than_the_stroke_before_it_is_a_pres
         segment("sliding", 2.0, 4.0, **held(10.0), **ACROSS),
         segment("contact", 4.0, 6.0, force_held=(x - 10.0, y, z)),
         segment("motion", 6.0, 7.0, **OFF),
-        at=lambda t: drifted(t, pushed_n=10.0 if 2.0 < t < 4.0 else 0.0),
+        at=lambda t: replace(
+            drifted(t, pushed_n=10.0 if 2.0 < t < 4.0 else 0.0),
+            **({"force": (x - 10.0, y, z)} if 4.0 < t < 6.0 else {}),
+        ),
     )
     assert kinds(made) == ["move_to_contact", "apply_force", "apply_force", "cartesian_motion"]
     assert made[2].force_taught == pytest.approx((10.0, 0.0, 0.0))
@@ -397,17 +591,57 @@ def test_the_rests_around_a_turn_in_contact_are_part_of_it() -> None:
     assert (made[1].t0, made[1].tn, made[1].segments) == (2.0, 5.7, (1, 2, 3))
 
 
-@pytest.mark.parametrize(("seconds", "presses"), [(0.4, 0), (0.7, 1)])
-def test_a_short_press_between_a_touch_and_a_stroke_is_its_beginning(seconds: float, presses: int) -> None:
-    """Its force still rises: a press of 7.5 N was taught where the stroke has 16 N."""
+@pytest.mark.parametrize(("seconds", "forces"), [(0.4, [16.0]), (0.7, [16.0, 7.5])])
+def test_a_press_between_a_touch_and_a_stroke_is_its_beginning(seconds: float, forces: list[float]) -> None:
+    """Where it is short its force still rises."""
     made = program(
         segment("motion", 0.0, 2.0),
         segment("contact", 2.0, 2.0 + seconds, **held(7.5)),
         segment("sliding", 2.0 + seconds, 4.0, **held(16.0), **ACROSS),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 16.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 7.5 if t < 2.0 + seconds else 16.0),
     )
-    assert kinds(made) == ["move_to_contact", *["apply_force"] * (1 + presses)]
-    assert made[-1].force_taught == pytest.approx((0.0, 0.0, -16.0))
+    assert kinds(made) == ["move_to_contact", "apply_force"]
+    assert forces_of(made[-1]) == pytest.approx(forces)
+
+
+DOWN: dict[str, Any] = {"position_start": (0.0, 0.0, 0.4), "position_end": (0.0, 0.0, 0.21)}
+
+
+@pytest.mark.parametrize(
+    ("begins", "length_m", "segments"),
+    [
+        (2.0, 0.01, [(0, 1), (2,)]),
+        (2.2, 0.01, [(0, 1), (2,)]),
+        (2.4, 0.01, [(0,), (1,), (2,)]),
+        (2.0, 0.03, [(0,), (1,), (2,)]),
+    ],
+)
+def test_the_last_centimetre_before_a_contact_is_part_of_the_movement(
+    begins: float, length_m: float, segments: list[tuple[int, ...]]
+) -> None:
+    """A robot slows down there, and what was one movement of a hand was two of its own."""
+    last = {"position_start": (0.0, 0.0, 0.21), "position_end": (0.0, 0.0, 0.21 - length_m)}
+    made = program(
+        segment("motion", 0.0, 2.0, **DOWN),
+        segment("motion", begins, 3.0, **last),
+        segment("contact", 3.0, 4.0, **held(9.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0),
+    )
+    assert [app.segments for app in made] == segments
+    assert kinds(made)[-2:] == ["move_to_contact", "apply_force"]
+    assert made[0].t0 == 0.0
+
+
+def test_a_last_centimetre_before_which_the_fingers_move_is_a_movement_of_its_own() -> None:
+    last = {"position_start": (0.0, 0.0, 0.21), "position_end": (0.0, 0.0, 0.2)}
+    made = program(
+        segment("motion", 0.0, 2.0, **DOWN),
+        segment("motion", 2.0, 3.0, **last),
+        segment("contact", 3.0, 4.0, **held(9.0)),
+        grips=(GripperAction(2.1, "open", 0.08),),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0),
+    )
+    assert [app.segments for app in made if app.segments] == [(0,), (1,), (2,)]
 
 
 def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import force_in_words, is_limited
+from caesura_protocol.force_limit import exerted_forces, force_in_words
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed
 from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
@@ -189,13 +189,10 @@ def _start_of(app: App) -> ViaPoint | None:
 
 
 def _force_limits(app: App) -> Iterator[Reason]:
-    if is_limited(app):
-        exerted = float(np.linalg.norm(app.force or ()))
-        yield (
-            f"force limited: {force_in_words(app)}",
-            float(np.linalg.norm(app.force_taught or ())),
-            exerted,
-        )
+    cut = [force for force in exerted_forces(app) if force.is_cut]
+    if cut:
+        hardest = max(cut, key=lambda force: force.newton_taught)
+        yield (f"force limited: {force_in_words(app)}", hardest.newton_taught, hardest.newton)
     if app.force is None and app.force_taught is not None:
         newtons = float(np.linalg.norm(app.force_taught))
         reason = f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce"

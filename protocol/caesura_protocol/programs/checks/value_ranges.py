@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.force_limit import exerted_forces
 from caesura_protocol.messages import JOINTS_MOST, App
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding
@@ -142,8 +143,8 @@ def _ranges(app: App, safety: Safety) -> Iterator[_Range]:
 
 
 def _press_ranges(app: App, safety: Safety) -> Iterator[_Range]:
-    if app.force is not None:
-        least_n = LEAST_PRESS_N if APP_KINDS[app.kind].presses else 0.0
-        newtons = float(np.linalg.norm(app.force))
-        if abs(newtons - safety.most_force_n) > FORCE_TOLERANCE_N:
-            yield _Range("force", newtons, least_n, safety.most_force_n, "N")
+    least_n = LEAST_PRESS_N if APP_KINDS[app.kind].presses else 0.0
+    for force in exerted_forces(app):
+        if abs(force.newton - safety.most_force_n) > FORCE_TOLERANCE_N:
+            name = f"force {force.when} its path" if force.when else "force"
+            yield _Range(name, force.newton, least_n, safety.most_force_n, "N")

@@ -2,8 +2,10 @@
 
 A session is sent as fast as the service takes it until it has an age, and at the pace of a robot from
 then on. Printed are the seconds of processor that the dashboard, the service and the browser use in a
-minute, and what the page receives in it. A browser that has too little processor draws less often.
-Usage: python tests/bench/live_page.py [--ages 30 300 3600] [--seconds 30]
+minute, what the page receives in it, and the memory that the page and the dashboard hold in the end.
+A browser that has too little processor draws less often.
+Usage: python tests/bench/live_page.py [--ages 30 300 3600] [--seconds 30] [--parts 1]
+A page that is open for an hour: --ages 30 --seconds 300 --parts 12
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
-from playwright.sync_api import Browser, WebSocket
+from playwright.sync_api import Browser, CDPSession, WebSocket
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -82,38 +84,64 @@ def browser_cpu_s() -> dict[int, float]:
     return found
 
 
-def measure(stage: Stage, browser: Browser, age_s: float, seconds: float) -> None:
-    """Print one row."""
-    station, counts = f"cell-{age_s:g}", Received()
-    recording = taught(7, age_s + WARM_UP_S + seconds + MARGIN_S)
+def memory_mb(pid: int) -> float:
+    """[MB] of memory that a process holds."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+class Page:
+    """A page of a station that is open, with what it costs since the last look at it."""
+
+    def __init__(self, stage: Stage, browser: Browser, station: str) -> None:
+        self.visitor, self.counts = Visitor(browser), Received()
+        self._pids = {"dashboard": stage.dashboard.pid, "service": stage.service.pid}
+        self.counts.watch(self.visitor)
+        self.visitor.page.goto(f"{stage.dashboard.url}/station/{station}")
+        self.visitor.page.locator(".app").first.wait_for()
+        self._devtools: CDPSession = self.visitor.page.context.new_cdp_session(self.visitor.page)
+
+    def cost(self, seconds: float) -> str:
+        """What the next seconds cost, in a line."""
+        before, first = {name: cpu_s(pid) for name, pid in self._pids.items()}, browser_cpu_s()
+        start, began = replace(self.counts), time.monotonic()
+        self.visitor.page.wait_for_timeout(1000 * seconds)
+        minutes = (time.monotonic() - began) / 60.0
+        used = {name: (cpu_s(pid) - before[name]) / minutes for name, pid in self._pids.items()}
+        used["browser"] = sum(now - first.get(pid, 0.0) for pid, now in browser_cpu_s().items()) / minutes
+        pushed, messages, fetched, answers = (
+            (now - then) / minutes for now, then in zip(astuple(self.counts), astuple(start), strict=True)
+        )
+        words = "  ".join(f"{name} {value:5.1f}" for name, value in used.items())
+        return (
+            f"[s of processor] {words}   {pushed / 1e6:6.2f} MB in {messages:.0f} messages, "
+            f"{fetched / 1e6:.2f} MB in {answers:.0f} answers   {self._memory()}"
+        )
+
+    def _memory(self) -> str:
+        self._devtools.send("HeapProfiler.collectGarbage")
+        heap = self._devtools.send("Runtime.getHeapUsage")["usedSize"] / 1e6
+        nodes = self._devtools.send("Memory.getDOMCounters")["nodes"]
+        return f"heap {heap:5.1f} MB, {nodes} nodes, dashboard {memory_mb(self._pids['dashboard']):.0f} MB"
+
+
+def measure(stage: Stage, browser: Browser, age_s: float, seconds: float, parts: int) -> None:
+    """Print a row for each part of the time."""
+    station = f"cell-{age_s:g}"
+    recording = taught(7, age_s + WARM_UP_S + seconds * parts + MARGIN_S)
     with (
         stage.reader() as reader,
         Subscriber(reader, station).listening() as received,
         stage.aged(station, recording, age_s),
     ):
         received.until(lambda: received.update is not None and reached(received.now) >= age_s)
-        visitor = Visitor(browser)
-        counts.watch(visitor)
-        visitor.page.goto(f"{stage.dashboard.url}/station/{station}")
-        visitor.page.locator(".app").first.wait_for()
-        visitor.page.wait_for_timeout(1000 * WARM_UP_S)
-        pids = {"dashboard": stage.dashboard.pid, "service": stage.service.pid}
-        before, first = {name: cpu_s(pid) for name, pid in pids.items()}, browser_cpu_s()
-        start, began = replace(counts), time.monotonic()
-        visitor.page.wait_for_timeout(1000 * seconds)
-        minutes = (time.monotonic() - began) / 60.0
-        used = {name: (cpu_s(pid) - before[name]) / minutes for name, pid in pids.items()}
-        used["browser"] = sum(now - first.get(pid, 0.0) for pid, now in browser_cpu_s().items()) / minutes
-        visitor.close()
-    pushed, messages, fetched, answers = (
-        (now - then) / minutes for now, then in zip(astuple(counts), astuple(start), strict=True)
-    )
-    words = "  ".join(f"{name} {value:5.1f}" for name, value in used.items())
-    print(
-        f"{age_s:6.0f} s {len(received.now.program.apps):5d} apps   [s of processor] {words}   "
-        f"{pushed / 1e6:6.2f} MB in {messages:.0f} messages, {fetched / 1e6:.2f} MB in {answers:.0f} answers",
-        flush=True,
-    )
+        page = Page(stage, browser, station)
+        page.visitor.page.wait_for_timeout(1000 * WARM_UP_S)
+        for _ in range(parts):
+            cost = page.cost(seconds)
+            count = len(received.now.program.apps)
+            print(f"{reached(received.now):6.0f} s {count:5d} apps   {cost}", flush=True)
+        print(*page.visitor.errors, sep="\n", flush=True)
+        page.visitor.close()
 
 
 def main() -> None:
@@ -121,10 +149,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--ages", type=float, nargs="+", default=[30.0, 300.0, 3600.0])
     parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--parts", type=int, default=1, help="rows of so many seconds each, of one page")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, staged(Path(folder)) as stage, chromium() as browser:
         for age_s in options.ages:
-            measure(stage, browser, age_s, options.seconds)
+            measure(stage, browser, age_s, options.seconds, options.parts)
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ class Operator:
 
     def look_at_the_beginning(self) -> None:
         """What is shown stands still: 0 to 7.5 s, found up to SHOWN_S."""
-        self.page.get_by_label("Your name").fill("Ann")
+        self.is_called("Ann")
         self.press("Live")
         slider = self.page.get_by_role("slider", name="Show until")
         self.page.wait_for_function(f"(slider) => slider.max >= {SHOWN_S}", arg=slider.element_handle())
@@ -79,8 +79,31 @@ class Operator:
         share = (t - start) / (end - start)
         return box["x"] + 1 + LEFT + inside * share, box["y"] + box["height"] / 2
 
+    def is_called(self, name: str) -> None:
+        """As the browser has kept it, or as nobody."""
+        self.page.evaluate(
+            """(name) => {
+              localStorage.setItem("caesura-author", name);
+              window.dispatchEvent(new CustomEvent("caesura-author", { detail: name }));
+            }""",
+            name,
+        )
+
     def click(self, t: float) -> None:
         self.page.mouse.click(*self.place(t))
+
+    def touch_for_long(self, t: float) -> None:
+        """With a finger, until the menu is there."""
+        x, y = self.place(t)
+        devtools = self.page.context.new_cdp_session(self.page)
+        devtools.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+        self.page.locator(".correct-menu").wait_for()
+        devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    def insert(self, t: float) -> None:
+        """By the menu of that time."""
+        self.page.mouse.click(*self.place(t), button="right")
+        self.page.locator(".correct-menu .insert").click()
 
     def drag(self, t: float, to: float) -> None:
         self.page.mouse.move(*self.place(t))
@@ -100,11 +123,11 @@ class Operator:
 
     def undo_everything(self, caesura: Caesura) -> None:
         """Until the page has nothing to undo either."""
-        self.page.get_by_label("Your name").fill("Ann")
+        self.is_called("Ann")
         with suppress(ProtocolError):  # the last one is refused
             while True:
                 caesura.undo(self.wire.now.station, self.wire.now.session, author="Ann")
-        expect(self.page.get_by_role("button", name="Undo", exact=True)).to_be_disabled()
+        expect(self.page.get_by_role("button", name="Undo", exact=True)).to_have_count(0)
 
 
 @pytest.fixture(scope="module")
@@ -135,8 +158,9 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
 
     operator.click(T)
     expect(operator.page.locator(".selection")).to_contain_text("motion")
-    operator.press("Insert")
-    operator.is_shown("Changepoint inserted at 1.4")
+    operator.press("Correct …")
+    operator.page.locator(".correct-menu .insert").click()
+    operator.is_shown("Changepoint inserted at 1.")
     eventually(lambda: operator.version() > version)
     operator.wire.until(lambda: operator.wire.now.program.version > version)
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
@@ -155,6 +179,8 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
 
 def test_a_changepoint_is_dragged(operator: Operator):
     end = operator.wire.now.segments[0].tn
+    operator.page.mouse.move(*operator.place(end))
+    expect(operator.plot, "the cursor shows it").to_have_css("cursor", "ew-resize")
     operator.drag(end, end + 0.3)
     operator.is_shown("Changepoint moved")
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(end + 0.3, abs=NEAR_S)])
@@ -166,7 +192,8 @@ def test_a_changepoint_is_removed_and_the_correction_made_again(operator: Operat
     end = operator.wire.now.segments[0].tn
     operator.click(end)
     expect(operator.page.locator(".selection")).to_contain_text("changepoint at")
-    operator.press("Remove")
+    operator.press("Correct …")
+    operator.page.locator(".correct-menu .remove").click()
     operator.is_shown("removed")
     operator.wire.until(lambda: all(abs(one.t - end) > NEAR_S for one in operator.wire.now.changepoints))
     operator.press("Undo")
@@ -176,16 +203,26 @@ def test_a_changepoint_is_removed_and_the_correction_made_again(operator: Operat
 
 
 def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
-    operator.click(T)
-    operator.page.get_by_label("Kind").select_option("sliding")
-    operator.press("Relabel")
+    page, menu = operator.page, operator.page.locator(".correct-menu")
+    page.mouse.click(*operator.place(T), button="right")
+    expect(menu.get_by_role("button", name="motion")).to_have_attribute("aria-pressed", "true")
+    for theme, rules in THEMES.items():
+        page.emulate_media(color_scheme=theme)
+        operator.visitor.theme = theme
+        operator.visitor.picture("correct-menu")
+        assert operator.visitor.barriers(*rules) == []
+    menu.get_by_role("button", name="sliding").click()
     operator.is_shown("is sliding")
     operator.wire.until(lambda: operator.wire.now.segments[1].kind == "sliding")
     assert operator.wire.now.segments[1].corrected
 
-    operator.click(2.6)
-    operator.page.get_by_label("Limit [N]").fill("4")
-    operator.press("Limit force")
+    operator.touch_for_long(T)
+    menu.get_by_role("button", name="transport").click()
+    operator.is_shown("is something carried there?")
+
+    page.mouse.click(*operator.place(2.6), button="right")
+    menu.get_by_label("Force at most").fill("4")
+    menu.get_by_role("button", name="Limit", exact=True).click()
     operator.is_shown("limited to 4 N")
 
     def limited() -> bool:
@@ -198,8 +235,12 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
 def test_everything_goes_without_a_mouse(operator: Operator):
     before = operator.wire.taught()
     keyboard = operator.page.keyboard
-    operator.page.get_by_label("Time [s]").fill(str(T))
     operator.plot.focus()
+    keyboard.press("r")
+    expect(operator.page.locator(".correct-menu .insert")).to_be_focused()
+    operator.page.get_by_label("Time [s]").fill(str(T))
+    keyboard.press("Escape")
+    expect(operator.plot).to_be_focused()
     keyboard.press("Enter")
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
 
@@ -225,14 +266,19 @@ def test_everything_goes_without_a_mouse(operator: Operator):
     operator.wire.until(lambda: operator.wire.taught() == before)
 
 
-def test_no_editor_corrects_without_a_name(operator: Operator):
-    operator.page.get_by_label("Your name").fill("")
+def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator: Operator):
+    operator.is_called("")
     operator.click(T)
-    expect(operator.page.get_by_role("button", name="Insert")).to_be_disabled()
     operator.plot.focus()
     operator.page.keyboard.press("Enter")
-    operator.is_shown("Say who you are first")
+    name = operator.page.get_by_label("Your name")
+    expect(name).to_be_focused()
     assert operator.wire.corrected() == []
+    name.fill("Bea")
+    name.press("Enter")
+    operator.is_shown("inserted at 1.")
+    operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
+    assert operator.wire.now.program.author == "Bea"
 
 
 def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, stage: Stage):
@@ -247,7 +293,7 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
     with stage.reader() as other:
         other.insert(operator.wire.now.station, operator.wire.now.session, 1.2, author="Bob")
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)])
-    operator.press("Insert")
+    operator.insert(T)
     eventually(lambda: slow.has_received(f"revision {revision + 1}"))
     slow.release()
     seen = f"(it is at revision {revision + 1}, you saw {revision})"
@@ -257,8 +303,8 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
 
     # The revision comes to the page with what can be undone, after the program's title.
     expect(operator.page.get_by_role("button", name="Undo", exact=True)).to_be_enabled()
-    operator.press("Insert")
-    operator.is_shown("inserted at 1.4")
+    operator.insert(T)
+    operator.is_shown("inserted at 1.")
     operator.wire.until(lambda: len(operator.wire.corrected()) == 2)
 
 
@@ -269,9 +315,12 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
     page = visitor.page
     page.goto(f"{stage.dashboard.url}/sessions/cell-over/over")
     expect(page.locator(".app").first).to_be_visible()
-    page.get_by_label("Your name").fill("Ann")
+    page.locator(".plots").focus()
+    page.keyboard.press("r")
     page.get_by_label("Time [s]").fill(str(T))
-    page.get_by_role("button", name="Insert", exact=True).click()
+    page.locator(".correct-menu .insert").click()
+    page.get_by_label("Your name").fill("Ann")
+    page.get_by_role("button", name="Correct", exact=True).click()
     expect(page.locator(".message")).to_contain_text("inserted at 1.4")
     expect(page.locator("#program-title")).to_contain_text("complete, corrected by Ann")
     with stage.reader() as caesura:

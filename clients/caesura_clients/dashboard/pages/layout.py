@@ -24,6 +24,7 @@ _HEAD = (
     f'<script src="{ASSETS}/theme.js"></script>'
     f'<link rel="stylesheet" href="{ASSETS}/vendor/uplot/uPlot.min.css">'
     f'<link rel="stylesheet" href="{ASSETS}/style.css">'
+    f'<link rel="stylesheet" href="{ASSETS}/session.css">'
     f'<link rel="stylesheet" href="{ASSETS}/hints.css">'
     '<meta name="robots" content="noindex">'
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from nicegui import run, ui
+from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import Timeline
@@ -38,17 +39,23 @@ class SessionPage:
         self._simulation: Simulation | None = None  # the one of this page that is under way
         self._program_desk = None if site.desk is None else ProgramDesk(site.gateway.transport)
         title = f"Station {station}" if session is None else f"{station} · {session}"
-        with page(title, "/" if session is None else "/sessions"):
-            self._banner = Banner()
-            self._line = text("p", "").classes("state-line").props('aria-label="State"')
-            self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
-            self._hints = HintBanner(banner_of(None)) if session is None else None  # moves no button to press
-            self._form = DescriptionForm(
-                self._description(), self._ask, editable=site.desk is not None, live=session is None
-            )
-            self._view = SessionView(
-                station, editable=self._corrector is not None, replay=session is not None, on_edit=self._edit
-            )
+        with page(title, "/" if session is None else "/sessions"), Element("div").classes("workspace"):
+            with Element("div").classes("work"):
+                self._banner = Banner()
+                self._line = text("p", "").classes("state-line").props('aria-label="State"')
+                self._start_stop = StartStop(self._controls(), self._ask) if session is None else None
+                self._hints = (
+                    HintBanner(banner_of(None)) if session is None else None
+                )  # moves no button to press
+                self._form = DescriptionForm(
+                    self._description(), self._ask, editable=site.desk is not None, live=session is None
+                )
+                self._view = SessionView(
+                    station,
+                    editable=self._corrector is not None,
+                    replay=session is not None,
+                    on_edit=self._edit,
+                )
             self._program = ProgramTimeline(
                 self._edit_program,
                 self._simulate,
@@ -79,7 +86,8 @@ class SessionPage:
         if self._hints is not None:
             self._hints.show(banner_of(update))
         if self._start_stop is not None:
-            self._start_stop.show(self._controls() | {"t": round(seen.t)})
+            state = {"t": round(seen.t), "seen": seen.state, "said": seen.said}
+            self._start_stop.show(self._controls() | state)
         self._form.show(self._description())
         self._view.follow(update, self._more(update))
         if update is not None:

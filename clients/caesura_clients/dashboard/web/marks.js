@@ -1,11 +1,11 @@
 // What is drawn behind and before the signals, the same in every panel; and the band of kinds and phases above them.
 import { KINDS, kindOfPhase, patternOf, phaseName } from "caesura-dashboard/palette.js";
 
-const FONT = "12px system-ui, sans-serif";
+const FONT = "13px system-ui, sans-serif";
 const TINT = 0.1; // at most, behind a signal
 const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
-export const ROWS = { kinds: [22, 22], phases: [2, 18] }; // of the band: top and height
-export const BAND_HEIGHT = 46;
+export const ROWS = { kinds: [24, 28], phases: [2, 20] }; // of the band: top and height
+export const BAND_HEIGHT = 54;
 
 // The rows of a range of time. end: which cell is the last time of a row; rows are in the order of their times.
 function within(rows, { from, to }, end) {

@@ -1,7 +1,8 @@
 // What a pointer does in the plots: a press sets the time or takes a changepoint along; a drag elsewhere marks the range
-// to zoom to, with shift or a finger it moves the view; two fingers zoom.
+// to zoom to, with shift or a finger it moves the view; two fingers zoom. A right click or a long press corrects there.
 const MOVED = 4; // pixels, from which on a press is a drag
 const ROOM = 30;
+const LONG_MS = 500; // of a press by a finger that opens the menu
 
 export const pointer = {
   methods: {
@@ -13,20 +14,47 @@ export const pointer = {
       if (event.button > 0) return;
       const x = this.offset(event), scale = this.scale();
       this.fingers.set(event.pointerId, x);
+      this.pressLong(event);
       event.currentTarget.setPointerCapture(event.pointerId);
       if (this.fingers.size === 2) return Object.assign(this, { drag: "pinch", ghost: null, marked: null });
-      const times = this.changepoints.map(([t]) => t), found = scale.near(x, times, event.pointerType);
-      this.selected = found < 0 ? null : this.changepoints[found][0];
+      const found = this.changepointAt(x, event.pointerType);
+      this.selected = found.t;
       this.cursor = this.selected ?? this.within(scale.t(x));
       this.pressedAt = x;
-      const takes = this.selected !== null && this.editable && this.room(times, found, scale) > ROOM;
-      this.drag = takes ? "changepoint" : event.shiftKey || event.pointerType === "touch" ? "pan" : "mark";
+      this.drag = found.canMove ? "changepoint" : event.shiftKey || event.pointerType === "touch" ? "pan" : "mark";
+    },
+    changepointAt(x, pointer) { // its time, or null; and whether it can be dragged
+      const times = this.changepoints.map(([t]) => t), scale = this.scale(), i = scale.near(x, times, pointer);
+      return { t: i < 0 ? null : times[i], canMove: i >= 0 && this.editable && this.room(times, i, scale) > ROOM };
+    },
+    pressLong(event) {
+      clearTimeout(this.long);
+      if (event.pointerType !== "touch" || this.fingers.size > 1) return;
+      const y = this.height(event);
+      this.long = setTimeout(() => {
+        Object.assign(this, { drag: null, ghost: null, panned: false });
+        this.openMenu(this.pressedAt, y);
+      }, LONG_MS);
+    },
+    height(event) {
+      return event.clientY - this.$refs.plots.getBoundingClientRect().top;
+    },
+    pointedAt(event) { // a right click; the menu key opens the menu by itself
+      if (!this.editable) return;
+      event.preventDefault();
+      if (event.pointerType !== "mouse" || this.session === "") return;
+      const x = this.offset(event), { t } = this.changepointAt(x, "mouse");
+      this.cursor = t ?? this.within(this.scale().t(x));
+      this.selected = t ?? this.selected;
+      this.openMenu(x, this.height(event));
     },
     dragged(event) {
-      if (!this.drag || !this.fingers.has(event.pointerId)) return;
       const x = this.offset(event), before = this.fingers.get(event.pointerId);
+      if (event.pointerType === "mouse" && !this.drag) this.canTake = this.changepointAt(x, "mouse").canMove;
+      if (!this.drag || before === undefined) return;
       if (this.drag === "pinch") return this.pinched(event.pointerId, x);
       if (Math.abs(x - this.pressedAt) < MOVED && this.ghost === null && this.marked === null && !this.panned) return;
+      clearTimeout(this.long);
       const scale = this.scale();
       if (this.drag === "changepoint") this.ghost = this.within(scale.t(x));
       if (this.drag === "mark") this.marked = [Math.min(x, this.pressedAt), Math.max(x, this.pressedAt)].map((at) => Math.min(Math.max(at, scale.x0), scale.x1));
@@ -46,6 +74,7 @@ export const pointer = {
       if (before > 8 && now > 8) this.zoom(before / now, this.scale().t((x + other) / 2));
     },
     released(event) {
+      clearTimeout(this.long);
       this.fingers.delete(event.pointerId);
       const { drag, ghost, marked } = this, scale = this.scale();
       if (this.fingers.size === 0) Object.assign(this, { drag: null, ghost: null, marked: null, panned: false });

@@ -3,6 +3,7 @@ import AppCard from "caesura-dashboard/program_card.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 
 const AUTHOR = "caesura-author";
+const NEAR = 60; // pixels
 
 export default {
   mixins: [live],
@@ -14,32 +15,30 @@ export default {
   },
   data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "" }),
   template: `
-    <section aria-labelledby="program-title">
+    <div class="program">
+    <section class="program-column" aria-labelledby="program-title">
       <h2 id="program-title">Program <small v-if="program">{{ program.name }} version <span class="version">{{ program.version }}</span>{{
         program.complete ? ", complete" : ", being taught" }}{{ edited }}</small></h2>
       <div v-if="program" class="program-tools">
         <template v-if="editable">
           <label>Program name <input class="program-name" v-model="name" maxlength="120" placeholder="unnamed" autocomplete="off"
             @change="rename"></label>
-          <button class="undo-edit" :disabled="busy || !program.undoable" @click="say({ do: 'undo' })">Undo edit</button>
-          <button class="redo-edit" :disabled="busy || !program.redoable" @click="say({ do: 'redo' })">Redo edit</button>
+          <button v-show="program.undoable" class="undo-edit" :disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
+          <button v-show="program.redoable" class="redo-edit" :disabled="busy" @click="say({ do: 'redo' })">Redo edit</button>
         </template>
         <label v-if="program.grippers.length">Gripper <select class="gripper" v-model="gripper"><option value="">not stated</option>
           <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>
         <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a></span>
         <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
       </div>
-      <ul v-if="program && program.notes.length" class="notes" aria-label="Notes">
-        <li v-for="note in program.notes" :key="note">{{ note }}</li>
-      </ul>
+      <details v-if="program && program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
+        <ul class="notes" aria-label="Notes"><li v-for="note in program.notes" :key="note">{{ note }}</li></ul></details>
       <ul v-if="program && program.findings.length" class="findings" aria-label="Check of the program">
         <li v-for="[severity, reason] in program.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
-      <program-path v-if="program && program.path.length" :rows="program.path" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
-        @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
-      <ol v-if="program && program.apps.length" class="apps" tabindex="0" aria-label="Apps in order">
+      <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
         <app-card v-for="app in program.apps" :key="key(app)" :app="app" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
           :busy="busy" @edit="say"></app-card>
       </ol>
@@ -47,7 +46,10 @@ export default {
       <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
-    </section>`,
+    </section>
+    <program-path v-if="program && program.path.length" :rows="program.path" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
+      @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>
+    </div>`,
   computed: {
     edited() {
       if (!this.program.author) return "";
@@ -64,10 +66,20 @@ export default {
       }
       if (now.name !== held.name || now.session !== held.session) this.name = now.name;
       if (now.session !== held.session) this.message = "";
+      const follows = !now.complete && this.isAtEnd();
       this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
+      if (follows) this.$nextTick(this.goToEnd);
     },
     rows(held, { first, rows }, before) {
       return Object.freeze([...held.filter(({ number }) => number > before && number < first), ...rows.map(Object.freeze)]);
+    },
+    isAtEnd() { // the newest app is in sight: what is taught next comes into sight too
+      const list = this.$refs.apps;
+      return !list || list.scrollHeight - list.clientHeight - list.scrollTop + list.scrollWidth - list.clientWidth - list.scrollLeft < NEAR;
+    },
+    goToEnd() {
+      const list = this.$refs.apps;
+      if (list) list.scrollTo(list.scrollWidth, list.scrollHeight);
     },
     exported(href) {
       return this.gripper && this.program.grippers.length ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;

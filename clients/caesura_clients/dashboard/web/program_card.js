@@ -11,7 +11,7 @@ export default {
       <h3>{{ app.number }} · {{ app.name || app.title }}</h3>
       <p class="when"><template v-if="app.name">{{ app.title }}, </template>{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
       <p v-if="app.note" class="app-said">{{ app.note }}</p>
-      <div v-if="app.drawing" v-html="app.drawing"></div>
+      <div v-if="app.drawing" class="app-way" v-html="app.drawing"></div>
       <dl><div v-for="[name, value] in app.lines" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></div></dl>
       <p v-if="app.limited" class="limited">force limited</p>
       <p class="confidence"><span aria-hidden="true" class="bar"><i :style="{ width: 100 * app.confidence + '%' }"></i></span>

@@ -1,4 +1,4 @@
-// What the session view consists of. Tab goes through it from the top: tools, plot, time, table.
+// What the session view consists of. Tab goes through it from the top: signals, corrections, plot, time, table.
 const legend = `
   <ul class="legend" aria-label="Legend">
     <li v-for="(look, name) in kinds" :key="name"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</li>
@@ -6,24 +6,26 @@ const legend = `
     <li><i class="stroke stroke-provisional"></i>provisional</li>
   </ul>`;
 
-const tools = `
-  <fieldset v-if="editable" class="tools">
-    <legend>Correct</legend>
-    <label>Your name <input ref="author" class="author" v-model="author" maxlength="64" autocomplete="name"></label>
-    <label>Time [s] <input class="time" type="number" step="0.1" min="0" v-model.number="cursor"></label>
-    <button class="insert" :disabled="!ready || cursor === null" @click="insert">Insert</button>
-    <button class="remove" :disabled="!ready || selected === null" @click="remove">Remove</button>
-    <button class="move" :disabled="!ready || selected === null || selected === cursor" @click="move">Move here</button>
-    <span class="group"><label>Kind <select ref="kind" class="kind" v-model="kind">
-      <option v-for="(look, name) in kinds" :key="name" :value="name">{{ name }}</option></select></label>
-    <button class="relabel" :disabled="!ready || !segmentAtCursor" @click="relabel">Relabel</button></span>
-    <span class="group"><label>Limit [N] <input class="newton" type="number" min="0" step="1" v-model.number="newton"></label>
-    <button class="limit" :disabled="!ready || cursor === null" @click="limit(newton)">Limit force</button>
-    <button class="unlimit" :disabled="!ready || cursor === null" @click="limit(null)">No limit</button></span>
-    <span class="group"><button class="undo" :disabled="!ready || !undoable" @click="undo">Undo</button>
-    <button class="redo" :disabled="!ready || !redoable" @click="redo">Redo</button></span>
-  </fieldset>
-  <p v-else-if="!linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
+const correcting = `
+  <div v-if="!linked" class="at-time">
+    <p class="selection" role="status">{{ selection }}</p>
+    <template v-if="editable">
+      <button v-if="cursor !== null" class="correct" title="What can be corrected at this time (R, or a right click)" @click="openMenu()">Correct …</button>
+      <button v-if="undoable" class="undo" title="Take the last correction back (Ctrl Z)" @click="undo">Undo</button>
+      <button v-if="redoable" class="redo" title="Make it once more (Ctrl Y)" @click="redo">Redo</button>
+    </template>
+    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ message }}<span v-if="doubt" class="doubt"> {{ doubt }}</span></p>
+  </div>
+  <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
+
+const floating = `
+  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :selected="selected" :segment="segmentAtCursor" :kinds="kinds" :author="author"
+    @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="(at) => goto(at)"></correct-menu>
+  <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="asked = null">
+    <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
+    <button class="save-name">{{ asked.do ? "Correct" : "Save" }}</button><button type="button" @click="asked = null">Cancel</button>
+    <p>It stands at each of your corrections. This browser keeps it.</p>
+  </form>`;
 
 const signals = `
   <div class="signals" role="group" aria-label="Signals"><span>Signals</span>
@@ -58,25 +60,29 @@ const table = `
 
 export const template = `
   <section class="session-view" aria-label="Signals and segments">
-    ${tools}
-    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ message }}</p>
-    ${legend}
     ${signals}
+    ${correcting}
     <p v-if="trouble" class="trouble" role="status">{{ trouble }}</p>
-    <div ref="plots" class="plots" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
+    <div class="plots-frame">
+    <div ref="plots" class="plots" :class="{ takes: canTake }" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
       :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"
-      @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key">
+      @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key"
+      @contextmenu="pointedAt">
       <canvas ref="band" class="band"></canvas>
       <div ref="panels" class="panels"></div>
       <div v-show="columns !== null" class="panel run-lengths-panel"><p class="panel-title"><strong>run length [s]</strong></p>
         <canvas ref="lengths" class="lengths"></canvas></div>
       <i v-if="marked" class="marked" :style="markedStyle"></i>
     </div>
-    <p class="selection" role="status">{{ selection }}</p>
+    ${floating}
+    </div>
     ${time}
-    <p v-if="!linked" id="plot-help" class="help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
-      Enter inserts, Delete removes, M moves the selected one to the time, R relabels, Ctrl Z and Ctrl Y undo and redo,
-      L follows. + and − zoom, comma and full stop go back and forth, 0 shows everything. The wheel zooms; a drag marks
-      the range to zoom to, with ⇧ it moves the view.</p>
+    ${legend}
+    <details v-if="!linked" class="help"><summary>Keys and pointer</summary>
+    <p id="plot-help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
+      Enter inserts, Delete removes, M moves the selected one to the time, R or a right click shows what can be corrected there,
+      Ctrl Z and Ctrl Y undo and redo, L follows. + and − zoom, comma and full stop go back and forth, 0 shows everything. The
+      wheel zooms; a drag marks the range to zoom to, with ⇧ it moves the view, and from a changepoint it moves that. A finger
+      moves the view, and a long press corrects.</p></details>
     ${table}
   </section>`;

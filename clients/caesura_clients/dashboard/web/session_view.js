@@ -1,5 +1,6 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import CorrectMenu from "caesura-dashboard/correct_menu.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
@@ -16,6 +17,7 @@ import { view } from "caesura-dashboard/view.js";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const PLAY_S = 0.1, LISTED = 30;
+const SURE = 2; // standard deviations of a load that is there
 
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
@@ -31,6 +33,7 @@ const chosen = () => {
 
 export default {
   mixins: [live, keyboard, view, pair, pointer],
+  components: { CorrectMenu },
   props: { station: String, editable: Boolean, replay: Boolean },
   emits: ["edit", "run-lengths"],
   template,
@@ -38,7 +41,8 @@ export default {
     return {
       ...empty(),
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
-      author: localStorage.getItem(AUTHOR) || "", kind: "contact", newton: 10, busy: false, message: "", failed: false,
+      author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false,
+      menu: null, canTake: false, relabelled: null,
       kinds: KINDS, chosen: chosen(), trouble: "",
     };
   },
@@ -100,20 +104,23 @@ export default {
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
         `${percent(point[1])}` : "no changepoint selected";
-      return this.cursor === null ? "Nothing selected. Click into the plot, or use the arrow keys in it."
+      return this.cursor === null ? `Click a time in the plot${this.editable ? ", or right-click it to correct" : ", or use the arrow keys in it"}.`
         : `Time ${this.cursor.toFixed(2)} s: ${inside}${within}; ${where}.`;
     },
     newestFirst() {
       return this.segments.slice(-LISTED).reverse();
     },
-    ready() {
-      return this.editable && this.session !== "" && this.author.trim() !== "" && !this.busy;
+    doubt() { // a transport without a load
+      const t = this.relabelled;
+      const one = t === null ? undefined : this.segments.find(([t0, tn]) => t0 <= t && t <= tn);
+      if (!one || one[2] !== "transport" || one[8] === null || Math.abs(one[8]) > SURE * (one[9] ?? 0)) return "";
+      return `Its load is ${(1000 * one[8]).toFixed(0)} ± ${(1000 * (one[9] ?? 0)).toFixed(0)} g: is something carried there? Undo takes it back.`;
     },
   },
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
+      if (payload.reset) Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
       for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
@@ -252,15 +259,39 @@ export default {
 
     // --- corrections ---
     edit(action) {
-      if (!this.editable || this.session === "") return;
-      if (!this.author.trim()) {
-        this.answered("Say who you are first: corrections carry a name.", true);
-        this.$refs.author.focus();
-        return;
-      }
-      if (this.busy) return;
-      Object.assign(this, { busy: true, message: "", failed: false });
+      if (!this.editable || this.session === "" || this.busy) return;
+      if (!this.author.trim()) return this.askName(action);
+      Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
+    },
+    askName(action) { // of who corrects, at the first correction; then it is made
+      Object.assign(this, { asked: action, draft: this.author });
+      this.$nextTick(() => this.$refs.author.focus());
+    },
+    name() {
+      const action = this.asked;
+      if (!this.draft.trim()) return;
+      Object.assign(this, { author: this.draft.trim(), asked: null });
+      if (action.do) this.edit(action);
+      this.$refs.plots.focus({ preventScroll: true });
+    },
+    rename() {
+      this.menu = null;
+      this.askName({});
+    },
+    openMenu(x = null, y = BAND_HEIGHT) {
+      if (!this.editable || this.session === "") return;
+      this.cursor ??= this.within((this.view()[0] + this.shownEnd) / 2);
+      this.reveal(this.cursor);
+      this.menu = { x: x ?? this.scale().x(this.cursor), y, width: this.$refs.plots.clientWidth };
+    },
+    closeMenu() {
+      this.menu = null;
+      this.$refs.plots.focus({ preventScroll: true });
+    },
+    chosenInMenu(action) {
+      this.closeMenu();
+      this.edit(action);
     },
     insert() {
       if (this.cursor !== null) this.edit({ do: "insert", t: this.cursor });
@@ -270,12 +301,6 @@ export default {
     },
     move() {
       if (this.selected !== null && this.cursor !== null) this.edit({ do: "move", t: this.selected, to: this.cursor });
-    },
-    relabel() {
-      if (this.cursor !== null) this.edit({ do: "relabel", t: this.cursor, kind: this.kind });
-    },
-    limit(newton) {
-      if (this.cursor !== null) this.edit({ do: "limit_force", t: this.cursor, newton });
     },
     undo() {
       if (this.undoable) this.edit({ do: "undo" });

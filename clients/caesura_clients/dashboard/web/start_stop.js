@@ -9,12 +9,12 @@ export default {
   mixins: [live],
   emits: ["ask"],
   data: () => ({
-    station: "", state: "", session: "", canStart: false, canStop: false, why: "", outcome: "", tasks: [], t: 0,
+    station: "", state: "", session: "", canStart: false, canStop: false, seen: "", said: "", why: "", outcome: "", tasks: [], t: 0,
     task: "", operator: localStorage.getItem(OPERATOR) || "", typed: false, busy: "", message: "", failed: false,
   }),
   template: `
-    <section class="desk" :class="'desk-' + (state || 'none')" aria-label="Start and stop">
-      <div class="desk-words"><p v-if="state" class="desk-state" role="status">{{ words }}</p>
+    <section class="desk" :class="'desk-' + shown" aria-label="Start and stop">
+      <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
         <p id="desk-why" class="desk-why" role="status" :class="{ failed }">{{ message || why || outcome }}</p></div>
       <form v-if="state" @submit.prevent="start">
         <label>Task <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
@@ -27,8 +27,11 @@ export default {
     </section>`,
   computed: {
     words() {
-      const word = WORDS[this.state];
-      return this.state === "teaching" ? `${word} ${this.t} s` : word;
+      const word = this.seen === "stale" ? "Stale" : WORDS[this.state] || this.said.charAt(0).toUpperCase() + this.said.slice(1);
+      return this.shown === "teaching" ? `${word} ${this.t} s` : word;
+    },
+    shown() {
+      return this.seen === "stale" ? "stale" : this.state || this.seen;
     },
   },
   watch: {
@@ -40,7 +43,7 @@ export default {
   methods: {
     apply(payload) {
       if (payload.session !== this.session || payload.state !== this.state) this.message = "";
-      for (const name of ["station", "state", "session", "canStart", "canStop", "why", "outcome", "tasks", "t"]) {
+      for (const name of ["station", "state", "session", "canStart", "canStop", "why", "outcome", "tasks", "t", "seen", "said"]) {
         if (name in payload) this[name] = payload[name];
       }
       if (!this.typed && payload.task) this.task = payload.task; // what was taught last, as a suggestion

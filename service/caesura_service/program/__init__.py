@@ -5,15 +5,15 @@ from caesura_service.program.builder import task_program
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.paths import Paths
-from caesura_service.program.segment_interpretation import (
+from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
     GripperAction,
     Moment,
     MomentAt,
     ProgramSegment,
     holds,
-    may_end_movement,
 )
+from caesura_service.program.strokes import may_end_movement
 
 __all__ = [
     "GRIP_SLACK_S",

@@ -27,21 +27,17 @@ from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vec
 from caesura_protocol.screw_motion import exerted
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
-from caesura_service.program.segment_interpretation import (
-    ARRIVES_M,
+from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
-    INSERTED_M,
     GripperAction,
     Moment,
     MomentAt,
     ProgramSegment,
-    kept_steps,
     length,
     observed,
-    pushes_back,
-    rest_force_n,
-    stroke_force,
 )
+from caesura_service.program.segment_interpretation import ARRIVES_M, kept_steps, pushes_back
+from caesura_service.program.strokes import INSERTED_M, rest_force_n, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still

@@ -1,0 +1,138 @@
+"""One segment as the program sees it, and what it is compared with: moments of the robot, gripper actions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
+
+OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
+ROUNDED_S = 1e-6
+PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
+ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
+GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The robot at one time, base frame."""
+
+    position: Vector  # [m]
+    orientation: Quaternion | None  # x y z w
+    joints: Joints | None  # [rad]
+    gripper_width: float | None  # [m]
+    force: Vector | None = None  # [N] on the robot
+
+
+MomentAt = Callable[[float], Moment]
+
+
+@dataclass(frozen=True)
+class GripperAction:
+    """A gripper event."""
+
+    t: float  # [s]
+    kind: Literal["grasp", "release", "open", "close"]
+    width: float | None  # [m] where the fingers settled
+
+    def is_near(self, t0: float, tn: float) -> bool:
+        """Does it belong to a contact between two times [s]?"""
+        return t0 - GRIP_SLACK_S <= self.t <= tn + GRIP_SLACK_S
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramSegment:
+    """A segment as the program sees it.
+
+    base: of a contact, the force [N] before anything was touched; rests_before, rests_after: of a stroke, as
+    parts of it; approach: what it is the end of, as a part of it: movements into a contact, a stroke.
+    """
+
+    index: int
+    segment: Segment
+    confidence: float
+    base: Vector = (0.0, 0.0, 0.0)
+    rests_before: tuple[ProgramSegment, ...] = ()
+    rests_after: tuple[ProgramSegment, ...] = ()
+    approach: tuple[ProgramSegment, ...] = ()
+
+    @property
+    def parts(self) -> tuple[ProgramSegment, ...]:
+        """It, what it is the end of, and the rests at its ends, in time order."""
+        return (*self.rests_before, *self.approach, self, *self.rests_after)
+
+    @property
+    def t0(self) -> float:
+        """When it begins with its rests [s]."""
+        return self.parts[0].segment.t0
+
+    @property
+    def tn(self) -> float:
+        """When it ends with its rests [s]."""
+        return self.parts[-1].segment.tn
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts [s]."""
+        return self.segment.tn - self.segment.t0
+
+    def lasts(self, least_s: float) -> bool:
+        """Does it last for so long [s]? Three observations are 0.3 s, whatever their times are rounded to."""
+        return self.seconds >= least_s - ROUNDED_S
+
+    @property
+    def touches(self) -> bool:
+        """Is it in contact?"""
+        return self.segment.contact == "contact"
+
+    @property
+    def force(self) -> Vector:
+        """[N] that the contact adds to what was there before it."""
+        (x, y, z), (a, b, c) = self.segment.force, self.base
+        return x - a, y - b, z - c
+
+    @property
+    def moved(self) -> NDArray[np.float64]:
+        """(3,) [m] from its beginning to its end."""
+        return np.subtract(self.segment.position_end, self.segment.position_start)
+
+    @property
+    def pushed_in(self) -> float:
+        """[m] by which it goes against the force that acts on the robot."""
+        return -float(self.moved @ direction(self.force))
+
+    @property
+    def gives_way(self) -> bool:
+        """Does what is touched move with the force, as a pump does, rather than the hand along a surface?"""
+        along = direction(self.force)
+        across = length(self.moved - along * float(along @ self.moved))
+        return across < max(ACROSS_M, ACROSS_SHARE * abs(self.pushed_in))
+
+
+def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
+    """Whether the fingers hold something in the middle of it; None where they have not said anything."""
+    middle = 0.5 * (step.segment.t0 + step.segment.tn)
+    last = max((grip for grip in grips if grip.t <= middle), key=lambda grip: grip.t, default=None)
+    return None if last is None else last.kind == "grasp"
+
+
+def observed(begin: float, end: float) -> list[float]:
+    """[s] Every observation between two boundaries, one at least."""
+    count = max(round((end - begin) / OBSERVED_S), 1)
+    return [begin + TOUCHED_S + k * OBSERVED_S for k in range(count)]
+
+
+def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
+    """Of a vector, in its unit."""
+    return math.hypot(*vector)
+
+
+def direction(vector: Vector) -> NDArray[np.float64]:
+    """(3,) Of length 1; 0 of a vector without a length."""
+    return np.asarray(vector) / max(length(vector), 1e-12)

@@ -1,0 +1,259 @@
+"""What belongs to a stroke, and how hard it is pressed.
+
+- A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
+  lasts for half a second.
+- A short slide or a tilt beside a stroke is an end of it.
+- The last centimetres before a contact are an end of the movement into it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Segment, Vector
+from caesura_protocol.rotations import matrix_of
+from caesura_service.program.program_segment import (
+    PUSHES_BACK_N,
+    ROUNDED_S,
+    GripperAction,
+    Moment,
+    MomentAt,
+    ProgramSegment,
+    length,
+    observed,
+)
+
+DECAY_REACH_M = 0.02  # a movement shorter than this beside a contact may belong to it
+APPROACH_REST_S = 0.3  # a movement that stands for less before its last centimetres goes on
+INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
+SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
+PRESS_LOOKS = 100  # observations of a press that are looked at
+PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
+LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
+TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
+STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
+OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
+
+
+def with_approaches(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
+    """The same steps; the last centimetres before a contact are part of the movement that they go on from."""
+    joined: list[ProgramSegment] = []
+    for place, step in enumerate(steps):
+        touched = place + 1 < len(steps) and steps[place + 1].touches
+        last = joined[-1] if joined else None
+        if last is None or not touched or not _ends(last, step) or _fingers_move(last.tn, step, grips):
+            joined.append(step)
+            continue
+        whole = {"t0": last.segment.t0, "position_start": last.segment.position_start}
+        joined[-1] = replace(step, approach=(*last.parts,), segment=step.segment.model_copy(update=whole))
+    return joined
+
+
+def with_ends(
+    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
+) -> list[ProgramSegment]:
+    """The same steps; short slides and tilts beside a stroke are ends of it, with one path.
+
+    Whether such an end is divided from its stroke is a close decision: a person and a robot differ in it.
+    """
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        ends = _is_end(step, grips, moment_at)
+        rests = _length_of(joined, lambda one: _rests(one, grips))
+        lead = _length_of(joined, lambda one: _rests(one, grips) or _is_end(one, grips, moment_at))
+        before = joined[-rests - 1] if rests < len(joined) else None
+        parts: list[ProgramSegment] = []
+        if (
+            ends
+            and before is not None
+            and _has_ends(before, moment_at)
+            and not _is_end(before, grips, moment_at)
+        ):
+            parts = [*joined[len(joined) - rests - 1 :], step]
+        elif not ends and _has_ends(step, moment_at):
+            parts = [*dropwhile(lambda one: _rests(one, grips), joined[len(joined) - lead :]), step]
+        if len(parts) > 1 and all(_stays(one, other) for one, other in pairwise(parts)):
+            joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
+        else:
+            joined.append(step)
+    return joined
+
+
+def with_rests(
+    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
+) -> list[ProgramSegment]:
+    """The same steps, each stroke with the rests at its ends; those between two strokes end the first."""
+    joined: list[ProgramSegment] = []
+    begins: tuple[ProgramSegment, ...] = ()
+    runs = [(rests, tuple(run)) for rests, run in groupby(steps, key=lambda step: _rests(step, grips))]
+    for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
+        last = joined[-1] if joined else None
+        pressed = last is not None and last.touches and not _is_stroke(last)
+        if rests and last is not None and _goes_on(last, run[0]) and _belong(run, last, moment_at):
+            joined[-1] = replace(last, rests_after=run)
+        elif rests and _leads_to(run, following, moment_at) and not pressed:
+            begins = run
+        else:
+            joined += (replace(run[0], rests_before=begins), *run[1:])
+            begins = ()
+    return joined
+
+
+def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
+    """[N] median with which a stroke is pressed; None where nothing pushes back.
+
+    Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
+    axes, because a force turns with the tool along a surface.
+    """
+    turn, force = _in_tool([stroke], moment_at, PRESS_SHARE)
+    return None if force is None else tuple((turn @ force).tolist())
+
+
+def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
+    """[N] median with which rests are pressed; None for less than `STROKE_REST_S`, in which the force rises.
+
+    It is one median over all of them, so it is the same however they are divided.
+    """
+    if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
+        return None
+    _, force = _in_tool(rests, moment_at)
+    return None if force is None else length(force)
+
+
+def may_end_movement(step: ProgramSegment) -> bool:
+    """Is a movement so short that it is the end of the one before it, where a contact follows?"""
+    return length(step.moved) < DECAY_REACH_M
+
+
+def _in_tool(
+    steps: Sequence[ProgramSegment], moment_at: MomentAt, share: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """The tool's axes (3, 3) halfway, and the median force (3,) [N] in them while something pushes back.
+
+    share: of the force that a tenth of the time exceeds; what is pressed softer is left out.
+    """
+    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
+    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
+    most_n = float(np.quantile([length(force) for _, force in known], 0.9)) if known else 0.0
+    least_n = max(share * most_n, PUSHES_BACK_N)
+    pressed = [(_axes(moment), force) for moment, force in known if length(force) >= least_n]
+    if not pressed:
+        return np.eye(3), None
+    return pressed[len(pressed) // 2][0], np.median([force @ turn for turn, force in pressed], axis=0)
+
+
+def _looks(segment: Segment) -> list[float]:
+    """[s] Observations of a segment, of more than `PRESS_LOOKS` evenly some."""
+    times = observed(segment.t0, segment.tn)
+    return times[:: -(-len(times) // PRESS_LOOKS)]
+
+
+def _axes(moment: Moment) -> NDArray[np.float64]:
+    """(3, 3) The tool's axes in the base frame; those of the base where they are not known."""
+    return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
+
+
+def _ends(movement: ProgramSegment, step: ProgramSegment) -> bool:
+    """Is a step the last of a movement: short, of the same kind, and without a rest between the two?"""
+    one, other = movement.segment, step.segment
+    same = other.kind in ("motion", "transport") and one.kind == other.kind and one.contact == other.contact
+    at_once = other.t0 - one.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
+    return same and at_once and not other.corrected and may_end_movement(step)
+
+
+def _fingers_move(since: float, step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
+    return any(grip.is_near(since, step.segment.t0) for grip in grips)
+
+
+def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
+    """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
+    segment = step.segment
+    pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
+    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
+    stands = segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
+    if segment.corrected or not (segment.kind == "contact" or pushes or stands):
+        return False
+    return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
+
+
+def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is a step a stroke, and are rests beside it pressed to the same side of the tool?"""
+    if not _is_stroke(stroke):
+        return False
+    (_, here), (_, there) = _in_tool(rests, moment_at), _in_tool([stroke], moment_at)
+    return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
+
+
+def _leads_to(
+    rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment], moment_at: MomentAt
+) -> bool:
+    """Are rests part of the stroke that follows, if one does?"""
+    return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
+
+
+def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegment], bool]) -> int:
+    """How many of the last steps belong to something."""
+    return len(list(takewhile(belongs, reversed(steps))))
+
+
+def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
+    """A stroke and its ends as one way in contact; rests between them are part of it."""
+    first, last = parts[0], parts[-1]
+    whole = {
+        "kind": "turning",
+        "turn": None,
+        "screw": None,
+        "t0": first.segment.t0,
+        "position_start": first.segment.position_start,
+    }
+    before = tuple(one for part in parts[:-1] for one in part.parts)
+    return replace(last, segment=last.segment.model_copy(update=whole), approach=(*before, *last.approach))
+
+
+def _is_end(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt) -> bool:
+    """Is it a tilt in contact, or a slide so short that it is the end of a stroke?"""
+    segment = step.segment
+    if segment.corrected or any(grip.is_near(segment.t0, segment.tn) for grip in grips):
+        return False
+    slides = segment.kind == "sliding" and not _rests(step, grips) and abs(step.pushed_in) < INSERTED_M
+    return (slides and length(step.moved) < DECAY_REACH_M) or _is_tilt(step, moment_at)
+
+
+def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is it a stroke other than a screw that is driven?"""
+    segment = step.segment
+    driven = segment.kind == "turning" and segment.turn is not None and not _is_tilt(step, moment_at)
+    return _is_stroke(step) and not segment.corrected and not driven
+
+
+def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
+    """Does the tool stay in contact from one step to the next? What is left out between them is short."""
+    return _goes_on(one, following) or following.segment.t0 - one.segment.tn < APPROACH_REST_S - ROUNDED_S
+
+
+def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Does it turn in contact about an axis across the tool? A screw is driven about the tool."""
+    segment, orientation = step.segment, moment_at(step.segment.tn).orientation
+    if segment.kind != "turning" or not step.touches or segment.corrected:
+        return False
+    if segment.turn is None or orientation is None:
+        return False
+    return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
+
+
+def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
+    """Does a step begin where another one ends? What is left out between them may lead elsewhere."""
+    apart = np.subtract(following.segment.position_start, one.segment.position_end)
+    return following.parts[0].index == one.parts[-1].index + 1 or length(apart) < OUT_M
+
+
+def _is_stroke(step: ProgramSegment) -> bool:
+    """Does it move along a surface, or turn in contact? What gives way is pressed in."""
+    segment = step.segment
+    moves = step.touches and segment.motion == "motion"
+    return moves and (segment.kind == "turning" or not step.gives_way)

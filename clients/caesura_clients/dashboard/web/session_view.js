@@ -17,6 +17,10 @@ import { view } from "caesura-dashboard/view.js";
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
 const PLAY_S = 0.1, LISTED = 30;
+// What a hint says where a finger points, and where a mouse does.
+const POINTING = matchMedia("(pointer: coarse)").matches
+  ? { choose: "Tap", correct: "hold your finger there to correct it", move: "drag it to see another time" }
+  : { choose: "Click", correct: "right-click it to correct", move: "use the arrow keys in it" };
 const SURE = 2; // standard deviations of a load that is there
 
 const empty = () => ({
@@ -104,7 +108,7 @@ export default {
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
         `${percent(point[1])}` : "no changepoint selected";
-      return this.cursor === null ? `Click a time in the plot${this.editable ? ", or right-click it to correct" : ", or use the arrow keys in it"}.`
+      return this.cursor === null ? `${POINTING.choose} a time in the plot, or ${this.editable ? POINTING.correct : POINTING.move}.`
         : `Time ${this.cursor.toFixed(2)} s: ${inside}${within}; ${where}.`;
     },
     newestFirst() {

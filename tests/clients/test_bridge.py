@@ -248,6 +248,24 @@ def test_an_end_that_the_service_refuses_for_good_says_why(memory):
             bridge.finish()
 
 
+class Forbidding(FakeService):
+    """Has every batch, and refuses to end the session."""
+
+    def _close(self, station, close):
+        return ProtocolError("forbidden", "this operator may not close", value=station)
+
+
+def test_a_refused_end_says_why_though_the_service_has_everything(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with Forbidding(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        with pytest.raises(ProtocolError, match="this operator may not close"):
+            bridge.finish()
+
+
 def test_a_close_waits_until_the_service_has_everything(memory):
     with FakeService(memory.transport()) as service, ExitStack() as stack:
         bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))

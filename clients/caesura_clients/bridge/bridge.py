@@ -268,9 +268,10 @@ class Bridge:
     def _try_to_close(self, close: Close) -> tuple[Ack | None, ProtocolError | None, bool]:
         """Send the close once; reopen the session at a service that lost it or lacks batches.
 
-        Returns no refusal where the service lacks batches, because a later close may be accepted. The last
+        Returns no refusal where the service lacked batches, because a later close may be accepted. The last
         value states whether a service has the session now: only then can batches be sent.
         """
+        had_all = self.acknowledged > close.last_seq
         try:
             ack = self._control.ask(close)
         except ProtocolError as refusal:
@@ -280,7 +281,7 @@ class Bridge:
                 is_open = self._ask_to_open()
             except ProtocolError:  # the first refusal says more
                 return None, refusal, False
-            is_final = is_open and self.acknowledged > close.last_seq + 1
+            is_final = is_open and had_all and self.acknowledged > close.last_seq
             return None, refusal if is_final else None, is_open
         if ack is not None:
             self.acknowledged = ack.next_seq

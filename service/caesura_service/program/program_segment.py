@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
+from caesura_service.constants import TARED_BIAS_N
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
 ROUNDED_S = 1e-6
+UNLIKE_N = 2.0 * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it

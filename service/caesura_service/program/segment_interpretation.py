@@ -26,9 +26,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_service.constants import GRAVITY, TARED_BIAS_N
+from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
+    UNLIKE_N,
     GripperAction,
     MomentAt,
     ProgramSegment,
@@ -53,7 +54,6 @@ SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
-UNLIKE_N = SURE_SDS * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 SHUT_M = 0.003  # between fingers that hold nothing
 KINDS = {
     ("motion", "free"): "motion",

@@ -1,14 +1,14 @@
 """What belongs to a stroke, and how hard it is pressed.
 
 - A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
-  lasts for half a second.
-- A short slide or a tilt beside a stroke is an end of it.
+  lasts for half a second. What is pressed otherwise before or after that rest is a press of its own.
+- A short slide or a tilt beside a stroke is an end of it, where it is pressed as the stroke is.
 - The last centimetres before a contact are an end of the movement into it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
 
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
 from caesura_protocol.rotations import matrix_of
+from caesura_protocol.screw_motion import exerted, stop_torque_nm
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
+    UNLIKE_N,
     GripperAction,
     Moment,
     MomentAt,
@@ -77,7 +79,8 @@ def with_ends(
             parts = [*joined[len(joined) - rests - 1 :], step]
         elif not ends and _has_ends(step, moment_at):
             parts = [*dropwhile(lambda one: _rests(one, grips), joined[len(joined) - lead :]), step]
-        if len(parts) > 1 and all(_stays(one, other) for one, other in pairwise(parts)):
+        stroke = step if parts and not ends else before
+        if len(parts) > 1 and stroke is not None and _are_one(parts, stroke, moment_at):
             joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
         else:
             joined.append(step)
@@ -90,11 +93,16 @@ def with_rests(
     """The same steps, each stroke with the rests at its ends; those between two strokes end the first."""
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
-    runs = [(rests, tuple(run)) for rests, run in groupby(steps, key=lambda step: _rests(step, grips))]
+    runs = [
+        (rests, level)
+        for rests, run in groupby(steps, key=lambda step: _rests(step, grips))
+        for level in (_levels(run, moment_at) if rests else [tuple(run)])
+    ]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
         pressed = last is not None and last.touches and not _is_stroke(last)
-        if rests and last is not None and _goes_on(last, run[0]) and _belong(run, last, moment_at):
+        ends = last is not None and not last.rests_after and _goes_on(last, run[0])
+        if rests and last is not None and ends and _belong(run, last, moment_at):
             joined[-1] = replace(last, rests_after=run)
         elif rests and _leads_to(run, following, moment_at) and not pressed:
             begins = run
@@ -121,7 +129,7 @@ def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float 
     """
     if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
         return None
-    _, force = _in_tool(rests, moment_at)
+    _, force = _in_tool(rests, moment_at, least_n=0.0)
     return None if force is None else length(force)
 
 
@@ -131,16 +139,21 @@ def may_end_movement(step: ProgramSegment) -> bool:
 
 
 def _in_tool(
-    steps: Sequence[ProgramSegment], moment_at: MomentAt, share: float = 0.0
+    steps: Sequence[ProgramSegment],
+    moment_at: MomentAt,
+    share: float = 0.0,
+    *,
+    least_n: float = PUSHES_BACK_N,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """The tool's axes (3, 3) halfway, and the median force (3,) [N] in them while something pushes back.
+    """The tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None where none is known.
 
-    share: of the force that a tenth of the time exceeds; what is pressed softer is left out.
+    What is pressed softer than `least_n` [N], or than a share of the force that a tenth of the time exceeds,
+    is left out.
     """
     seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
     known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
     most_n = float(np.quantile([length(force) for _, force in known], 0.9)) if known else 0.0
-    least_n = max(share * most_n, PUSHES_BACK_N)
+    least_n = max(share * most_n, least_n)
     pressed = [(_axes(moment), force) for moment, force in known if length(force) >= least_n]
     if not pressed:
         return np.eye(3), None
@@ -163,7 +176,8 @@ def _ends(movement: ProgramSegment, step: ProgramSegment) -> bool:
     one, other = movement.segment, step.segment
     same = other.kind in ("motion", "transport") and one.kind == other.kind and one.contact == other.contact
     at_once = other.t0 - one.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
-    return same and at_once and not other.corrected and may_end_movement(step)
+    said = one.corrected or other.corrected
+    return same and at_once and not said and may_end_movement(step)
 
 
 def _fingers_move(since: float, step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
@@ -185,8 +199,7 @@ def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: 
     """Is a step a stroke, and are rests beside it pressed to the same side of the tool?"""
     if not _is_stroke(stroke):
         return False
-    (_, here), (_, there) = _in_tool(rests, moment_at), _in_tool([stroke], moment_at)
-    return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
+    return _same_side(_in_tool(rests, moment_at)[1], _in_tool([stroke], moment_at)[1])
 
 
 def _leads_to(
@@ -199,6 +212,42 @@ def _leads_to(
 def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegment], bool]) -> int:
     """How many of the last steps belong to something."""
     return len(list(takewhile(belongs, reversed(steps))))
+
+
+def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
+    """Rests in a row, divided where one that lasts is pressed otherwise than what lasts before it."""
+    levels: list[tuple[ProgramSegment, ...]] = []
+    for rest in run:
+        here, there = rest_force_n([rest], moment_at), rest_force_n(levels[-1] if levels else (), moment_at)
+        if levels and (here is None or there is None or abs(here - there) < UNLIKE_N):
+            levels[-1] += (rest,)
+        else:
+            levels.append((rest,))
+    return levels
+
+
+def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Does the tool stay in contact over all parts, each pressed as the stroke among them is?"""
+    others = [part for part in parts if part is not stroke]
+    stay = all(_stays(one, other) for one, other in pairwise(parts))
+    return stay and all(_pressed_as(part, stroke, moment_at) for part in others)
+
+
+def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is it pressed to the same side of the tool and, unless it is a short rest, about as hard?"""
+    (_, here), (_, there) = _in_tool([part], moment_at), _in_tool([stroke], moment_at, PRESS_SHARE)
+    rest_n = rest_force_n([part], moment_at)
+    rests = part.segment.motion == "steady"
+    if rests and rest_n is not None:
+        near = there is None or abs(rest_n - length(there)) < UNLIKE_N
+    else:
+        near = rests or here is None or there is None or abs(length(here) - length(there)) < UNLIKE_N
+    return near and _same_side(here, there)
+
+
+def _same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:
+    """Do two forces in the tool's axes press to the same side, as far as they are known?"""
+    return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
 
 
 def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
@@ -237,13 +286,18 @@ def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
 
 
 def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does it turn in contact about an axis across the tool? A screw is driven about the tool."""
+    """Does it turn in contact about an axis across the tool, as no screw and no lever does?"""
     segment, orientation = step.segment, moment_at(step.segment.tn).orientation
     if segment.kind != "turning" or not step.touches or segment.corrected:
         return False
-    if segment.turn is None or orientation is None:
+    if segment.turn is None or orientation is None or _is_resisted(segment):
         return False
     return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
+
+
+def _is_resisted(segment: Segment) -> bool:
+    """Does a turn end at a torque?"""
+    return segment.screw is not None and stop_torque_nm(exerted(segment.screw)) is not None
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:

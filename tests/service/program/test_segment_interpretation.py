@@ -138,9 +138,64 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, re
     )
     assert [(app.kind, app.segments) for app in made] == [
         ("move_to_contact", (0,)),
-        ("apply_force", (1, 2, 3, 4)),
+        ("apply_force", (1, 2, 3)),
+        ("apply_force", (4,)),
     ]
-    assert forces_of(made[1]) == pytest.approx([6.0, 13.0, 13.0])
+    assert forces_of(made[1]) == pytest.approx([6.0, 13.0, 6.0])
+    assert forces_of(made[2]) == pytest.approx([13.0])
+
+
+TO_TABLE, TO_WALL = (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("after", "expected"),
+    [
+        pytest.param([("contact", 3.0, 2.0, TO_TABLE)], [[15.0, 2.0]], id="a rest that is hardly pressed"),
+        pytest.param(
+            [("contact", 1.0, 40.0, TO_TABLE), ("contact", 1.5, 8.0, TO_TABLE)],
+            [[15.0, 40.0], [8.0]],
+            id="a hard press, then a soft one",
+        ),
+        pytest.param(
+            [("contact", 3.0, 25.0, TO_TABLE), ("sliding", 0.6, 15.0, TO_TABLE)],
+            [[15.0, 25.0], [15.0]],
+            id="a hard press before a short slide",
+        ),
+        pytest.param([("sliding", 2.0, 25.0, TO_WALL)], [[15.0], [25.0]], id="a short slide along a wall"),
+        pytest.param(
+            [("contact", 3.0, 25.0, TO_WALL), ("sliding", 0.6, 15.0, TO_TABLE)],
+            [[15.0], [25.0], [15.0]],
+            id="a press against a wall, and a short slide",
+        ),
+        pytest.param([("sliding", 0.6, 15.0, TO_TABLE)], [[15.0]], id="a short slide that goes on"),
+    ],
+)
+def test_no_force_beside_a_stroke_is_lost_or_spread_over_it(
+    after: list[tuple[str, float, float, tuple[float, float, float]]], expected: list[list[float]]
+) -> None:
+    """After a stroke of 15 N."""
+    t, end, pressed = 4.0, (0.1, 0.0, 0.2), [(2.0, 15.0, TO_TABLE)]
+    made = [segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **ACROSS, force_held=(0.0, 0.0, 15.0))]
+    for kind, seconds, newtons, towards in after:
+        begin, end = end, (0.1, 0.018, 0.2) if kind == "sliding" else end
+        felt = tuple(-newtons * part for part in towards)
+        made.append(
+            segment(kind, t, t + seconds, position_start=begin, position_end=end, force_held=felt),
+        )
+        pressed.append((t, newtons, towards))
+        t += seconds
+
+    def at(time: float) -> Moment:
+        newtons, towards = next(
+            ((newtons, towards) for since, newtons, towards in reversed(pressed) if time >= since),
+            (0.0, TO_TABLE),
+        )
+        x, y, z = (-newtons * part for part in towards)
+        return replace(moment_at(time), force=(x, y, z))
+
+    presses = [app for app in program(*made, at=at) if app.kind == "apply_force"]
+    assert [forces_of(app) for app in presses] == [pytest.approx(one) for one in expected]
 
 
 def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:

@@ -8,7 +8,7 @@ export default {
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + t.toFixed(2) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input class="time" type="number" step="any" :value="t.toFixed(2)"
-        @change="$emit('time', Number($event.target.value))"></label>
+        @change="$event.target.value && $emit('time', Number($event.target.value))"></label>
       <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" @click="$emit('edit', { do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
       <button v-else class="insert" title="A segment ends here, and the next one begins" @click="$emit('edit', { do: 'insert', t })">

@@ -185,16 +185,14 @@ def _target_error(taught: App, executed: App) -> float:
 def _force_errors(asked: App, executed: App) -> Iterator[float]:
     """Of the forces that were asked for; signed. What was measured is not yet scaled to a limit.
 
-    The force of a rest is compared where either program states it.
+    The force of a rest is compared where both programs state it.
     """
     if not APP_KINDS[asked.kind].presses:
         return
     yield _size(executed.force_taught) / max(_size(asked.force), REST_N) - 1.0
     for mine, other in ((asked.rest_before, executed.rest_before), (asked.rest_after, executed.rest_after)):
-        if mine is not None or other is not None:
-            asked_n = _size(asked.force) if mine is None else mine.newton
-            found_n = _size(executed.force_taught) if other is None else other.newton_taught
-            yield found_n / max(asked_n, REST_N) - 1.0
+        if mine is not None and other is not None:
+            yield other.newton_taught / max(mine.newton, REST_N) - 1.0
 
 
 def _size(force: Vector | None) -> float:

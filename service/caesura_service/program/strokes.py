@@ -125,11 +125,14 @@ def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
 def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
     """[N] median with which rests are pressed; None for less than `STROKE_REST_S`, in which the force rises.
 
-    It is one median over all of them, so it is the same however they are divided.
+    It is one median over all of them, so it is the same however they are divided. Where that pushes back, the
+    time before the touch is left out.
     """
     if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
         return None
     _, force = _in_tool(rests, moment_at, least_n=0.0)
+    if force is not None and length(force) >= PUSHES_BACK_N:
+        _, force = _in_tool(rests, moment_at)
     return None if force is None else length(force)
 
 

@@ -59,13 +59,12 @@ def test_a_trip_holds_when_apps_targets_and_forces_do(again: tuple[App, ...], wh
     ("measured", "forces"),
     [
         (RestForce(newton=9.0, newton_taught=9.0), (0.0, -0.25, 0.0)),
-        (None, (0.0, 10.0 / 12.0 - 1.0, 0.0)),
+        (None, (0.0, 0.0)),
     ],
 )
-def test_the_force_of_a_rest_is_compared_where_a_program_states_it(
+def test_the_force_of_a_rest_is_compared_where_both_programs_state_it(
     measured: RestForce | None, forces: tuple[float, ...]
 ) -> None:
-    """A program that states none presses its rests as hard as its stroke."""
     apps = pressed_harder_before()
     again = tuple(app.model_copy(update={"force_taught": app.force}) for app in apps)
     again = (again[0], again[1].model_copy(update={"rest_before": measured}))

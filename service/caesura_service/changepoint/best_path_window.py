@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.hazard import Hazard, log_mass
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]
@@ -88,7 +88,8 @@ class Links(NamedTuple):
     prior, best: (groups,) A(start), and the same with maximum; before: (groups,) the group of the segment
     that the best segmentation has before it; total, ended: (groups,) log sum, and log maximum, over the
     segmentations that end there, by the group of their last segment, of which `likeliest` has the largest
-    maximum; free: whether every group may follow every other here.
+    maximum; free: whether every group may follow every other here; opens: whether nothing is known of what
+    was before, at the first observation and after a gap.
     """
 
     prior: Array
@@ -98,6 +99,7 @@ class Links(NamedTuple):
     ended: Array
     likeliest: int
     free: bool
+    opens: bool = False
 
     @property
     def nodes(self) -> set[int]:
@@ -108,16 +110,16 @@ class Links(NamedTuple):
 def first_links(groups: int) -> Links:
     """Of the first segment."""
     zero = np.zeros(groups)
-    return Links(zero, zero, np.full(groups, NOTHING), zero, zero, NOTHING, free=True)
+    return Links(zero, zero, np.full(groups, NOTHING), zero, zero, NOTHING, free=True, opens=True)
 
 
-def link(total: Array, ended: Array, lattice: SegmentModelSet, *, free: bool) -> Links:
+def link(total: Array, ended: Array, lattice: SegmentModelSet, *, free: bool, opens: bool = False) -> Links:
     """Join what ends at a start with what begins there."""
     scores = ended[:, None] + _weights(lattice.log_transition, free=free)
     before = scores.argmax(axis=0)
     best = scores[before, np.arange(before.size)]
     prior = log_sum_exp(total[:, None] + _weights(lattice.tempered_transition, free=free), axis=0)
-    return Links(prior, best, before, total, ended, int(ended.argmax()), free)
+    return Links(prior, best, before, total, ended, int(ended.argmax()), free, opens)
 
 
 def _weights(log_transition: Array, *, free: bool) -> Array:
@@ -162,12 +164,12 @@ class Window:
         """
         first = self.oldest(count)
         size = count - first
-        ages = np.arange(size)
-        log_mass, log_survival = hazard.log_mass(ages + 1)[:, None], hazard.log_survival(ages)
+        tables = [_tables(one, size) for one in (hazard, hazard.residual)]
         followed = np.empty((size, len(log_transition)))  # [start], by the group of the segment before
         started = np.empty((size, len(log_transition)))  # [start], by the group of the segment that starts
         for i in range(size - 1, -1, -1):
             evidence, links = self._evidence[(first + i) % self.size, : size - i], self.links(first + i)
+            log_mass, log_survival = tables[links.opens]
             terms = log_mass[: size - i] + evidence
             terms[:-1] += followed[i + 1 :]
             terms[-1] = log_survival[size - 1 - i] + evidence[-1]
@@ -192,19 +194,19 @@ class Window:
             self._links[start % self.size] = _with_past(self.links(start), before, lattice.log_transition)
         ended: dict[Node, PathSegment] = {}
         starts = np.arange(start, count)
-        rows, log_mass = starts % self.size, hazard.log_mass(1 + np.arange(starts.size))
-        tempered_mass = lattice.power * log_mass
+        rows, opens = starts % self.size, np.array([self.links(s).opens for s in starts.tolist()])
         for end in range(start + 1, count + 1):
             size = end - start
             at = rows[:size], end - 1 - starts[:size]
             past = [self.links(s) for s in range(start, end)]
-            evidence = tempered_mass[:size][::-1, None] + self._evidence[at]
+            mass = log_mass(hazard, end - starts[:size], opens[:size])[:, None]
+            evidence = lattice.power * mass + self._evidence[at]
             total = log_sum_exp(np.array([one.prior for one in past]) + evidence, axis=0)
-            map_evidence = log_mass[:size][::-1, None] + self._map_evidence[at]
-            scores = np.array([one.best for one in past]) + map_evidence
+            scores = np.array([one.best for one in past]) + (mass + self._map_evidence[at])
             best = scores.argmax(axis=0)
-            free = end < count and self.links(end).free
-            links = link(total, scores.max(axis=0), lattice, free=free)
+            kept = self.links(end) if end < count else None
+            free, opens_here = (kept.free, kept.opens) if kept else (False, False)
+            links = link(total, scores.max(axis=0), lattice, free=free, opens=opens_here)
             for group in links.nodes:
                 s = int(best[group])
                 kinds = self._kinds[rows[s], size - 1 - s].copy()
@@ -212,6 +214,12 @@ class Window:
             if end < count:
                 self._links[end % self.size] = links
         return ended, links
+
+
+def _tables(hazard: Hazard, size: int) -> tuple[Array, Array]:
+    """(size, 1) log g(1…size) and (size,) log S(0…size − 1)."""
+    ages = np.arange(size)
+    return hazard.log_mass(ages + 1)[:, None], hazard.log_survival(ages)
 
 
 def _with_past(links: Links, before: int, log_transition: Array) -> Links:

@@ -174,11 +174,11 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
             self._keep(self._model, with_more_nodes(self._state))
         nodes = (self._state.node_start.size - int(self._state.counters["nodes"][0])) // each - spare
         longest = self.count - int(self._state.starts[0]) if self._living else 0
-        reach = self._model.log_mass.size
+        reach = self._model.log_mass.shape[1]
         if longest + 2 * spare > reach:
             longer = model_of(self.lattice, self.hazard, self.parameters, 2 * (longest + 2 * spare))
             self._keep(longer, self._state)
-            reach = self._model.log_mass.size
+            reach = self._model.log_mass.shape[1]
         self._room = min(nodes, reach - longest - 3)
 
 

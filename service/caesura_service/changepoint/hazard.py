@@ -13,13 +13,32 @@ Array = NDArray[np.float64]
 
 
 class Hazard(Protocol):
-    """g, the probability of a length, and S, the probability of lasting beyond some samples."""
+    """g, the probability of a length, and S, the probability of lasting beyond some samples.
+
+    residual: the same of what is left of a segment that has begun before the first observation.
+    """
+
+    @property
+    def residual(self) -> Hazard:
+        """The prior of the first segment."""
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """log g(n): the segment has exactly n ≥ 1 samples."""
 
     def log_survival(self, n: NDArray[np.int64]) -> Array:
         """log S(n): the segment has more than n ≥ 0 samples."""
+
+
+def log_mass(hazard: Hazard, n: NDArray[np.int64], opens: NDArray[np.bool_]) -> Array:
+    """Log g(n) of each segment, of its residual life where it opens the recording or follows a gap."""
+    mass: Array = hazard.log_mass(n)
+    return np.where(opens, hazard.residual.log_mass(n), mass) if opens.any() else mass
+
+
+def log_survival(hazard: Hazard, n: NDArray[np.int64], opens: NDArray[np.bool_]) -> Array:
+    """Log S(n) of each segment, of its residual life where it opens the recording or follows a gap."""
+    survival: Array = hazard.log_survival(n)
+    return np.where(opens, hazard.residual.log_survival(n), survival) if opens.any() else survival
 
 
 @dataclass(frozen=True)
@@ -31,6 +50,11 @@ class Geometric:
     def __post_init__(self) -> None:
         if not self.mean_samples > 1.0:
             raise ValueError(f"mean segment length is {self.mean_samples} samples, expected more than 1")
+
+    @property
+    def residual(self) -> Geometric:
+        """The same: a constant hazard has no memory."""
+        return self
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """log g(n) = log H + (n − 1) log(1 − H)."""
@@ -61,6 +85,11 @@ class Refractory:
                 "expected above 1, at least 0, and within 0 to 1"
             )
 
+    @property
+    def residual(self) -> Geometric:
+        """g(early + n) / S(early): a segment that is under way has its early samples behind it."""
+        return Geometric(self.mean_samples)
+
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """Log g(n) = log S(n − 1) + log h(n)."""
         n = np.asarray(n)
@@ -83,6 +112,11 @@ class Tempered:
     prior: Hazard
     power: float
 
+    @property
+    def residual(self) -> Tempered:
+        """To the same power."""
+        return Tempered(self.prior.residual, self.power)
+
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """Return power · log g(n)."""
         mass: Array = self.power * self.prior.log_mass(n)
@@ -103,6 +137,11 @@ class Uniform:
     def __post_init__(self) -> None:
         if self.longest < 1:
             raise ValueError(f"longest segment is {self.longest} samples, expected at least 1")
+
+    @property
+    def residual(self) -> Uniform:
+        """The same: in the thesis the first segment begins with the recording."""
+        return self
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """Log g(n) = −log n_max up to n_max, nothing beyond."""
@@ -130,6 +169,11 @@ class NegativeBinomial:
             raise ValueError(
                 f"mean is {self.mean_samples} samples and shape {self.shape}, expected above 1 and above 0"
             )
+
+    @property
+    def residual(self) -> NegativeBinomial:
+        """The same, as of `Uniform`."""
+        return self
 
     @property
     def _success(self) -> float:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.best_path_window import NOTHING, PathSegment
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Hazard, Tempered
+from caesura_service.changepoint.hazard import Hazard, Tempered, log_mass, log_survival
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 from caesura_service.changepoint.threshold_segmenter import THRESHOLD, threshold_path
@@ -97,20 +97,26 @@ def _collect(
     prior[0] = 0.0
     for now, observed in enumerate(data):
         rows, starts = lattice.extend(rows, observed), np.append(starts, now)
+        if lattice.stepwise and now == 1:  # the first segment's first step
+            rows, starts = lattice.select(rows, np.array([1])), starts[:1]
         each = lattice.kind_log_evidence(rows)
         total, plain = lattice.combine(lattice.temper(each)), lattice.combine(each)
         for start, value, largest, kind in zip(starts.tolist(), total, plain, each, strict=True):
             values[start].append(value)
             best[start].append(largest)
             kinds[start].append(kind)
-        ended = log_sum_exp(prior[starts] + hazard.log_mass(now + 1 - starts)[:, None] + total, axis=0)
+        mass = log_mass(hazard, now + 1 - starts, starts == 0)[:, None]
+        ended = log_sum_exp(prior[starts] + mass + total, axis=0)
         prior[now + 1] = log_sum_exp(ended[:, None] + transition, axis=0)
         if prune_ratio > 0.0:
-            survived = hazard.log_survival(now - starts)[:, None]
+            survived = log_survival(hazard, now - starts, starts == 0)[:, None]
             joint = log_sum_exp(prior[starts] + survived + total, axis=1)
             keep = joint >= joint.max() + np.log(prune_ratio)
             keep[-1] = True
             rows, starts = lattice.select(rows, keep), starts[keep]
+    if lattice.stepwise and len(data) > 1:  # which is no segment's start
+        for known in (values, best, kinds):
+            known[1].append(np.full_like(known[0][0], -np.inf))
     return _Evidence(*([np.array(one) for one in each] for each in (values, best, kinds)))
 
 
@@ -148,9 +154,10 @@ def _terms(evidence: list[Array], hazard: Hazard, ahead: Array, start: int, n: i
     """
     values = evidence[start]
     lengths = np.arange(1, len(values) + 1)
-    terms: Array = values + hazard.log_mass(lengths)[:, None] + ahead[start + lengths]
+    prior = hazard if start else hazard.residual
+    terms: Array = values + prior.log_mass(lengths)[:, None] + ahead[start + lengths]
     if len(values) == n - start:
-        terms[-1] = values[-1] + hazard.log_survival(lengths[-1:] - 1)[0]
+        terms[-1] = values[-1] + prior.log_survival(lengths[-1:] - 1)[0]
     return terms
 
 
@@ -165,7 +172,8 @@ def _marginals(evidence: _Evidence, hazard: Hazard, transition: Array, backward:
         ends = ends[inside]
         if np.isfinite(log_c[start]).any():
             reached = log_c[start] - np.where(np.isfinite(log_c[start]), backward.total[start], 0.0)
-            ending = reached + values[inside] + hazard.log_mass(ends - start)[:, None]
+            prior = hazard if start else hazard.residual
+            ending = reached + values[inside] + prior.log_mass(ends - start)[:, None]
             starting = log_sum_exp(ending[:, :, None] + transition, axis=1) + backward.total[ends]
             log_c[ends] = np.logaddexp(log_c[ends], starting)
     result: Array = np.exp(np.minimum(log_sum_exp(log_c, axis=1), 0.0))

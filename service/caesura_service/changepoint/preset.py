@@ -99,7 +99,7 @@ class Preset:
         used = {channel for kind in kinds for channel in kind.channels}
         channels = {name: model for name, model in channels.items() if name in used}
         choice: Choice = "maximum" if self.maximum else "mixture"
-        return SegmentModelSet(channels, kinds, choice, self.unrepeated, self.power)
+        return SegmentModelSet(channels, kinds, choice, self.unrepeated, self.power, self.continuous)
 
     def online(
         self,

@@ -44,7 +44,7 @@ from caesura_service.changepoint.best_path_window import (
     link,
 )
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Hazard, Tempered
+from caesura_service.changepoint.hazard import Hazard, Tempered, log_mass, log_survival
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import LatticeRows, SegmentModelSet
@@ -69,6 +69,7 @@ class RunLengthFilter(SmoothedProbabilities):
         self.log_prior: Array = np.zeros((0, groups))  # (h, groups) A(s)
         self.map_prior: Array = np.zeros((0, groups))  # (h, groups) the same with maximum
         self.before: Groups = np.zeros((0, groups), np.int64)  # (h, groups) of the best segmentation before
+        self.opening = 0  # the last observation that has no step from one before
         self.rows: LatticeRows = self.lattice.empty()
         self.kind_log_evidence: Array = np.zeros((0, kinds))  # (h, kinds)
         self.log_evidence: Array = np.zeros(
@@ -98,7 +99,7 @@ class RunLengthFilter(SmoothedProbabilities):
         """
         check_finite(observed, self.count)
         if self.count and (boundary or changepoint):
-            self._next = link(self._next.total, self._next.ended, self.lattice, free=True)
+            self._next = link(self._next.total, self._next.ended, self.lattice, free=True, opens=boundary)
         if boundary and self.count:
             self._keep(np.zeros(self.starts.size, bool))
             self.boundaries.append(self.count)
@@ -151,12 +152,18 @@ class RunLengthFilter(SmoothedProbabilities):
     @property
     def _joint(self) -> Array:
         """(h, groups)."""
-        survived = self._tempered.log_survival(self.count - 1 - self.starts)[:, None]
+        survived = log_survival(self._tempered, self.count - 1 - self.starts, self._opens)[:, None]
         return self.log_prior + survived + self.log_evidence
+
+    @property
+    def _opens(self) -> NDArray[np.bool_]:
+        """(h,) whether nothing is known of what was before."""
+        opens: NDArray[np.bool_] = self.starts == self.opening
+        return opens
 
     def map_path(self) -> list[PathSegment]:
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
-        survived = self.hazard.log_survival(self.count - 1 - self.starts)[:, None]
+        survived = log_survival(self.hazard, self.count - 1 - self.starts, self._opens)[:, None]
         scores = self.map_prior + survived + self.map_evidence
         best, group = np.unravel_index(int(np.argmax(scores)), scores.shape)
         path = [self._segment(int(best), int(group))]
@@ -170,11 +177,16 @@ class RunLengthFilter(SmoothedProbabilities):
         return PathSegment(int(self.starts[place]), kinds, group, before)
 
     def _grow(self, observed: ModelInput, changepoint: bool | None) -> None:
+        if not self.starts.size:
+            self.opening = self.count
         self.rows = self.lattice.extend(self.rows, observed)
-        self.starts = np.append(self.starts, self.count)
-        self.log_prior = np.concatenate([self.log_prior, self._next.prior[None]])
-        self.map_prior = np.concatenate([self.map_prior, self._next.best[None]])
-        self.before = np.concatenate([self.before, self._next.before[None]])
+        if self.lattice.stepwise and self.count == self.opening + 1 and not changepoint:
+            self.rows = self.lattice.select(self.rows, np.array([1]))
+        else:
+            self.starts = np.append(self.starts, self.count)
+            self.log_prior = np.concatenate([self.log_prior, self._next.prior[None]])
+            self.map_prior = np.concatenate([self.map_prior, self._next.best[None]])
+            self.before = np.concatenate([self.before, self._next.before[None]])
         self.kind_log_evidence = self.lattice.kind_log_evidence(self.rows)
         self.log_evidence = self.lattice.combine(self.lattice.temper(self.kind_log_evidence))
         self.map_evidence = self.lattice.combine(self.kind_log_evidence)
@@ -195,7 +207,7 @@ class RunLengthFilter(SmoothedProbabilities):
 
     def _prepare_next(self) -> None:
         ages = self.count - self.starts
-        tempered, mass = self._tempered.log_mass(ages)[:, None], self.hazard.log_mass(ages)[:, None]
+        tempered, mass = (log_mass(one, ages, self._opens)[:, None] for one in (self._tempered, self.hazard))
         total = log_sum_exp(self.log_prior + (tempered + self.log_evidence), axis=0)
         scores = self.map_prior + (mass + self.map_evidence)
         self._next = link(total, scores.max(axis=0), self.lattice, free=False)

@@ -48,6 +48,10 @@ class SegmentModelSet:
     that are only nearly right. Miller & Dunson 2019 take the evidence alone to a power; a boundary of the
     best segmentation that the prior speaks against then has a probability that is too low.
 
+    `stepwise`: the models look at steps from the observation before. The first observation of all, and the
+    first one after a gap, has none. Then the first segment's evidence begins with the second observation,
+    which starts no segment of its own: a rest of one observation would explain a step that is not there.
+
     groups: (kinds,) the group of each kind; members: the numbers of the kinds of each group; log_weight:
     (kinds,) log prior weight of each kind; log_transition: (groups, groups) log weight of the second after
     the first, which replaces the prior weights of the kinds by those that may follow, normalised;
@@ -60,6 +64,7 @@ class SegmentModelSet:
     choice: Choice = "mixture"
     unrepeated: tuple[tuple[str, ...], ...] = ()
     power: float = 1.0
+    stepwise: bool = False
     groups: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     members: tuple[tuple[int, ...], ...] = field(init=False, repr=False, compare=False)
     log_weight: Array = field(init=False, repr=False, compare=False)

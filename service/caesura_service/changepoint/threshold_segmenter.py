@@ -164,6 +164,7 @@ class _Tape:
         self.kinds: list[Array] = []  # (kinds,) log evidence of data[start : start + 1 + i]
         self._lattice = lattice
         self._rows = lattice.empty()
+        self._first = int(lattice.stepwise and start == since)  # the sample with which the evidence begins
         for observed in data[max(start - LOOK_BACK, since) : start]:
             self._rows = lattice.select(lattice.extend(self._rows, observed), np.array([-1]))
         for observed in data[start:]:
@@ -171,7 +172,7 @@ class _Tape:
 
     def extend(self, observed: ModelInput) -> None:
         """One more sample."""
-        mine = 0 if self.kinds else -1  # its own row comes last at its first sample, and then stays first
+        mine = 0 if len(self.kinds) > self._first else -1  # its own row comes last, and then stays first
         rows = self._lattice.extend(self._rows, observed)
         self._rows = self._lattice.select(rows, np.array([mine]))
         self.kinds.append(self._lattice.kind_log_evidence(self._rows)[0])

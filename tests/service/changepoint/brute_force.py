@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Hazard
+from caesura_service.changepoint.hazard import Hazard, Refractory
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
@@ -78,10 +78,14 @@ class BruteForce:
         self.n, self.hazard, self.free, self.transition = len(data), hazard, free, lattice.log_transition
         known = kinds or kind_log_evidence(lattice, data)
         self.kinds = {span: kinds for span, kinds in known.items() if span[1] <= self.n}
+        if is_stepwise := lattice.stepwise and 1 not in boundaries:
+            self.kinds |= {(0, end): kinds for (start, end), kinds in self.kinds.items() if start == 1}
         self.paths = [
             path
             for path in segmentations(self.n)
-            if set(boundaries) <= set(path) and not set(without) & set(path)
+            if set(boundaries) <= set(path)
+            and not set(without) & set(path)
+            and not (is_stepwise and 1 in path)
         ]
         self.holds = np.array([[start in path for start in range(self.n)] for path in self.paths])
         self.joint, self.best_joint = self.log_joints(lattice)
@@ -94,23 +98,38 @@ class BruteForce:
         for span, kinds in self.kinds.items():
             tempered[span] = lattice.combine(lattice.temper(kinds[None]))[0]
             plain[span] = lattice.combine(kinds[None])[0]
-        lengths = np.arange(self.n + 1)
-        mass = np.array([-np.inf, *self.hazard.log_mass(lengths[1:])])
+        mass, survival = self.priors()
         total, best = np.zeros((2, len(self.paths), len(self.transition)))
         last = np.zeros(len(self.paths), dtype=int)  # (paths,) where each one's segment has begun
         for end in range(1, self.n):
             ends = self.holds[:, end]
             start = last[ends]
             weight = np.zeros_like(self.transition) if end in self.free else self.transition
-            before = total[ends] + power * mass[end - start][:, None] + tempered[start, end]
+            length = mass[start, end][:, None]
+            before = total[ends] + power * length + tempered[start, end]
             total[ends] = log_sum_exp(before[:, :, None] + power * weight, axis=1)
-            before = best[ends] + mass[end - start][:, None] + plain[start, end]
+            before = best[ends] + length + plain[start, end]
             best[ends] = (before[:, :, None] + weight).max(axis=1)
             last[ends] = end
-        survival = self.hazard.log_survival(lengths)[self.n - 1 - last][:, None]
-        total = total + power * survival + tempered[last, self.n]
-        best = best + survival + plain[last, self.n]
+        lasting = survival[last][:, None]
+        total = total + power * lasting + tempered[last, self.n]
+        best = best + lasting + plain[last, self.n]
         return log_sum_exp(total, axis=1), best.max(axis=1)
+
+    def priors(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, n) of a length from each start to each end, and (n,) of lasting from each start beyond the end.
+
+        Of the first segment it is the prior given that it has lasted beyond its early samples already.
+        """
+        early = self.hazard.early if isinstance(self.hazard, Refractory) else 0
+        known = self.hazard.log_survival(np.array(early))
+        mass, survival = np.full((self.n, self.n), -np.inf), np.zeros(self.n)
+        for start in range(self.n):
+            lasted, past = (early, known) if start == 0 else (0, 0.0)
+            lengths = np.arange(1, self.n - start) + lasted
+            mass[start, start + 1 :] = self.hazard.log_mass(lengths) - past
+            survival[start] = self.hazard.log_survival(np.array(self.n - 1 - start + lasted)) - past
+        return mass, survival
 
     def probability(self, holds: Sequence[bool] | np.ndarray) -> float:
         chosen = self.joint[np.array(holds)]

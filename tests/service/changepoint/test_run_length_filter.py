@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.hazard import Geometric
+from caesura_service.changepoint.hazard import Geometric, Refractory
 from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
@@ -25,7 +25,7 @@ from service.changepoint.brute_force import BruteForce, demonstration, kind_log_
 from service.streams import pieces
 
 EXACT = FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=1000, window=64, certain=1.0)
-HAZARD = Geometric(8.0)
+HAZARD = Refractory(8.0, 3)
 LATTICES = [pytest.param(preset.lattice(), id=name) for name, preset in PRESETS.items()]
 
 
@@ -54,7 +54,7 @@ def test_filter_agrees_with_the_sum_over_all_segmentations(
     online = made(lattice, HAZARD, EXACT)
     for observed in data:
         online.step(observed)
-    assert online.starts.size == len(data)
+    assert online.starts.size == len(data) - lattice.stepwise
     check_against(BruteForce(lattice, data, HAZARD), online)
 
 
@@ -188,18 +188,26 @@ def test_smoothing_is_exact_inside_a_short_window(lattice: SegmentModelSet) -> N
         )
 
 
-def test_a_boundary_is_certain_and_cuts_every_hypothesis() -> None:
-    data = demonstration(4)
-    online = RunLengthFilter(PRESETS["integrated"].lattice(), HAZARD, EXACT)
+@pytest.mark.parametrize("name", ["integrated", "default"])
+@pytest.mark.parametrize("made", [RunLengthFilter, CompiledRunLengthFilter])
+def test_a_boundary_is_certain_and_cuts_every_hypothesis(
+    made: type[RunLengthFilter | CompiledRunLengthFilter], name: str
+) -> None:
+    """What follows a gap is segmented as a recording of its own."""
+    lattice, data = PRESETS[name].lattice(), demonstration(4)
+    online = made(lattice, HAZARD, EXACT)
     for i, observed in enumerate(data):
         online.step(observed, boundary=i == 7)
     assert online.changepoint_probability(7) == pytest.approx(1.0, abs=1e-12)
     assert online.starts.min() == 7
     assert any(segment.start == 7 for segment in online.map_path())
-    alone = RunLengthFilter(PRESETS["integrated"].lattice(), HAZARD, EXACT)
+    alone = made(lattice, HAZARD, EXACT)
     for observed in data[7:]:
         alone.step(observed)
     np.testing.assert_allclose(online.posterior, alone.posterior, atol=1e-12)
+    after = [alone.changepoint_probability(start) for start in range(len(data) - 7)]
+    got = [online.changepoint_probability(start) for start in range(len(data))]
+    np.testing.assert_allclose(got[8:], after[1:], atol=1e-9)
 
 
 SMALL = st.builds(
@@ -273,7 +281,8 @@ def test_a_value_that_is_not_finite_is_refused_and_changes_nothing() -> None:
 def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds() -> None:
     """Every sequence of kinds, each with its prior given the kind before, in one product."""
     lattice, data = PRESETS["default"].lattice(), demonstration(5, 5)
-    kinds, names = kind_log_evidence(lattice, data), [kind.name for kind in lattice.kinds]
+    kinds, names = dict(kind_log_evidence(lattice, data)), [kind.name for kind in lattice.kinds]
+    kinds |= {(0, end): kinds[1, end] for end in range(2, 6)}  # stepwise: it counts from the second one on
     weights = np.array([kind.weight for kind in lattice.kinds])
 
     def log_prior(kind: int, before: int | None) -> float:
@@ -284,13 +293,16 @@ def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds
     prior = np.log(weights / weights.sum())
     joints = []
     for path in segmentations(len(data)):
+        if 1 in path:
+            continue
         spans = list(pairwise([*path, len(data)]))
         for labels in product(range(len(names)), repeat=len(spans)):
             total = 0.0
             for i, ((start, end), kind) in enumerate(zip(spans, labels, strict=True)):
                 length = np.array([end - start])
                 last = i == len(spans) - 1
-                mass = HAZARD.log_survival(length - 1) if last else HAZARD.log_mass(length)
+                hazard = HAZARD if i else Geometric(HAZARD.mean_samples)
+                mass = hazard.log_survival(length - 1) if last else hazard.log_mass(length)
                 total += float(mass[0]) + kinds[start, end][kind] - prior[kind]
                 total += log_prior(kind, labels[i - 1] if i else None)
             joints.append((lattice.power * total, path, labels))

@@ -86,8 +86,8 @@ def model_of(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParamet
         np.ascontiguousarray(lattice.log_transition),
         *_stacked([model for model in models if isinstance(model, ProfileModel)], n),
         np.array([by_length(channel, n[:MOST_LENGTHS]) for channel in channels]),
-        hazard.log_mass(np.maximum(n, 1)),
-        hazard.log_survival(n),
+        np.stack([one.log_mass(np.maximum(n, 1)) for one in (hazard, hazard.residual)]),
+        np.stack([one.log_survival(n) for one in (hazard, hazard.residual)]),
     )
 
 
@@ -107,7 +107,19 @@ def _settings(lattice: SegmentModelSet, p: FilterParameters) -> NDArray[Any]:
         prune = np.log(p.prune_ratio)
     maximum = lattice.choice == "maximum"
     return np.array(
-        [(prune, p.keep_youngest, p.cap, p.window, p.certain, p.certain_after, maximum, lattice.power)],
+        [
+            (
+                prune,
+                p.keep_youngest,
+                p.cap,
+                p.window,
+                p.certain,
+                p.certain_after,
+                maximum,
+                lattice.power,
+                lattice.stepwise,
+            )
+        ],
         SETTINGS,
     )
 

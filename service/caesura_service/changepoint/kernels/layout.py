@@ -111,6 +111,7 @@ SETTINGS = np.dtype(
         ("certain_after", "i8"),
         ("maximum", "i8"),  # over kinds; otherwise their mixture
         ("power", "f8"),  # of the joint in sums
+        ("stepwise", "i8"),
     ]
 )
 
@@ -118,6 +119,7 @@ COUNTERS = np.dtype(
     [
         ("count", "i8"),  # observations taken
         ("living", "i8"),  # hypotheses
+        ("opening", "i8"),  # the last observation that has no step from one before
         ("root", "i8"),  # node
         ("capped", "i8"),
         ("settled", "i8"),  # segments that became final in this step
@@ -139,8 +141,8 @@ class Model(NamedTuple):
     profiles: Floats  # (libraries, samples, blocks, 4, BLOCK) whitened
     steps: Floats  # (libraries, blocks, 2, BLOCK) by which the last two go on where the table ends
     by_length: Floats  # (c, n) what of the evidence depends on the number of samples alone, up to some number
-    log_mass: Floats  # (n,) of the hazard
-    log_survival: Floats  # (n,)
+    log_mass: Floats  # (2, n) of the hazard, and of its residual life
+    log_survival: Floats  # (2, n)
 
 
 class State(NamedTuple):
@@ -155,7 +157,7 @@ class State(NamedTuple):
     starts: Ints  # (s,)
     nodes: Ints  # (g, s) what a segment of each group descends from; FREE where that has been pruned
     slots: Ints  # (s,) those of the living, then the free ones
-    ages: Floats  # (s,) samples, the last one included
+    ages: Floats  # (s,) observations that count, the last one included
     rows: Floats  # (rows, s) the next seven, one after the other
     priors: Floats  # (2, g, s) A(start), and the same with maximum
     joint: Floats  # (s,)
@@ -194,6 +196,7 @@ class State(NamedTuple):
     window_ended: Floats  # (2, g, W) `ended` at each start
     window_before: Ints  # (g, W) `next_before` at each start
     window_free: Ints  # (W,) whether every group may follow every other at a start
+    window_opens: Ints  # (W,) whether nothing is known of what was before a start
     begun: Floats  # (g, W) scratch
     smoothed: Floats  # (w,)
     terms: Floats  # scratch
@@ -268,6 +271,7 @@ def fresh_state(
         node_group=np.full(nodes, FREE),
         window_before=np.full((groups, wide), FREE),
         window_free=np.ones(wide, np.int64),
+        window_opens=np.zeros(wide, np.int64),
         anew=np.zeros((window + 2, groups + 1), np.int64),
         counted=np.zeros(window + 2, np.int64),
         settled_start=np.zeros(nodes, np.int64),
@@ -317,8 +321,8 @@ def _examples() -> tuple[Model, State]:
         np.zeros((1, 1, 1, 4, BLOCK)),
         np.zeros((1, 1, 2, BLOCK)),
         np.zeros((1, 1)),
-        np.zeros(1),
-        np.zeros(1),
+        np.zeros((2, 1)),
+        np.zeros((2, 1)),
     )
     return model, fresh_state(settings, 1, 1, 1, 1, (1, 1))
 

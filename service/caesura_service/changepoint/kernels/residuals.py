@@ -79,7 +79,7 @@ def fill_length(here, c):
     groups = 1.0 if model.channels[c].joint else float(AXES)
     me, evidence = state.counters[0], state.work[BY_LENGTH]
     for i in range(me.living):
-        evidence[i] = groups * by_length(here, c, me.count - state.starts[i] + 1)
+        evidence[i] = groups * by_length(here, c, int(state.ages[i]))
 
 
 @compiled

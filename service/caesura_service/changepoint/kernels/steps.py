@@ -125,14 +125,20 @@ def grow(here, changepoint):
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
     joins, newborn = me.living > 0, me.living
-    me.living += 1
-    state.starts[newborn] = me.count
-    take_next(here, newborn)
+    if not joins:
+        me.opening = me.count
+    is_first_step = model.settings[0].stepwise == 1 and me.count == me.opening + 1 and changepoint != 1
+    if is_first_step:
+        newborn = 0
+        forget_next(here)
+    else:
+        me.living += 1
+        state.starts[newborn] = me.count
+        take_next(here, newborn)
     follow_path(here, joins)
     state.sums[:, newborn] = 0.0
     state.profiles[:, state.slots[newborn]] = 0.0
-    for place in range(me.living):
-        state.ages[place] = me.count - state.starts[place] + 1
+    count_ages(here)
     for c in range(model.channels.shape[0]):
         take(here, c, joins)
     weigh_kinds(here)
@@ -142,9 +148,36 @@ def grow(here, changepoint):
     elif changepoint == 0 and me.living > 1:
         drop(here, me.living - 1)
         state.next[:] = -math.inf
+    elif is_first_step:
+        state.next[:] = -math.inf
     remember(here)
     copy(state.previous, state.now)
     me.count += 1
+
+
+@compiled
+def opens(state, place):
+    """1 where nothing is known of what was before this hypothesis' start, else 0: a row of the hazard's."""
+    return 1 if state.starts[place] == state.counters[0].opening else 0
+
+
+@compiled
+def count_ages(here):
+    """How many observations count in each segment: of a stepwise lattice, not the one that has no step."""
+    model, state = model_at(here), state_at(here)
+    me = state.counters[0]
+    for place in range(me.living):
+        start = state.starts[place]
+        has_step = model.settings[0].stepwise == 0 or start != me.opening or start == me.count
+        state.ages[place] = me.count - start + int(has_step)
+
+
+@compiled
+def forget_next(here):
+    """Nothing descends from the nodes of the next start."""
+    state = state_at(here)
+    for i in range(state.next_nodes.size):
+        release(here, state.next_nodes[i])
 
 
 @compiled
@@ -259,7 +292,7 @@ def prepare_next(here):
     for group in range(state.nodes.shape[0]):
         best, chosen = -math.inf, 0
         for place in range(me.living):
-            mass = model.log_mass[me.count - state.starts[place]]
+            mass = model.log_mass[opens(state, place), me.count - state.starts[place]]
             terms[place] = state.priors[0, group, place] + (power * mass + state.evidence[group, place])
             score = state.priors[1, group, place] + (mass + state.plain[group, place])
             if score > best:
@@ -303,7 +336,7 @@ def join(here):
     model, state = model_at(here), state_at(here)
     me, pairs, power = state.counters[0], state.pairs, model.settings[0].power
     for place in range(me.living):
-        survived = power * model.log_survival[me.count - 1 - state.starts[place]]
+        survived = power * model.log_survival[opens(state, place), me.count - 1 - state.starts[place]]
         for group in range(pairs.shape[0]):
             pairs[group, place] = state.priors[0, group, place] + survived + state.evidence[group, place]
         sum_pairs(here, place)
@@ -394,7 +427,7 @@ def best_pair(here):
     me = state.counters[0]
     best, chosen, of_group = -math.inf, 0, 0
     for place in range(me.living):
-        survived = model.log_survival[me.count - 1 - state.starts[place]]
+        survived = model.log_survival[opens(state, place), me.count - 1 - state.starts[place]]
         for group in range(state.nodes.shape[0]):
             score = state.priors[1, group, place] + survived + state.plain[group, place]
             if score > best:

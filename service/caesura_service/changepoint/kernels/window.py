@@ -30,6 +30,7 @@ def remember(here):
     evidence[:] = -math.inf
     plain[:] = -math.inf
     remember_links(here, row)
+    state.window_opens[row] = now == me.opening
     for place in range(me.living - 1, -1, -1):
         start = starts[place]
         if start <= now - size:
@@ -113,7 +114,8 @@ def smooth(here):
     for group in range(groups):
         row = now % size
         for age in range(span):
-            begun[group, row] = priors[group, row] + power * model.log_survival[age] + evidence[group, row]
+            survived = power * model.log_survival[state.window_opens[row], age]
+            begun[group, row] = priors[group, row] + survived + evidence[group, row]
             row = row - 1 if row else size - 1
         exponentials(begun[group], total, begun.shape[1])
     row = now % size
@@ -191,7 +193,7 @@ def end_anew(here, start, end, group):
         state.window_plain[row, group],
     )
     for s in range(start, end):
-        mass = model.log_mass[end - s]
+        mass = model.log_mass[state.window_opens[s % size], end - s]
         terms[s - start] = priors[0, group, s % size] + (power * mass + evidence[s % size])
         score = priors[1, group, s % size] + (mass + plain[s % size])
         if score > best:

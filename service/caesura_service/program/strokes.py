@@ -221,12 +221,20 @@ def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[Pr
     """Rests in a row, divided where one that lasts is pressed otherwise than what lasts before it."""
     levels: list[tuple[ProgramSegment, ...]] = []
     for rest in run:
-        here, there = rest_force_n([rest], moment_at), rest_force_n(levels[-1] if levels else (), moment_at)
+        here, there = _level_n([rest], moment_at), _level_n(levels[-1] if levels else (), moment_at)
         if levels and (here is None or there is None or abs(here - there) < UNLIKE_N):
             levels[-1] += (rest,)
         else:
             levels.append((rest,))
     return levels
+
+
+def _level_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
+    """[N] with which rests are pressed once the force has risen; None as for `rest_force_n`."""
+    if rest_force_n(rests, moment_at) is None:
+        return None
+    _, force = _in_tool(rests, moment_at, PRESS_SHARE)
+    return 0.0 if force is None else length(force)
 
 
 def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:

@@ -311,6 +311,19 @@ def test_the_force_of_a_rest_is_the_same_however_it_is_divided(parts: tuple[floa
     assert forces_of(made[1]) == pytest.approx([9.0, 12.0])
 
 
+def test_a_touch_in_which_the_force_rises_is_no_press_of_its_own() -> None:
+    """Its median is 5 N less than what the rest after it is pressed with."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.5, **held(9.0)),
+        segment("contact", 2.5, 3.5, **held(11.0)),
+        segment("sliding", 3.5, 5.0, **held(12.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else min(4.0 + 10.0 * (t - 2.05), 11.0)),
+    )
+    assert [(app.kind, app.segments) for app in made] == [("move_to_contact", (0,)), ("apply_force", (1, 2, 3))]
+    assert forces_of(made[1]) == pytest.approx([11.0, 11.0])
+
+
 def test_the_force_of_a_stroke_is_measured_in_the_axes_of_a_tool_that_turns() -> None:
     """It is 10 N along the tool, which turns from -40 to 40 degrees: its median in the base frame is less."""
 

@@ -39,6 +39,7 @@ from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
+from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 
 
 def correlation(time_s: float) -> float:
@@ -54,11 +55,7 @@ CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
-# A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
-# the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
-HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
-TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
 # How far the point leaves its circle is known to 7 %, 1/√(2 nu0). If it is known less well, one turn also
 # explains two turns and the rest between them: it keeps to its circle more closely for a while.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Segment, Vector
 from caesura_protocol.rotations import matrix_of
 from caesura_protocol.screw_motion import exerted, stop_torque_nm
+from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
@@ -38,6 +39,7 @@ PRESS_LOOKS = 100  # observations of a press that are looked at
 PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
 LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
 TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
+TIP_REACH_M = 0.2  # from the reported point to the tip of a tool
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 
@@ -297,18 +299,31 @@ def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
 
 
 def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does it turn in contact about an axis across the tool, as no screw and no lever does?"""
+    """Does it turn in contact about an axis across the tool, as no screw does, and against no lever?"""
     segment, orientation = step.segment, moment_at(step.segment.tn).orientation
-    if segment.kind != "turning" or not step.touches or segment.corrected:
+    if not step.touches or segment.corrected or segment.turn is None or orientation is None:
         return False
-    if segment.turn is None or orientation is None or _is_resisted(segment):
+    if not (segment.kind == "turning" or _turns_on_tip(step, moment_at)) or _is_resisted(step):
         return False
     return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
 
 
-def _is_resisted(segment: Segment) -> bool:
-    """Does a turn end at a torque?"""
-    return segment.screw is not None and stop_torque_nm(exerted(segment.screw)) is not None
+def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Does a slide turn the tool, while a place along the tool's axis hardly moves?"""
+    segment, first, last = step.segment, moment_at(step.segment.t0), moment_at(step.segment.tn)
+    turned = 0.0 if segment.turn is None else length(segment.turn)
+    if segment.kind != "sliding" or turned < LEAST_TURN_RAD:
+        return False
+    axis_moved = (_axes(last) - _axes(first))[:, 2]
+    nearest_m = -float(step.moved @ axis_moved) / max(float(axis_moved @ axis_moved), 1e-12)
+    tip_moved = length(step.moved + min(max(nearest_m, 0.0), TIP_REACH_M) * axis_moved)
+    return tip_moved**2 <= TURN_SHARE * (HANDS_BREADTH_M * turned) ** 2
+
+
+def _is_resisted(step: ProgramSegment) -> bool:
+    """Does a turn end at a torque that is more than its force at a hand's breadth from the tip?"""
+    torque_nm = None if step.segment.screw is None else stop_torque_nm(exerted(step.segment.screw))
+    return torque_nm is not None and torque_nm > HANDS_BREADTH_M * length(step.force)
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:

@@ -145,6 +145,20 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, re
     assert forces_of(made[2]) == pytest.approx([13.0])
 
 
+def test_what_holds_the_force_of_a_contact_is_one_after_less_than_the_minimum_time_in_between() -> None:
+    """A screwdriver was turned back under 6 N, and the first 0.1 s of that were a segment of their own."""
+    back = segment("motion", 4.1, 6.0, **ACROSS)
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(13.0)),
+        segment("motion", 4.0, 4.1),
+        back.model_copy(update={"kind": "turning", "position_end": back.position_start}),
+        segment("contact", 6.0, 9.0, position_end=(0.0, 0.0, 0.6), **held(13.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0 if 4.0 < t < 6.0 else 13.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
+
+
 TO_TABLE, TO_WALL = (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)
 
 

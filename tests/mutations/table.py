@@ -201,13 +201,17 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SEGMENTATION}/turning.py",
         " or path > TOOL_M * angle",
         "",
-        ("tests/service/segmentation/test_turning.py::test_what_a_rotation_does_not_explain_is_a_movement",),
+        (
+            "tests/service/segmentation/test_turn_in_place_check.py::test_what_a_rotation_does_not_explain_is_a_movement",
+        ),
     ),
     Mutation(
         "a centre that goes along the axis is in place",
         f"{SEGMENTATION}/turning.py",
         "    return float((sway**2).sum()) <= share *",
         "    return 0.0 * float((sway**2).sum()) <= share *",
-        ("tests/service/segmentation/test_turning.py::test_what_a_rotation_does_not_explain_is_a_movement",),
+        (
+            "tests/service/segmentation/test_turn_in_place_check.py::test_what_a_rotation_does_not_explain_is_a_movement",
+        ),
     ),
 )

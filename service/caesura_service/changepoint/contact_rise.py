@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import AXES, ModelInput, Rows, append
 from caesura_service.changepoint.constant_models import weightless
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 

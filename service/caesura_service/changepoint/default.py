@@ -18,6 +18,7 @@ from functools import partial
 
 import numpy as np
 
+from caesura_service.changepoint.channel_model import ChannelModel, Noise
 from caesura_service.changepoint.constant_models import (
     ConstantLevel,
     FreeSpaceForce,
@@ -25,11 +26,10 @@ from caesura_service.changepoint.constant_models import (
     LoadForce,
 )
 from caesura_service.changepoint.contact_rise import NoContactRise
-from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
@@ -126,11 +126,11 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
-        "corner": CornerStart(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
+        "corner": CornerWeight(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
         "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
         "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
-        "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
+        "turned_back": CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
         "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
         "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
         "resisted": HeldTorque(least=HELD_NM),
@@ -208,7 +208,7 @@ def _strokes(bias_n: float) -> Channels:
 
 def _cornerless(bias_n: float) -> Channels:
     """A turn is no reason for a movement to end."""
-    return {"corner": CornerStart(gamma=0.0, pace=SLOW)}
+    return {"corner": CornerWeight(gamma=0.0, pace=SLOW)}
 
 
 def _thesis_scales(bias_n: float) -> Channels:

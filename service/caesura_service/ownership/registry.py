@@ -35,13 +35,13 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.journal import Journal, JournalError, Key, PeerJournals
-from caesura_service.ownership.replacement import apps_for
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
+from caesura_service.program.taught_again import apps_for
 from caesura_service.publishing.events import (
     BatchRejected,
     Output,

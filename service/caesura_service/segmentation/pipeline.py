@@ -19,8 +19,8 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
 from caesura_protocol.plausibility import UNITS, FirstSecond
+from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.changepoint.models import UNTURNED, ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import KNOWN_PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level

@@ -24,7 +24,7 @@ from caesura_service.segmentation.observation_store import ObservationStore
 from caesura_service.segmentation.payload_estimation import Load, is_baseline, weigh
 from caesura_service.segmentation.screwing import screw_of
 from caesura_service.segmentation.time_slices import give_way
-from caesura_service.segmentation.turning import is_turn_in_place
+from caesura_service.segmentation.turn_in_place_check import is_turn_in_place
 from caesura_service.signals import WrenchCapabilities
 from caesura_service.signals.tare import UNTARED_BIAS_N
 

@@ -42,8 +42,8 @@ from caesura_lab.evaluation.thesis.summary import summarise
 from caesura_lab.teacher.motion_profiles import UNIT_RESPONSES, time_of_share
 from caesura_lab.teacher.person import THESIS
 from caesura_protocol.recording import Recording
+from caesura_service.changepoint.channel_model import ChannelModel, ModelInput, Noise
 from caesura_service.changepoint.hazard import Geometric, Uniform
-from caesura_service.changepoint.models import ChannelModel, ModelInput, Noise
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import views

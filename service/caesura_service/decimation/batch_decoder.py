@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 LIMITS = Limits()
 
 
-class Assembly:
+class BatchDecoder:
     """Batches in the order of their numbers to runs of samples: a fold."""
 
     def __init__(self, opening: Open) -> None:

@@ -34,6 +34,7 @@ from caesura_protocol.messages import (
     Changepoints,
     Close,
     Control,
+    Correction,
     DeleteApp,
     Describe,
     Description,
@@ -76,6 +77,7 @@ from caesura_protocol.messages import (
     Start,
     StationBudgets,
     Stop,
+    TakeBack,
     Undo,
     ViaPoint,
     WrenchReport,
@@ -263,6 +265,12 @@ def examples() -> dict[str, Message]:
         reason="the app 'carry' at 0.00 to 3.50 s is no longer in the program",
         apps=(app,),
     )
+    corrections = (
+        Correction(number=1, author="Ann", at=1767225602.25, action=Move(t=3.5, to=4.0)),
+        Correction(
+            number=2, author="Bo", at=1767225603.25, action=Relabel(t=1.25, kind="steady"), state="undone"
+        ),
+    )
     again = Hint(
         kind="show_again",
         since=5.25,
@@ -284,6 +292,8 @@ def examples() -> dict[str, Message]:
         force_limit_n=10.0,
         edit_revision=3,
         edits=(program_edit, part_edit),
+        revision=2,
+        corrections=corrections,
     )
     opening = Open(
         session=SESSION,
@@ -303,6 +313,7 @@ def examples() -> dict[str, Message]:
         NamePhase(t=1.25, name="wipe"),
         Undo(),
         Redo(),
+        TakeBack(number=2),
     )
     edit = Edit(session=SESSION, revision=2, author="Ann", action=actions[2])
     describe = Describe(session=SESSION, author="Ann", before=Description(), description=description)
@@ -334,6 +345,7 @@ def examples() -> dict[str, Message]:
         *program_actions,
         edit_program,
         program_edit,
+        corrections[0],
         change,
         Control(command=opening),
         Ack(session=SESSION, next_seq=18, state="open"),

@@ -36,6 +36,7 @@ from caesura_protocol.messages import (
     Remove,
     ServiceStatus,
     Snapshot,
+    TakeBack,
     Undo,
 )
 from caesura_protocol.transport.endpoints import ENDPOINT_VARIABLE
@@ -136,9 +137,18 @@ class Caesura:
         """Name the phase in which a time [s] lies; the program's group of its apps has that name."""
         return self._edit(station, session, NamePhase(t=t, name=name), author, revision)
 
-    def undo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
-        """Take the last correction back."""
-        return self._edit(station, session, Undo(), author, revision)
+    def undo(
+        self,
+        station: str,
+        session: str,
+        *,
+        author: str,
+        number: int | None = None,
+        revision: int | None = None,
+    ) -> Ack:
+        """Take a correction back; number: as `Program.corrections` lists it, by default the last one."""
+        action = Undo() if number is None else TakeBack(number=number)
+        return self._edit(station, session, action, author, revision)
 
     def redo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
         """Make the correction that was taken back last once more."""

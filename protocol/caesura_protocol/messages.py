@@ -28,6 +28,7 @@ MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
+MAX_CORRECTIONS = 1000  # of a session, those that were taken back included
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
 MAX_PART_APPS = 100  # that one edit puts in the place of a part
 MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
@@ -105,6 +106,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 AppField = Literal["name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"]
 ChangedField = AppField | Literal["place", "added", "taught_again"]
 EditState = Literal["applied", "not_applied", "undone"]
+CorrectionState = Literal["applied", "undone"]
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
@@ -260,8 +262,17 @@ class Redo(Message):
     do: Literal["redo"] = "redo"
 
 
+class TakeBack(Message):
+    """Take one correction back; those that came after it stay."""
+
+    do: Literal["take_back"] = "take_back"
+    number: Count  # of the correction, as the program lists it
+
+
+Change = Insert | Remove | Move | Relabel | LimitForce | NamePhase
 Action = Annotated[
-    Insert | Remove | Move | Relabel | LimitForce | NamePhase | Undo | Redo, Field(discriminator="do")
+    Insert | Remove | Move | Relabel | LimitForce | NamePhase | Undo | Redo | TakeBack,
+    Field(discriminator="do"),
 ]
 
 
@@ -744,6 +755,16 @@ class App(Message):
     changes: Annotated[Listed[AppChange], Field(max_length=10)] = ()  # what people set, a field once
 
 
+class Correction(Message):
+    """A correction of a session, and whether it counts."""
+
+    number: Count  # of this one, from 1; undo and redo count
+    author: Author
+    at: Seconds  # [s] time of day (UTC)
+    action: Annotated[Change, Field(discriminator="do")]
+    state: CorrectionState = "applied"
+
+
 class ProgramEdit(Message):
     """An edit of a program, and what became of it."""
 
@@ -780,6 +801,7 @@ class Program(Message):
     name: TaskName | None = None  # that a person gave it
     edit_revision: Count = 0  # how many `EditProgram` it has had; undo and redo count
     edits: Annotated[tuple[ProgramEdit, ...], Field(max_length=MAX_PROGRAM_EDITS)] = ()  # oldest first
+    corrections: Annotated[tuple[Correction, ...], Field(max_length=MAX_CORRECTIONS)] = ()  # oldest first
 
 
 class Snapshot(Message):

@@ -34,6 +34,7 @@ from caesura_protocol.messages import (
     NamePhase,
     Program,
     ReplacePart,
+    TakeBack,
     Undo,
 )
 from caesura_protocol.recording import Recording
@@ -210,6 +211,38 @@ def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     )
 
 
+def test_the_command_line_lists_corrections_and_takes_any_of_them_back(
+    endpoint: str, caesura: Caesura, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "120")
+    session = taught(caesura, "cell-15")
+    assert typed(endpoint, "cell-15", session).stdout == "no corrections\n"
+    assert typed(endpoint, "cell-15", session, "insert", "3.0", "--author", "Ann").exit_code == 0
+    assert typed(endpoint, "cell-15", session, "move", "4.15", "4.4", "--author", "Bob").exit_code == 0
+    assert typed(endpoint, "cell-15", session, "move", "3", "3.4", "--author", "Bob").exit_code == 0
+    refused = typed(endpoint, "cell-15", session, "undo", "1")
+    assert refused.exit_code == 1
+    assert "correction 3 by Bob moved that changepoint on: take correction 3 back first" in refused.stderr
+
+    plain = taught(caesura, "cell-16")
+    caesura.insert("cell-16", plain, 3.0, author="Ann")
+    caesura.move("cell-16", plain, 3.0, 3.4, author="Bob")
+    assert typed(endpoint, "cell-15", session, "undo", "2").exit_code == 0
+    assert segments_of(caesura, "cell-15") == segments_of(caesura, "cell-16"), "the others stay"
+    listed = typed(endpoint, "cell-15", session).stdout.strip().splitlines()[-3:]
+    assert [line.split()[0] for line in listed] == ["1", "2", "3"]
+    assert "Ann inserted a changepoint at 3.00 s" in listed[0]
+    assert "Bob moved the changepoint at 4.15 s to 4.40 s" in listed[1]
+    assert [line.split()[-1] for line in listed] == ["applied", "undone", "applied"]
+    assert typed(endpoint, "cell-15", session, "redo").exit_code == 0
+    states = [one.state for one in caesura.snapshot("cell-15", session).program.corrections]
+    assert states == ["applied"] * 3
+
+
+def segments_of(caesura: Caesura, station: str) -> list[tuple[float, float, str]]:
+    return [(one.t0, one.tn, one.kind) for one in caesura.snapshot(station).segments.segments]
+
+
 def test_what_has_no_time_is_not_preceded_by_a_query_where_the_revision_is_stated(
     endpoint: str, caesura: Caesura, monkeypatch: pytest.MonkeyPatch
 ):
@@ -234,9 +267,10 @@ def test_actions_as_they_are_typed():
     assert parse(["limit-force", "3.2", "none"]) == LimitForce(t=3.2, newton=None)
     assert parse(["name-phase", "3.2", "wipe the table"]) == NamePhase(t=3.2, name="wipe the table")
     assert parse(["undo"]) == Undo()
+    assert parse(["undo", "3"]) == TakeBack(number=3)
 
 
-@pytest.mark.parametrize("words", [["turn"], ["move", "3.2"], ["undo", "1"]])
+@pytest.mark.parametrize("words", [["turn"], ["move", "3.2"], ["undo", "1", "2"]])
 def test_an_action_that_is_none_is_refused_with_those_that_are(words: list[str]):
     with pytest.raises(typer.BadParameter, match=r"expected one of: insert T"):
         parse(words)

@@ -3,41 +3,61 @@
 from __future__ import annotations
 
 import getpass
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from pydantic import TypeAdapter, ValidationError
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
+from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.client import Caesura
+from caesura_clients.correction_words import described
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
-from caesura_protocol.messages import Action, LimitForce
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
+from caesura_protocol.messages import Action, Correction, LimitForce, Snapshot
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, moment
 from caesura_protocol.validation_words import first_finding
 
-# What stands behind each action on the command line.
-WORDS: dict[str, tuple[str, ...]] = {
-    "insert": ("t",),
-    "remove": ("t",),
-    "move": ("t", "to"),
-    "relabel": ("t", "kind"),
-    "limit_force": ("t", "newton"),
-    "name_phase": ("t", "name"),
-    "undo": (),
-    "redo": (),
-}
-USAGE = "; ".join(" ".join([do, *(word.upper() for word in words)]) for do, words in WORDS.items())
+
+class _Form(NamedTuple):
+    """An action as it is typed: its first word, what stands behind that, and its name on the wire."""
+
+    typed: str
+    words: tuple[str, ...]
+    do: str
+
+
+FORMS: Sequence[_Form] = (
+    _Form("insert", ("t",), "insert"),
+    _Form("remove", ("t",), "remove"),
+    _Form("move", ("t", "to"), "move"),
+    _Form("relabel", ("t", "kind"), "relabel"),
+    _Form("limit_force", ("t", "newton"), "limit_force"),
+    _Form("name_phase", ("t", "name"), "name_phase"),
+    _Form("undo", (), "undo"),
+    _Form("undo", ("number",), "take_back"),
+    _Form("redo", (), "redo"),
+)
+USAGE = "; ".join(" ".join([form.typed, *(word.upper() for word in form.words)]) for form in FORMS)
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 
 
 def edit(
     station: Annotated[str, typer.Argument(help="Teaching station.")],
     session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
-    action: Annotated[list[str], typer.Argument(help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit.")],
+    action: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit; NUMBER as listed. Without an action the "
+            "corrections are listed."
+        ),
+    ] = None,
     author: Annotated[
         str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose correction; by default the login's.")
     ] = None,
@@ -48,10 +68,13 @@ def edit(
     config: Config = None,
 ) -> None:
     """Correct a session, open or closed: changepoints, kinds, force limits, names of phases."""
-    wanted = parse(action)
+    wanted = parse(action) if action else None
     with reported():
         named(station)
         with connected(endpoint, config) as caesura:
+            if wanted is None:
+                _print_corrections(caesura.snapshot(station, session))
+                return
             clock, current = NO_OFFSET, revision
             if revision is None or _times(wanted):
                 clock, current = _seen(caesura, station, session, revision)
@@ -66,6 +89,12 @@ def edit(
                     revision=current,
                 )
     typer.echo(f"{station}/{session} is at revision {ack.revision}")
+
+
+def _print_corrections(found: Snapshot) -> None:
+    clock, corrections = clock_of(found.segments.segments), found.program.corrections
+    listed = corrections_table(corrections, clock) if corrections else "no corrections"
+    Console().print(*clock_lines(clock), listed, sep="\n")
 
 
 def _seen(
@@ -116,16 +145,29 @@ def parse(words: list[str]) -> Action:
     >>> parse(["move", "3.2", "3.4"])
     Move(do='move', t=3.2, to=3.4)
     """
-    do, *values = [word.replace("-", "_") if i == 0 else word for i, word in enumerate(words)]
-    names = WORDS.get(do)
-    if names is None or len(values) != len(names):
+    typed, *values = words
+    form = next((one for one in FORMS if _matches(one, typed, values)), None)
+    if form is None:
         raise typer.BadParameter(f"{' '.join(words)!r}, expected one of: {USAGE}", param_hint="ACTION")
-    given: dict[str, Any] = dict(zip(names, values, strict=True))
+    given: dict[str, Any] = dict(zip(form.words, values, strict=True))
     if given.get("newton") == "none":
         given["newton"] = None
     try:
-        return _ACTION.validate_python({"do": do, **given})
+        return _ACTION.validate_python({"do": form.do, **given})
     except ValidationError as error:
         raise typer.BadParameter(
             first_finding(error, named=lambda place: str(place[-1]).upper()), param_hint="ACTION"
         ) from error
+
+
+def _matches(form: _Form, typed: str, values: Sequence[str]) -> bool:
+    return form.typed == typed.replace("-", "_") and len(form.words) == len(values)
+
+
+def corrections_table(corrections: Sequence[Correction], clock: SessionClock) -> Table:
+    """The corrections of a session, one a line."""
+    table = Table("#", "correction", "at [UTC]", "state", title="corrections", **PLAIN)
+    for one in corrections:
+        words = map(Text, (described(one, clock), moment(one.at), one.state))
+        table.add_row(str(one.number), *words)
+    return table

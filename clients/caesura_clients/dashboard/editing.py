@@ -80,5 +80,6 @@ _DONE: Mapping[str, str] = {
     "limit_force": "The force at {t:.2f} s is limited to {newton:g} N.",
     "name_phase": "The phase at {t:.2f} s is called {name}.",
     "undo": "Undone.",
+    "take_back": "Correction {number} is taken back.",
     "redo": "Done again.",
 }

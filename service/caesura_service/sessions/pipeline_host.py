@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Action, App, Description, EditProgram, Open, Redo, Undo
-from caesura_service.journal import Edit
+from caesura_protocol.messages import App, Description, Edit, EditProgram, Open, Redo, TakeBack, Undo
+from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.program import check_applies
 from caesura_service.publishing import messages
@@ -131,12 +131,15 @@ class PipelineHost:
 
         return self._run_guarded(step)
 
-    def preview_edit(self, action: Action) -> tuple[EditHistory, Pipeline]:
+    def preview_edit(self, edit: Edit, at: float) -> tuple[EditHistory, Pipeline]:
         """Return the edit history with one edit more and the pipeline filtered by it; changes nothing.
 
-        Raises ProtocolError for an edit that does not apply.
+        at: time of day [s]. Raises ProtocolError for an edit that does not apply.
         """
-        corrections = self.corrections.after(action, self._pipeline.resolve)
+        if isinstance(edit.action, TakeBack):
+            taken_back = self.corrections.taken_back(edit.action)
+            self.corrections.check_unreferred(taken_back, self._pipeline.observation_at)
+        corrections = self.corrections.after(edit, at, self._pipeline.resolve)
         return corrections, self._pipeline.corrected(corrections.active)
 
     def apply_edit(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
@@ -174,7 +177,7 @@ class PipelineHost:
     # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all
     # of them from the beginning (`prefilter_edits`), and has to at the end (`refilter`).
 
-    def prefilter_edits(self, edits: Iterable[Edit]) -> None:
+    def prefilter_edits(self, edits: Iterable[AppliedEdit]) -> None:
         """Filter from here on by all of these edits; `replay_edit` then counts each at its place."""
         corrections = self.corrections
         for edit in edits:
@@ -183,17 +186,17 @@ class PipelineHost:
             if not edit.is_resolved:
                 return  # what it comes to depends on what will be shown
             try:
-                corrections = corrections.again(edit, self._pipeline.kinds)
+                corrections = corrections.again(edit, self._pipeline.kinds, at=0.0)
             except ProtocolError:
                 corrections = corrections.passed_over()
         self._set_corrections(corrections.active)
 
-    def replay_edit(self, edit: Edit, at: float) -> list[Output]:
+    def replay_edit(self, edit: AppliedEdit, at: float) -> list[Output]:
         """Replay a recorded edit; count one that no longer applies as rejected. at: time of day [s]."""
         try:
             if edit.version is None:
                 self.refilter()
-                corrections = self.corrections.after(edit.action, self._pipeline.resolve)
+                corrections = self.corrections.after(edit, at, self._pipeline.resolve)
                 if not isinstance(edit.action, Undo | Redo):
                     corrections = corrections.as_anew()
                 pipeline = self._pipeline.corrected(corrections.active)
@@ -206,7 +209,7 @@ class PipelineHost:
                     edit.author,
                 )
                 return self.apply_edit(messages.EditOutcome(corrections, edit.author, at), pipeline)
-            corrections = self.corrections.again(edit, self._pipeline.kinds)
+            corrections = self.corrections.again(edit, self._pipeline.kinds, at)
         except ProtocolError as error:
             self.corrections = self.corrections.passed_over()
             self.state = self.state._replace(revision=self.corrections.revision)

@@ -30,6 +30,7 @@ from caesura_protocol.messages import (
     Open,
     Redo,
     SampleBatch,
+    TakeBack,
     Undo,
 )
 from caesura_service.journal import Edit as AppliedEdit
@@ -314,7 +315,7 @@ class Session:
         next_state(self.state.lifecycle, "edit")
         self.check_revision(edit)
         self._check_records_exist()
-        corrections, pipeline = self._host.preview_edit(edit.action)
+        corrections, pipeline = self._host.preview_edit(edit, now)
         self._check_records_exist()  # once more: that may have taken long
         self._journal.append(self._edit_record(edit, corrections), now)
         outputs = self._host.apply_edit(EditOutcome(corrections, edit.author, now), pipeline)
@@ -356,7 +357,7 @@ class Session:
 
     def _edit_record(self, edit: Edit, corrections: EditHistory) -> AppliedEdit:
         """Return the record of an edit with its resolved form, which a replay uses."""
-        is_news = not isinstance(edit.action, Undo | Redo)
+        is_news = not isinstance(edit.action, Undo | Redo | TakeBack)
         return AppliedEdit(
             **vars(edit),
             resolution=corrections.active[-1].recorded() if is_news else None,

@@ -31,6 +31,7 @@ from caesura_protocol.messages import (
     Remove,
     Segments,
     SessionStatus,
+    TakeBack,
     Undo,
 )
 from caesura_service.journal import Edit as AppliedEdit
@@ -118,6 +119,29 @@ def test_undo_and_redo_are_edits_too():
     assert published(said, Program)[0].author == "Bob"
     session.receive(edit(2, Redo()), 2.0)
     assert session.state.view == corrected
+
+
+def corrections_of(session: Session) -> list[tuple[int, str, float, str]]:
+    listed = program_of(session.state).corrections
+    return [(one.number, one.author, one.at, one.state) for one in listed]
+
+
+def test_the_program_lists_all_corrections_and_an_older_one_is_taken_back_by_an_edit_of_its_own():
+    session, _ = open_session()
+    run(session, 14)
+    session.receive(edit(), 1.0)
+    only = session.state.view.changepoints
+    session.receive(edit(1, Insert(t=0.525), author="Bob"), 2.0)
+    said = session.receive(edit(2, TakeBack(number=2), author="Cem"), 3.0)
+    assert session.state.view.changepoints == only
+    session.receive(edit(3, Redo()), 4.0)
+    said = session.receive(edit(4, TakeBack(number=1), author="Cem"), 5.0)
+    assert corrections_of(session) == [(1, "Ann", 1.0, "undone"), (2, "Bob", 2.0, "applied")]
+    (status,) = published(said, SessionStatus)
+    assert (status.revision, status.undoable, status.redoable) == (5, True, True)
+    assert published(said, Program)[0].corrections == program_of(session.state).corrections
+    with pytest.raises(ProtocolError, match="taken back already"):
+        session.receive(edit(5, TakeBack(number=1)), 6.0)
 
 
 def test_of_two_editors_the_slower_one_is_refused_with_the_revision_that_there_is():
@@ -270,6 +294,7 @@ def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):
         real.feed(first, stop)
         t, to = rng.uniform(0.2, max(real.standing.view.t, 0.3), 2).tolist()
         actions = [Insert(t=t), Move(t=t, to=to), Remove(t=to), Relabel(t=to, kind="motion"), Undo(), Redo()]
+        actions += [TakeBack(number=int(rng.integers(1, 8))), Redo()]
         for action in actions:
             real.edit(action, at=100.0 + number)
     close = Close(session=NAME, last_seq=real.count - 1)
@@ -561,7 +586,9 @@ def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair):
 steps = st.lists(
     st.one_of(
         st.integers(0, COUNT - 1),
-        st.sampled_from([Insert(t=0.155), Insert(t=0.525), Insert(t=1.155), Undo(), Redo()]),
+        st.sampled_from(
+            [Insert(t=0.155), Insert(t=0.525), Insert(t=1.155), Undo(), Redo(), TakeBack(number=1)]
+        ),
         st.sampled_from(["commit", "hand", "kill", "freeze", "look", "close"]),
     ),
     max_size=30,
@@ -604,7 +631,9 @@ def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(ste
                     owner, other = other, owner
                     owner.take()
                 case action if edited(owner, action):
-                    model = model.after(action, lambda change: ResolvedEdit(inserted=change.t))
+                    model = model.after(
+                        edit(action=action), 0.0, lambda change: ResolvedEdit(inserted=change.t)
+                    )
                     expected += 1
             assert owner.standing.revision == expected
             shown = {one.t for one in owner.standing.view.changepoints}

@@ -23,6 +23,7 @@ from caesura_protocol.messages import (
     Ack,
     App,
     AppChange,
+    AppOutline,
     AppPath,
     AppReference,
     BridgeAck,
@@ -40,6 +41,7 @@ from caesura_protocol.messages import (
     Description,
     DuplicateApp,
     Edit,
+    EditEffect,
     EditProgram,
     Error,
     Gap,
@@ -59,6 +61,7 @@ from caesura_protocol.messages import (
     Phase,
     Piece,
     Posterior,
+    Preview,
     Program,
     ProgramEdit,
     RecordedSamples,
@@ -70,6 +73,7 @@ from caesura_protocol.messages import (
     RestForce,
     ScrewMotion,
     Segment,
+    SegmentOutline,
     Segments,
     ServiceStatus,
     SessionStatus,
@@ -316,6 +320,21 @@ def examples() -> dict[str, Message]:
         TakeBack(number=2),
     )
     edit = Edit(session=SESSION, revision=2, author="Ann", action=actions[2])
+    preview = Preview(session=SESSION, revision=2, action=actions[1])
+    effect = EditEffect(
+        first_segment=1,
+        segments_before=(
+            SegmentOutline(t0=1.25, tn=3.5, kind="motion"),
+            SegmentOutline(t0=3.5, tn=5.0, kind="contact"),
+        ),
+        segments_after=(SegmentOutline(t0=1.25, tn=5.0, kind="contact"),),
+        first_app=2,
+        apps_after=(
+            AppOutline(
+                kind="apply_force", t0=1.25, tn=5.0, target=(0.5, 0.25, 0.125), force=(0.0, 0.0, -9.5)
+            ),
+        ),
+    )
     describe = Describe(session=SESSION, author="Ann", before=Description(), description=description)
     start = Start(id="press-58af", session=SESSION, description=description)
     batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17, "bridge": BRIDGE}
@@ -349,6 +368,10 @@ def examples() -> dict[str, Message]:
         change,
         Control(command=opening),
         Ack(session=SESSION, next_seq=18, state="open"),
+        preview,
+        effect.segments_before[0],
+        effect.apps_after[0],
+        effect,
         changepoint,
         segment,
         phase,
@@ -417,6 +440,8 @@ def examples() -> dict[str, Message]:
         "SampleBatch.float64": pack_samples(samples(np.float64), **batch),
         "Control.Close": Control(command=closing),
         "Control.Edit": Control(command=edit),
+        "Control.Preview": Control(command=preview),
+        "Ack.effect": Ack(session=SESSION, next_seq=18, state="open", revision=3, effect=effect),
         "Control.Describe": Control(command=describe),
         "Control.EditProgram": Control(command=edit_program),
         "BridgeControl.Stop": BridgeControl(command=Stop(session=SESSION, success=True)),

@@ -29,6 +29,7 @@ MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
 MAX_CORRECTIONS = 1000  # of a session, those that were taken back included
+MAX_EFFECT_ROWS = 32  # of a kind, before and after an edit, that its effect lists
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
 MAX_PART_APPS = 100  # that one edit puts in the place of a part
 MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
@@ -286,6 +287,18 @@ class Edit(Message):
     action: Action
 
 
+class Preview(Message):
+    """Command: state what an edit would change. It is refused as the edit would be; nothing is changed.
+
+    The answer is an Ack with the effect, and the revision as it is.
+    """
+
+    type: Literal["preview"] = "preview"
+    session: Name
+    revision: Count  # as of an edit
+    action: Action
+
+
 class Describe(Message):
     """Command: replace the description of a session, open or closed.
 
@@ -404,13 +417,48 @@ class EditProgram(Message):
     action: ProgramAction
 
 
-Command = Annotated[Open | Close | Edit | Describe | EditProgram, Field(discriminator="type")]
+Command = Annotated[Open | Close | Edit | Preview | Describe | EditProgram, Field(discriminator="type")]
 
 
 class Control(Message):
     """What a bridge or an operator asks of a station's session; payload of a `control` query."""
 
     command: Command
+
+
+class SegmentOutline(Message):
+    """A segment, as far as an effect states it."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: Kind
+
+
+class AppOutline(Message):
+    """An app, as far as an effect states it."""
+
+    kind: AppKind
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    target: Vector | None = None  # [m] base frame
+    force: Vector | None = None  # [N] what the robot exerts
+    load_kg: float | None = None
+    gripper_width: float | None = None  # [m]
+
+
+class EditEffect(Message):
+    """What an edit changes: the segments and apps that go, and those that take their place.
+
+    From the first one that differs to the last one, at the same moment. One differs where its outline does.
+    """
+
+    first_segment: Count  # index of the first one, before and after
+    segments_before: Annotated[Listed[SegmentOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    segments_after: Annotated[Listed[SegmentOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    first_app: Count  # index of the first one in the program, before and after
+    apps_before: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    apps_after: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    more: Count = 0  # rows that are not listed, of all four together
 
 
 class Ack(Message):
@@ -420,6 +468,7 @@ class Ack(Message):
     next_seq: Count  # the batch that the service waits for
     state: Literal["open", "closed"]
     revision: Count = 0  # how many edits the session has had; undo and redo count
+    effect: EditEffect | None = None  # of an edit, or of its preview; None from an older service
 
 
 # --- operator to bridge ---------------------------------------------------------------------------------

@@ -199,7 +199,8 @@ def typed(endpoint: str, *words: str):
 def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     session = taught(caesura, "cell-5")
     done = typed(endpoint, "cell-5", session, "insert", "3.2", "--author", "Bob")
-    assert (done.exit_code, done.stdout) == (0, f"cell-5/{session} is at revision 1\n")
+    said = f"inserted a changepoint at 3.20 s; cell-5/{session} is at revision 1\n"
+    assert (done.exit_code, done.stdout.startswith(said)) == (0, True)
     assert caesura.program("cell-5").author == "Bob"
     assert typed(endpoint, "cell-5", session, "undo").exit_code == 0
     stale = typed(endpoint, "cell-5", session, "redo", "--revision", "0")
@@ -237,6 +238,33 @@ def test_the_command_line_lists_corrections_and_takes_any_of_them_back(
     assert typed(endpoint, "cell-15", session, "redo").exit_code == 0
     states = [one.state for one in caesura.snapshot("cell-15", session).program.corrections]
     assert states == ["applied"] * 3
+
+
+def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint: str, caesura: Caesura):
+    session = taught(caesura, "cell-17")
+    before = caesura.snapshot("cell-17", session)
+    words = ("cell-17", session, "remove", "4.3", "--author", "Ann")
+    previewed = typed(endpoint, *words, "--preview")
+    assert previewed.exit_code == 0, previewed.stderr
+    headline, *effect = previewed.stdout.splitlines()
+    assert headline == "nothing is changed; this edit would do:"
+    after = caesura.snapshot("cell-17", session)
+    published = ("changepoints", "segments", "posterior", "program", "hints")
+    assert all(getattr(after, part) == getattr(before, part) for part in published)
+    assert (after.status.seq, after.status.revision) == (before.status.seq, before.status.revision)
+    done = typed(endpoint, *words)
+    assert done.stdout.splitlines() == [
+        f"removed the changepoint at 4.15 s; cell-17/{session} is at revision 1",
+        *effect,
+    ]
+    segments = [one for one in segments_of(caesura, "cell-17") if one[0] < 4.15 < one[1]]
+    ((t0, tn, kind),) = segments
+    assert f"become {kind} {t0:.2f} to {tn:.2f} s." in effect[0]
+    undone = typed(endpoint, "cell-17", session, "undo")
+    assert undone.stdout.startswith("took back: Ann removed the changepoint at 4.30 s; ")
+    refused = typed(endpoint, "cell-17", session, "remove", "99", "--preview")
+    assert refused.exit_code == 1
+    assert "the time is outside the demonstration" in refused.stderr
 
 
 def segments_of(caesura: Caesura, station: str) -> list[tuple[float, float, str]]:

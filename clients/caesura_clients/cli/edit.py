@@ -17,10 +17,18 @@ from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.client import Caesura
-from caesura_clients.correction_words import described
+from caesura_clients.correction_words import described, effect_words, in_words, meant
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
-from caesura_protocol.messages import Action, Correction, LimitForce, Snapshot
+from caesura_protocol.messages import (
+    Action,
+    Correction,
+    EditEffect,
+    LimitForce,
+    Snapshot,
+    TakeBack,
+    Undo,
+)
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, moment
 from caesura_protocol.validation_words import first_finding
 
@@ -64,6 +72,9 @@ def edit(
     revision: Annotated[
         int | None, typer.Option(min=0, help="Of the session as it was seen; by default the current one.")
     ] = None,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Say what the correction would change; change nothing.")
+    ] = False,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
@@ -75,20 +86,51 @@ def edit(
             if wanted is None:
                 _print_corrections(caesura.snapshot(station, session))
                 return
-            clock, current = NO_OFFSET, revision
+            seen = NOT_SEEN if revision is None else NOT_SEEN._replace(revision=revision)
             if revision is None or _times(wanted):
-                clock, current = _seen(caesura, station, session, revision)
-            wanted = _on_clock(wanted, clock)
-            with nearest_named(wanted, clock):
+                seen = _seen(caesura, station, session, revision)
+            wanted = _on_clock(wanted, seen.clock)
+            with nearest_named(wanted, seen.clock):
+                if preview:
+                    effect = caesura.preview(station, session, wanted, revision=seen.revision)
+                    typer.echo(
+                        "\n".join(
+                            ["nothing is changed; this edit would do:", *effect_words(effect, seen.clock)]
+                        )
+                    )
+                    return
                 ack = edit_session(
                     caesura.transport,
                     station,
                     session,
                     wanted,
                     author=author or getpass.getuser(),
-                    revision=current,
+                    revision=seen.revision,
                 )
-    typer.echo(f"{station}/{session} is at revision {ack.revision}")
+    typer.echo(f"{_done(wanted, ack.effect, seen)}; {station}/{session} is at revision {ack.revision}")
+    if ack.effect is not None:
+        typer.echo("\n".join(effect_words(ack.effect, seen.clock)))
+
+
+class _SessionSeen(NamedTuple):
+    """A session before an edit; what is not known of it is empty."""
+
+    clock: SessionClock
+    revision: int | None
+    corrections: Sequence[Correction] = ()
+
+
+NOT_SEEN = _SessionSeen(NO_OFFSET, None)
+
+
+def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
+    """What was done; of an undo, what it took back, where that is known."""
+    applied = [one for one in seen.corrections if one.state == "applied"]
+    if isinstance(action, TakeBack):
+        applied = [one for one in applied if one.number == action.number]
+    if isinstance(action, Undo | TakeBack) and applied:
+        return f"took back: {described(applied[-1], seen.clock)}"
+    return in_words(action if effect is None else meant(action, effect), seen.clock)
 
 
 def _print_corrections(found: Snapshot) -> None:
@@ -97,17 +139,16 @@ def _print_corrections(found: Snapshot) -> None:
     Console().print(*clock_lines(clock), listed, sep="\n")
 
 
-def _seen(
-    caesura: Caesura, station: str, session: str, revision: int | None
-) -> tuple[SessionClock, int | None]:
-    """The clock of a session, and the revision that was stated, or else its own."""
+def _seen(caesura: Caesura, station: str, session: str, revision: int | None) -> _SessionSeen:
+    """A session before an edit, with the revision that was stated, or else its own."""
     try:
         found = caesura.snapshot(station, session)
     except NotFound:
         if revision is None:
             raise
-        return NO_OFFSET, revision  # the service may know it, and hold it no longer
-    return clock_of(found.segments.segments), found.status.revision if revision is None else revision
+        return NOT_SEEN._replace(revision=revision)  # the service may know it, and hold it no longer
+    current = found.status.revision if revision is None else revision
+    return _SessionSeen(clock_of(found.segments.segments), current, found.program.corrections)
 
 
 def _on_clock(wanted: Action, clock: SessionClock) -> Action:

@@ -8,16 +8,29 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
+from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import App, Description, Edit, EditProgram, Open, Redo, TakeBack, Undo
+from caesura_protocol.messages import (
+    App,
+    Description,
+    Edit,
+    EditEffect,
+    EditProgram,
+    Open,
+    Redo,
+    TakeBack,
+    Undo,
+)
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.program import check_applies
 from caesura_service.publishing import messages
+from caesura_service.publishing.effect import effect_of
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
 from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next_state
 from caesura_service.publishing.session_state import (
@@ -32,6 +45,14 @@ from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
 
 logger = logging.getLogger(__name__)
+
+
+class PreparedEdit(NamedTuple):
+    """An edit that can be applied."""
+
+    outcome: messages.EditOutcome
+    pipeline: Pipeline
+    effect: EditEffect
 
 
 class PipelineHost:
@@ -131,16 +152,32 @@ class PipelineHost:
 
         return self._run_guarded(step)
 
-    def preview_edit(self, edit: Edit, at: float) -> tuple[EditHistory, Pipeline]:
-        """Return the edit history with one edit more and the pipeline filtered by it; changes nothing.
+    def prepare_edit(self, edit: Edit, at: float) -> PreparedEdit:
+        """Filter a pipeline with one edit more; the session stays as it is.
 
         at: time of day [s]. Raises ProtocolError for an edit that does not apply.
         """
+        return self._prepare(edit, at, self._pipeline)
+
+    def preview_edit(self, edit: Edit, at: float) -> EditEffect:
+        """Return what an edit would change. Raises as `prepare_edit`.
+
+        A copy of the pipeline is brought up to date, because that decides when the next results are made.
+        """
+        return self._prepare(edit, at, copy(self._pipeline)).effect
+
+    def _prepare(self, edit: Edit, at: float, present: Pipeline) -> PreparedEdit:
         if isinstance(edit.action, TakeBack):
             taken_back = self.corrections.taken_back(edit.action)
-            self.corrections.check_unreferred(taken_back, self._pipeline.observation_at)
-        corrections = self.corrections.after(edit, at, self._pipeline.resolve)
-        return corrections, self._pipeline.corrected(corrections.active)
+            self.corrections.check_unreferred(taken_back, present.observation_at)
+        corrections = self.corrections.after(edit, at, present.resolve)
+        corrected = present.corrected(corrections.active)
+        present.refresh()  # both at the same observation
+        before, after = (
+            self.state._replace(view=one.view, apps=one.view.apps) for one in (present, corrected)
+        )
+        outcome = messages.EditOutcome(corrections, edit.author, at)
+        return PreparedEdit(outcome, corrected, effect_of(before, after))
 
     def apply_edit(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
         """Replace history and pipeline by the edited ones, and publish the differences."""

@@ -25,6 +25,7 @@ from harness.processes import eventually
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 
+DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
@@ -329,6 +330,64 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
     expect(page.locator(".message")).to_contain_text("Undone")
     assert visitor.errors == []
     visitor.close()
+
+
+def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, browser: Browser):
+    stage.teach("cell-list", guided(), session="over", pace="fast")
+    stage.wait("cell-list")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Cem')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-list/over")
+        listed = page.locator(".corrections")
+        expect(listed.locator("summary")).to_have_text("Corrections: 0")
+        expect(listed.locator(".empty"), "collapsed to a count").to_be_hidden()
+        caesura.insert("cell-list", "over", 1.2, author="Ann")
+        caesura.insert("cell-list", "over", 0.4, author="Bo")
+        caesura.move("cell-list", "over", 1.2, 1.6, author="Ann")
+        rows = listed.locator("li")
+        expect(rows).to_have_count(3)
+        expect(rows.first).to_contain_text("Ann moved the changepoint at 1.20 s to 1.60 s")
+        expect(rows.first.locator("time")).to_be_visible()
+        expect(rows.last).to_contain_text("Ann inserted a changepoint at 1.20 s")
+
+        rows.last.get_by_role("button", name="Undo").click()
+        refusal = "correction 3 by Ann moved that changepoint on: take correction 3 back first"
+        expect(listed.get_by_role("status")).to_contain_text(refusal)
+        undo = rows.nth(1).get_by_role(
+            "button", name="Undo correction 2: Bo inserted a changepoint at 0.40 s"
+        )
+        undo.focus()
+        page.keyboard.press("Enter")
+        expect(listed.get_by_role("status")).to_contain_text("Correction 2 is taken back")
+        expect(rows.nth(1)).to_contain_text("undone")
+        kept = [
+            one.t for one in caesura.snapshot("cell-list", "over").changepoints.changepoints if one.corrected
+        ]
+        assert kept == [pytest.approx(1.6, abs=NEAR_S)]
+        looks_right(visitor, "corrections")
+
+        page.get_by_role("button", name="Redo", exact=True).click()
+        expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
+        states = [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
+        assert states == ["applied"] * 3
+    assert visitor.errors == []
+    visitor.close()
+
+
+def looks_right(visitor: Visitor, name: str) -> None:
+    """On a desk and a phone, light and dark: axe finds nothing, nothing scrolls sideways."""
+    page = visitor.page
+    for where, size in (("phone", PHONE), ("desktop", DESK)):
+        page.set_viewport_size(size)
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture(f"{name}-{where}")
+            assert visitor.barriers(*rules) == []
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
 
 
 def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, browser: Browser):

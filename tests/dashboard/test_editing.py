@@ -24,6 +24,7 @@ ASKED = {"session": "s1", "revision": 3, "author": "Ann"}
         ({"do": "name_phase", "t": 3.2, "name": "wipe"}, "The phase at 3.20 s is called wipe."),
         ({"do": "undo"}, "Undone."),
         ({"do": "redo"}, "Done again."),
+        ({"do": "take_back", "number": 3}, "Correction 3 is taken back."),
     ],
 )
 def test_every_tool_asks_for_what_it_says(request_, words):

@@ -14,7 +14,7 @@ const correcting = `
       <button v-if="undoable" class="undo" title="Take the last correction back (Ctrl Z)" @click="undo">Undo</button>
       <button v-if="redoable" class="redo" title="Make it once more (Ctrl Y)" @click="redo">Redo</button>
     </template>
-    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ message }}<span v-if="doubt" class="doubt"> {{ doubt }}</span></p>
+    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ inList ? "" : message }}<span v-if="doubt" class="doubt"> {{ doubt }}</span></p>
   </div>
   <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
 
@@ -45,6 +45,10 @@ const time = `
       <button @click="all">All</button>
       <button class="follow" :aria-pressed="String(end === null)" @click="follow">{{ closed ? "End" : "Live" }}</button></span>
   </div>`;
+
+const corrections = `
+  <corrections v-if="!linked && session" :rows="corrections" :editable="editable" :busy="busy" :message="inList ? message : ''" :failed="failed"
+    @edit="edit"></corrections>`;
 
 const table = `
   <details class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
@@ -78,6 +82,7 @@ export const template = `
     </div>
     ${time}
     ${legend}
+    ${corrections}
     <details v-if="!linked" class="help"><summary>Keys and pointer</summary>
     <p id="plot-help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
       Enter inserts, Delete removes, M moves the selected one to the time, R or a right click shows what can be corrected there,

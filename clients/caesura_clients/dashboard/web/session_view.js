@@ -1,5 +1,6 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
@@ -26,6 +27,7 @@ const SURE = 2; // standard deviations of a load that is there
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
   tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  corrections: [],
 });
 const chosen = () => {
   try {
@@ -37,7 +39,7 @@ const chosen = () => {
 
 export default {
   mixins: [live, keyboard, view, pair, pointer],
-  components: { CorrectMenu },
+  components: { CorrectMenu, Corrections },
   props: { station: String, editable: Boolean, replay: Boolean },
   emits: ["edit", "run-lengths"],
   template,
@@ -46,7 +48,7 @@ export default {
       ...empty(),
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
       author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false,
-      menu: null, canTake: false, relabelled: null,
+      menu: null, canTake: false, relabelled: null, inList: false,
       kinds: KINDS, chosen: chosen(), trouble: "",
     };
   },
@@ -125,7 +127,7 @@ export default {
     percent,
     apply(payload) {
       if (payload.reset) Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
-      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
+      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "phases", "changepoints"]) {
@@ -265,7 +267,8 @@ export default {
     edit(action) {
       if (!this.editable || this.session === "" || this.busy) return;
       if (!this.author.trim()) return this.askName(action);
-      Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null });
+      Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null,
+        inList: action.do === "take_back" });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
     },
     askName(action) { // of who corrects, at the first correction; then it is made

@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     Remove,
     SegmentOutline,
 )
+from caesura_protocol.number_words import fixed
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 _WORDS: Mapping[str, str] = {
@@ -124,10 +125,11 @@ def _values(old: AppOutline, new: AppOutline, clock: SessionClock) -> Iterator[s
     if old.target and new.target and (moved := 1000 * math.dist(old.target, new.target)) >= LEAST_MM:
         yield f"target moves by {moved:.1f} mm"
     pairs = (
-        ("force", "N", math.hypot(*(old.force or ())), math.hypot(*(new.force or ()))),
-        ("load", "kg", old.load_kg or 0.0, new.load_kg or 0.0),
-        ("gripper width", "mm", 1000 * (old.gripper_width or 0.0), 1000 * (new.gripper_width or 0.0)),
+        ("force", "N", 1, math.hypot(*(old.force or ())), math.hypot(*(new.force or ()))),
+        ("load", "kg", 2, old.load_kg or 0.0, new.load_kg or 0.0),
+        ("gripper width", "mm", 0, 1000 * (old.gripper_width or 0.0), 1000 * (new.gripper_width or 0.0)),
     )
-    for name, unit, was, is_now in pairs:
-        if f"{was:.2f}" != f"{is_now:.2f}":
-            yield f"{name} {was:.2f} {unit} becomes {is_now:.2f} {unit}"
+    for name, unit, decimals, *both in pairs:
+        was, is_now = (fixed(value, decimals) for value in both)
+        if was != is_now:
+            yield f"{name} {was} {unit} becomes {is_now} {unit}"

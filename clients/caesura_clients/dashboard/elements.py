@@ -193,15 +193,17 @@ class SessionView(LiveElement, component="web/session_view.js"):
         editable: bool,
         replay: bool,
         on_edit: Callable[[GenericEventArguments], Any],
+        on_preview: Callable[[GenericEventArguments], Any],
         linked: bool = False,
     ) -> None:
-        """linked: it moves together with the other one of the page."""
+        """on_preview: as on_edit, of what it would change. linked: it moves with the page's other one."""
         super().__init__()
         self._props |= {"station": station, "editable": editable, "replay": replay, "linked": linked}
         self._known = SentState()
         self._stands: dict[str, Any] = {}
         self.shows_run_lengths = False
         self.on("edit", on_edit)
+        self.on("preview", on_preview)
         self.on("run-lengths", self._want)
 
     def follow(self, update: Update | None, more: dict[str, Any]) -> None:
@@ -229,6 +231,10 @@ class SessionView(LiveElement, component="web/session_view.js"):
     def answered(self, message: str, *, failed: bool) -> None:
         """Say what became of a correction."""
         self.run_method("answered", message, failed)
+
+    def previewed(self, found: dict[str, Any]) -> None:
+        """Show what a correction would change (`editing.preview`)."""
+        self.run_method("previewed", found)
 
     def _begin(self) -> None:
         super()._begin()

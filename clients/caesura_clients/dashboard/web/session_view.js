@@ -2,6 +2,8 @@
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
+import { effect } from "caesura-dashboard/effect.js";
+import EffectWords from "caesura-dashboard/effect_words.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
@@ -38,10 +40,10 @@ const chosen = () => {
 };
 
 export default {
-  mixins: [live, keyboard, view, pair, pointer],
-  components: { CorrectMenu, Corrections },
+  mixins: [live, keyboard, view, pair, pointer, effect],
+  components: { CorrectMenu, Corrections, EffectWords },
   props: { station: String, editable: Boolean, replay: Boolean },
-  emits: ["edit", "run-lengths"],
+  emits: ["edit", "preview", "run-lengths"],
   template,
   data() {
     return {
@@ -90,6 +92,11 @@ export default {
     panels() {
       return this.offered.filter((one) => this.chosen.includes(one.name));
     },
+    tipStyle() { // beside what is dragged, or at the right
+      if (this.ghost === null) return { right: "0.5rem" };
+      const x = this.scale().x(this.ghost), width = this.$refs.plots.clientWidth;
+      return x < width / 2 ? { left: `${x + 12}px` } : { right: `${width - x + 12}px` };
+    },
     markedStyle() {
       return this.marked && { left: `${this.marked[0]}px`, width: `${this.marked[1] - this.marked[0]}px` };
     },
@@ -126,7 +133,7 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
+      if (payload.reset) Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, effect: null, columns: this.columns && [], origin: null, fitted: false });
       for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
@@ -267,6 +274,7 @@ export default {
     edit(action) {
       if (!this.editable || this.session === "" || this.busy) return;
       if (!this.author.trim()) return this.askName(action);
+      this.preview(null);
       Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null,
         inList: action.do === "take_back" });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
@@ -294,6 +302,7 @@ export default {
     },
     closeMenu() {
       this.menu = null;
+      this.preview(null);
       this.$refs.plots.focus({ preventScroll: true });
     },
     chosenInMenu(action) {

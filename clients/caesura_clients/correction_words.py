@@ -25,7 +25,7 @@ _WORDS: Mapping[str, str] = {
     "move": "moved the changepoint at {t} s to {to} s",
     "relabel": "named the segment at {t} s {kind}",
     "limit_force": "limited the force at {t} s to {newton} N",
-    "name_phase": "named the phase at {t} s {name}",
+    "name_phase": "named the phase at {t} s '{name}'",
     "undo": "took the last correction back",
     "redo": "made the correction that was taken back last once more",
     "take_back": "took correction {number} back",

@@ -35,7 +35,7 @@ from caesura_protocol.session_clock import SessionClock
         (Relabel(t=3.2, kind="hold"), "named the segment at 3.20 s hold"),
         (LimitForce(t=3.2, newton=8.5), "limited the force at 3.20 s to 8.5 N"),
         (LimitForce(t=3.2, newton=None), "lifted the limit of the force at 3.20 s"),
-        (NamePhase(t=3.2, name="wipe {t}"), "named the phase at 3.20 s wipe {t}"),
+        (NamePhase(t=3.2, name="wipe {t}"), "named the phase at 3.20 s 'wipe {t}'"),
         (TakeBack(number=2), "took correction 2 back"),
         (Undo(), "took the last correction back"),
         (Redo(), "made the correction that was taken back last once more"),

@@ -385,6 +385,44 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, brow
     visitor.close()
 
 
+def test_a_phase_is_named(stage: Stage, browser: Browser):
+    stage.teach("cell-phase", guided(), session="over", pace="fast")
+    stage.wait("cell-phase")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-phase/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+        contact = next(
+            one for one in caesura.snapshot("cell-phase", "over").segments.phases if one.kind == "contact"
+        )
+        # where a phase begins, the menu means the phase that begins
+        page.mouse.click(*operator.place(contact.t0), button="right")
+        menu = page.locator(".correct-menu")
+        expect(menu.get_by_role("button", name="contact")).to_have_attribute("aria-pressed", "true")
+        menu.get_by_label("Name the phase contact").fill("press the pump")
+        looks_right(visitor, "name-phase")
+        page.keyboard.press("Enter")
+        expect(page.locator(".message").first).to_contain_text("is called press the pump")
+        expect(page.locator(".selection")).to_contain_text("in phase press the pump (contact)")
+        expect(page.locator(".corrections li")).to_contain_text("Ann named the phase at")
+        names = [
+            one.name
+            for one in caesura.snapshot("cell-phase", "over").segments.phases
+            if one.kind == "contact"
+        ]
+        assert names == ["press the pump"]
+        page.set_viewport_size(DESK)
+        visitor.picture("phase-named-desktop")
+        page.get_by_role("button", name="Undo", exact=True).click()
+        expect(page.locator(".selection")).not_to_contain_text("press the pump")
+    assert visitor.errors == []
+    visitor.close()
+
+
 def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage, browser: Browser):
     stage.teach("cell-preview", guided(), session="over", pace="fast")
     stage.wait("cell-preview")

@@ -1,8 +1,8 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
-[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes], a
-changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
+[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes, name],
+a changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
 [t, [[length, probability], …]], a correction [number, words, time of day, undone]. Signals go another way: a
 page asks for those that it shows (`signals.py`).
 """
@@ -88,7 +88,8 @@ def segment_row(one: Segment) -> Cells:
 def phase_row(one: Phase) -> Cells:
     """As the module says."""
     final = one.certainty == "final"
-    return [round(one.t0, 3), round(one.tn, 3), one.kind, round(one.probability, 3), final, one.strokes]
+    times = [round(one.t0, 3), round(one.tn, 3)]
+    return [*times, one.kind, round(one.probability, 3), final, one.strokes, one.name]
 
 
 def changepoint_row(one: Changepoint) -> Cells:

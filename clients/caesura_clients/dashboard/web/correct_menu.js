@@ -6,9 +6,9 @@ const WIDTH = 288, NEAR = 0.005; // pixels; [s] up to which a time is that of a 
 
 export default {
   components: { EffectWords },
-  props: { t: Number, selected: Number, segment: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
+  props: { t: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
-  data: () => ({ newton: 10, tapped: "" }),
+  data: () => ({ newton: 10, tapped: "", name: "" }),
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + t.toFixed(2) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input class="time" type="number" step="any" :value="t.toFixed(2)"
@@ -26,9 +26,20 @@ export default {
         <label>Force at most [N] <input class="newton" type="number" min="0" step="any" required v-model.number="newton"></label>
         <button class="limit" title="The app here exerts no more than that" v-on="pointing({ do: 'limit_force', t, newton })">Limit</button>
         <button type="button" class="unlimit" title="The app here exerts what was taught" v-on="making({ do: 'limit_force', t, newton: null })">No limit</button></form>
+      <form v-if="phase" class="row" @submit.prevent="$emit('edit', { do: 'name_phase', t, name })">
+        <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="64" required v-model.trim="name"></label>
+        <button class="name-phase" title="Its apps are a group of this name; nothing else changes">Name</button></form>
       <effect-words :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>
     </div>`,
+  watch: {
+    phase: {
+      immediate: true,
+      handler(now, before) { // a phase that goes on is another row of the same beginning
+        if (!before || !now || now[0] !== before[0]) this.name = (now && now[6]) || "";
+      },
+    },
+  },
   mounted() {
     this.$el.querySelector("button").focus({ preventScroll: true });
     this.leave = (event) => this.$el.contains(event.target) || this.$emit("close");

@@ -119,7 +119,7 @@ export function drawBand(context, area, state, ink) {
     block(context, ROWS.phases, x, width, KINDS[kindOfPhase(phase[2])].colour, 0.1 + 0.3 * phase[3], null);
     context.strokeStyle = ink.faint;
     context.strokeRect(x + 0.5, ROWS.phases[0] + 0.5, Math.max(width - 1, 1), ROWS.phases[1] - 1);
-    write(context, [`${phaseName(phase)}${phase[4] ? "" : " ~"}`, phase[2]], ROWS.phases, x, width, ink, false);
+    write(context, [`${phaseName(phase)}${phase[4] ? "" : " ~"}`, phase[6] || phase[2]], ROWS.phases, x, width, ink, false);
   });
   if (preview) frame(context, area, state.effect.span, ink);
   context.textAlign = "right";

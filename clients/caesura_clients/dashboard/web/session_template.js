@@ -19,7 +19,7 @@ const correcting = `
   <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
 
 const floating = `
-  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :selected="selected" :segment="segmentAtCursor" :kinds="kinds" :author="author" :effect="effect"
+  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
     @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="(at) => goto(at)"
     @preview="(action) => preview(action, 'menu')"></correct-menu>
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"

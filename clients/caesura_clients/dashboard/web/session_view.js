@@ -19,6 +19,7 @@ import { view } from "caesura-dashboard/view.js";
 
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
+const ROUNDED = 5e-4; // [s] by which the times of rows are off
 const PLAY_S = 0.1, LISTED = 30;
 // What a hint says where a finger points, and where a mouse does.
 const POINTING = matchMedia("(pointer: coarse)").matches
@@ -31,6 +32,12 @@ const empty = () => ({
   tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
   corrections: [],
 });
+// The row at a time: at a changepoint the later one, as a correction there means it.
+const rowAt = (rows, t) => {
+  if (t === null) return null;
+  const last = rows[rows.length - 1];
+  return rows.find(([t0, tn]) => t0 <= t + ROUNDED && t + ROUNDED < tn) || (last && last[0] <= t && t <= last[1] + ROUNDED ? last : null);
+};
 const chosen = () => {
   try {
     return JSON.parse(localStorage.getItem(SHOWN)) || SHOWN_AT_FIRST;
@@ -104,7 +111,10 @@ export default {
       return this.end ?? this.newest;
     },
     segmentAtCursor() {
-      return this.cursor === null ? null : this.segments.find(([t0, tn]) => t0 <= this.cursor && this.cursor <= tn);
+      return rowAt(this.segments, this.cursor);
+    },
+    phaseAtCursor() {
+      return rowAt(this.phases, this.cursor);
     },
     selection() {
       const segment = this.segmentAtCursor;
@@ -112,7 +122,7 @@ export default {
         ? `${segment[2]} ${percent(segment[3])}${segment[6] ? `, else ${segment[6]}` : ""}, ` +
           `${segment[0].toFixed(2)} to ${segment[1].toFixed(2)} s`
         : "no segment";
-      const phase = this.cursor === null ? null : this.phases.find(([t0, tn]) => t0 <= this.cursor && this.cursor <= tn);
+      const phase = this.phaseAtCursor;
       const within = phase ? `, in phase ${phaseName(phase)} ${percent(phase[3])}` : "";
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
@@ -199,6 +209,7 @@ export default {
     },
     arrange() { // other panels, or another width
       this.plots.show(this.panels);
+      if (this.menu) Object.assign(this.menu, { x: this.scale().x(this.cursor), width: this.$refs.plots.clientWidth });
       this.moved();
     },
 

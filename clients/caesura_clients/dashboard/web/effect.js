@@ -1,6 +1,9 @@
 // What a correction would change, asked of the service before it is made. One question is under way at a time, and only
 // the newest answer is shown.
-const WAIT_MS = 200; // that a correction has been pointed at
+const WAIT_MS = 200; // that a correction has been pointed at, at least
+// Likewise, in times of the last answer. An answer for a long session takes seconds of the service's work, which what is
+// taught meanwhile needs too; once it is taught, CLOSED_MS are enough.
+const ANSWERS = 2, CLOSED_MS = 1000;
 const EPS = 1e-3; // [s] rows are rounded to
 
 // The listeners of a button that makes a correction: `on` when it is pointed at, `off` when no longer. A finger points at
@@ -13,7 +16,7 @@ export const pointing = (on, off) => {
 export const effect = {
   data: () => ({ effect: null, effectAt: "" }),
   created() {
-    Object.assign(this, { wanted: null, underWay: null });
+    Object.assign(this, { wanted: null, underWay: null, askedAt: 0, answerMs: 0 });
   },
   unmounted() {
     clearTimeout(this.effectDue);
@@ -44,21 +47,30 @@ export const effect = {
       clearTimeout(this.effectDue);
       if (JSON.stringify(action) !== JSON.stringify(this.wanted)) Object.assign(this, { effect: null, wanted: action });
       this.effectAt = action ? at : "";
-      if (action && !this.effect) this.effectDue = setTimeout(() => this.askEffect(), WAIT_MS);
+      if (action && !this.effect) this.askSoon();
+    },
+    askSoon() {
+      const wait = Math.min(ANSWERS * this.answerMs, this.closed ? CLOSED_MS : Infinity);
+      clearTimeout(this.effectDue);
+      this.effectDue = setTimeout(() => this.askEffect(), Math.max(WAIT_MS, wait));
     },
     pointing(action) { // listeners of a button that makes a correction
       return pointing(() => this.preview(action, "tip"), () => this.preview(null));
     },
     askEffect() {
       if (!this.wanted || this.underWay || !this.editable || this.session === "") return;
-      this.underWay = this.wanted;
+      Object.assign(this, { underWay: this.wanted, askedAt: performance.now() });
       this.$emit("preview", { ...this.wanted, session: this.session, revision: this.revision });
     },
     previewed(found) {
       const isNewest = this.underWay === this.wanted;
-      this.underWay = null;
+      Object.assign(this, { underWay: null, answerMs: performance.now() - this.askedAt });
       if (isNewest) this.effect = Object.freeze(found);
-      else this.askEffect();
+      else if (this.wanted) this.askSoon();
+    },
+    forgetEffect() {
+      this.preview(null);
+      this.underWay = null;
     },
   },
 };

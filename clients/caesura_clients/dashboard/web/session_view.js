@@ -143,7 +143,7 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, effect: null, columns: this.columns && [], origin: null, fitted: false });
+      if (payload.reset) this.restart();
       for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
@@ -158,6 +158,11 @@ export default {
       if (payload.reset || this.closed) this.redraw();
       else this.goOn();
       this.want();
+    },
+    restart() { // with another session, or after the connection was lost
+      this.forgetEffect();
+      Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
+        busy: false, columns: this.columns && [], origin: null, fitted: false });
     },
     fit() { // a session of the past is shown as a whole
       if (this.fitted || !this.replay || this.session === "" || !(this.t > 0)) return;

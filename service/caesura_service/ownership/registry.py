@@ -29,6 +29,7 @@ from caesura_protocol.messages import (
     Heartbeat,
     JournalReport,
     Open,
+    Preview,
     Program,
     ReplacePart,
     SampleBatch,
@@ -188,8 +189,9 @@ class Registry:
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
             # A refusal of these concerns the editor and not the session's bridge.
-            if isinstance(command, Edit | Describe | EditProgram):
-                self.counters = self.counters.with_refusal(error)
+            if isinstance(command, Edit | Preview | Describe | EditProgram):
+                if not isinstance(command, Preview):  # a question, which people may ask in vain
+                    self.counters = self.counters.with_refusal(error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
 
@@ -421,7 +423,7 @@ def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> boo
 
 def _needs_rebuilding(command: Command, session: Session) -> bool:
     """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
-    if isinstance(command, Edit):
+    if isinstance(command, Edit | Preview):
         session.check_revision(command)
         return True
     # only a peer's journal has the records

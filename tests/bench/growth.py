@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import Open
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.hazard import Refractory
 from caesura_service.changepoint.preset import SEGMENTATION_HZ
 from caesura_service.changepoint.presets import PRESETS

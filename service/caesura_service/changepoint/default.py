@@ -25,8 +25,8 @@ from caesura_service.changepoint.constant_models import (
     GripperHoldingChain,
     LoadForce,
 )
-from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.held_torque import HeldTorque

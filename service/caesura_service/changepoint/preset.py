@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from caesura_service.changepoint.channel_model import ChannelModel, Choice
-from caesura_service.changepoint.filter import ChangepointFilter
 from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.parameters import FilterParameters

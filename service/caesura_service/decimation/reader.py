@@ -26,7 +26,7 @@ from caesura_protocol.extremes import (
 )
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
-from caesura_protocol.runs import SPEED_WINDOW_S, Speed, chosen_columns
+from caesura_protocol.sample_runs import SPEED_WINDOW_S, Speed, chosen_columns
 from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.decimation.overview import SessionOverview
 from caesura_service.journal import BatchRow, BatchSource, JournalError, Key, SessionExtent

@@ -34,6 +34,7 @@ from caesura_protocol.messages import (
     ReplacePart,
     SampleBatch,
 )
+from caesura_service.cooperative_scheduler import Slices
 from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.journal import Journal, JournalError, Key, PeerJournals
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
@@ -56,7 +57,6 @@ from caesura_service.publishing.events import (
     TakeoverFailed,
 )
 from caesura_service.publishing.session_state import SessionCounters, program_of, status_of
-from caesura_service.segmentation.time_slices import Slices
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 

@@ -14,9 +14,9 @@ from caesura_protocol.messages import (
     Segment,
     SegmentOutline,
 )
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.session_state import SessionState, program_of
 from caesura_service.segmentation.encoded_log import AT_ONCE, M, alike
-from caesura_service.segmentation.time_slices import give_way
 
 Row = TypeVar("Row", bound=Message)
 

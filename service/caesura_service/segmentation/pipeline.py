@@ -34,6 +34,7 @@ from caesura_service.coaching import (
     all_hints,
 )
 from caesura_service.constants import JOINTS, TARED_BIAS_N
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
 from caesura_service.robot import Robot, load_robot
@@ -50,7 +51,6 @@ from caesura_service.segmentation.finalized_segments import SegmentEntry
 from caesura_service.segmentation.observation_store import ObservationStore, force_scale, holding
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
-from caesura_service.segmentation.time_slices import give_way
 from caesura_service.segmentation.view import ASSUMED_ROBOT, NO_GRIPPER, Pipeline, PipelineView
 from caesura_service.signals import (
     Conditioner,

@@ -25,10 +25,10 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
-from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.contract import NOWHERE, rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.held_torque import HeldTorque

@@ -15,10 +15,10 @@ from scipy import integrate
 from caesura_service.changepoint import contract
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.constant_models import GripperHoldingChain
-from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.presets import PRESETS

@@ -17,9 +17,9 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.events import PipelineFactory
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
-from caesura_service.segmentation.time_slices import give_way
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.server import result_publisher
 from caesura_service.server.lanes import WAITING, Lanes

@@ -1,4 +1,4 @@
-"""Neither free space nor a load begins with a rise of the force: that is how a contact begins."""
+"""A weight against a segment in free space, or with a load, that begins with a rise of the force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of a filter, however it computes."""
+"""The interface of a changepoint filter, compiled or in NumPy."""
 
 from __future__ import annotations
 

@@ -116,7 +116,14 @@ def program(transport: Transport, station: str) -> Program:
     return found
 
 
-def samples(transport: Transport, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
+def samples(
+    transport: Transport,
+    station: str,
+    session: str,
+    wanted: SampleRange,
+    *,
+    timeout_s: float = SAMPLES_TIMEOUT_S,
+) -> RecordedSamples:
     """The samples of a session in a range, of each bin the extremes of every column.
 
     `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Queries again where no answer
@@ -125,9 +132,7 @@ def samples(transport: Transport, station: str, session: str, wanted: SampleRang
     """
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
     for _ in range(QUERY_ATTEMPTS):
-        found = _query_all(
-            transport, key, RecordedSamples, parameters=parameters, timeout_s=SAMPLES_TIMEOUT_S
-        )
+        found = _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=timeout_s)
         if found:
             return max(found, key=lambda one: one.epoch)
         if not snapshots(transport, station, session):

@@ -31,6 +31,15 @@ def test_help_shows_every_text_with_its_units(typed: tuple[str, ...]) -> None:
         assert "".join(text.replace("\\[", "[").split()) in words
 
 
+@pytest.mark.parametrize("typed", COMMANDS, ids=" ".join)
+def test_no_name_is_cut_off_in_a_terminal_of_80_columns(typed: tuple[str, ...]) -> None:
+    """The names of presets and wrench sources ended in `…`."""
+    shown = CliRunner().invoke(APP, [*typed, "--help"], env={"COLUMNS": "80", "TERM": "dumb"}).output
+    command = COMMANDS[typed]
+    texts = [command.help or "", *(getattr(one, "help", None) or "" for one in command.params)]
+    assert shown.count("…") == "".join(texts).count("…")
+
+
 @pytest.mark.parametrize("group", [APP, sessions], ids=["caesura", "sessions"])
 def test_a_line_of_the_list_is_how_the_help_of_the_command_begins(group: typer.Typer) -> None:
     listed = typer.main.get_command(group).commands  # type: ignore[attr-defined]

@@ -35,6 +35,22 @@ PATIENCE_MS = 60_000
 AXE = {"resultTypes": ["violations"], "preload": False}
 NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
   .every((bar) => bar.getAttribute("aria-hidden") === "true")"""
+RECEIVED = """() => ["navigation", "resource"].flatMap((kind) => performance.getEntriesByType(kind))
+  .reduce((sum, entry) => sum + entry.transferSize, 0)"""
+# What is read from two metres is left out: the state of a station, and hints.
+TYPE_SIZES = """() => {
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), found = {};
+  for (let text = texts.nextNode(); text; text = texts.nextNode()) {
+    const element = text.parentElement;
+    if (!text.textContent.trim() || !element.checkVisibility()) continue;
+    if (element.closest(".desk-state, .badge-said, .hint")) continue;
+    found[getComputedStyle(element).fontSize] ??= `${element.tagName}: ${text.textContent.trim()}`;
+  }
+  for (const field of document.querySelectorAll("input, select, textarea")) {
+    if (field.checkVisibility()) found[getComputedStyle(field).fontSize] ??= field.tagName;
+  }
+  return found;
+}"""
 Theme = Literal["light", "dark"]
 THEMES: dict[Theme, tuple[str, ...]] = {"light": (), "dark": ("color-contrast",)}  # axe's rules; all, or some
 
@@ -115,7 +131,7 @@ class Visitor:
             self.page.screenshot(path=ARTEFACTS / f"{name}-{self.theme}.png", full_page=True)
 
     def barriers(self, *rules: str) -> list[str]:
-        """What axe finds on the page that keeps an operator out; by some of its rules, or by all.
+        """What axe finds on the page; by some of its rules, or by all.
 
         It fetches nothing: meanwhile Quasar draws a bar without a name, which axe would find.
         """
@@ -123,10 +139,24 @@ class Visitor:
         only = {"runOnly": {"type": "rule", "values": rules}} if rules else {}
         found = Axe().run(self.page, options={**AXE, **only}).response["violations"]
         return [
-            f"{one['id']}: {one['help']}: {[node['target'] for node in one['nodes']][:3]}"
-            for one in found
-            if one["impact"] in {"serious", "critical"}
+            f"{one['id']}: {one['help']}: {[node['target'] for node in one['nodes']][:3]}" for one in found
         ]
+
+    def received_bytes(self) -> int:
+        """How much the page has loaded, as it came over the network."""
+        return int(self.page.evaluate(RECEIVED))
+
+    def sideways_px(self) -> int:
+        """By how much the page is wider than the window."""
+        root = "document.documentElement"
+        return int(self.page.evaluate(f"{root}.scrollWidth - {root}.clientWidth"))
+
+    def type_sizes(self) -> dict[str, str]:
+        """The sizes of what is written on the page, also in what is folded; an example of each."""
+        self.page.evaluate(
+            "() => document.querySelectorAll('details').forEach((one) => { one.open = true; })"
+        )
+        return dict(self.page.evaluate(TYPE_SIZES))
 
     def _ask(self, url: str) -> None:
         if urlsplit(url).scheme not in {"data", "blob"}:

@@ -26,7 +26,12 @@ PAGES = {
     "sessions": ("/sessions", "done-1"),
     "replay": ("/sessions/cell-2/done-1", "move to contact"),
     "system": ("/system", "caesura-1"),
+    "recordings": ("/recordings", "Drop a recording here"),
+    "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }
+PHONE = {"width": 390, "height": 844}
+TYPE = {"15px", "21px"}  # of text, and of titles
+MEGABYTE = 1_000_000
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +66,13 @@ def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visit
         visitor.picture(name)
         assert visitor.barriers(*rules) == []
     assert visitor.hosts == {"127.0.0.1"}, "something is fetched from outside"
+    assert visitor.received_bytes() < MEGABYTE
+    sizes = visitor.type_sizes()
+    assert set(sizes) <= TYPE, sizes
+    page.set_viewport_size(PHONE)
+    expect(page.get_by_text(words).first).to_be_visible()
+    eventually(lambda: visitor.sideways_px() == 0)
+    visitor.picture(f"{name}-phone")
     assert visitor.errors == []
 
 
@@ -156,9 +168,17 @@ def test_a_station_that_hangs_is_stale_and_says_why(stage: Stage, visitor: Visit
 
 
 def test_an_unknown_page_is_not_found(stage: Stage, visitor: Visitor):
-    answer = visitor.page.goto(f"{stage.dashboard.url}/station/NOT..A..NAME")
+    page = visitor.page
+    answer = page.goto(f"{stage.dashboard.url}/station/NOT..A..NAME")
     assert answer is not None
     assert answer.status == 404
+    expect(page.locator("h1")).to_have_text("Page not found")
+    assert visitor.barriers() == []
+    page.goto(f"{stage.dashboard.url}/stations")
+    expect(page.get_by_text("There is no page /stations.")).to_be_visible()
+    page.get_by_role("link", name="Go to the stations").click()
+    expect(page.locator("h1")).to_have_text("Stations")
+    assert page.request.get(f"{stage.dashboard.url}/assets/none.js").json() == {"detail": "Not Found"}
 
 
 def test_a_page_of_another_name_is_refused(stage: Stage, visitor: Visitor):
@@ -202,9 +222,8 @@ def test_a_tablet_held_upright_has_everything(stage: Stage, visitor: Visitor):
     page.set_viewport_size({"width": 768, "height": 1024})
     goto(stage, visitor, "/sessions/cell-2/done-1")
     expect(page.locator(".app").first).to_be_visible()
-    wide = page.evaluate("() => document.documentElement.scrollWidth - document.documentElement.clientWidth")
     visitor.picture("upright")
-    assert wide == 0, "the page scrolls sideways"
+    assert visitor.sideways_px() == 0
 
 
 def test_nothing_is_cut_off_at_a_desk_and_buttons_are_of_one_height(stage: Stage, visitor: Visitor):

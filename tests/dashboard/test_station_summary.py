@@ -14,6 +14,7 @@ from caesura_clients.dashboard.station_summary import (
     glances,
     lasted,
     reached,
+    summary,
     troubled,
 )
 from caesura_protocol.messages import BridgeStatus, Gap
@@ -120,3 +121,10 @@ def test_the_session_that_is_shown_is_that_of_the_program(world, update):
 def test_an_age_is_shown_once_it_can_be_read(world):
     assert seen(world, received_ago=0.3).drawn()["age_s"] == ""
     assert seen(world, received_ago=1.5).drawn()["age_s"] == "1.5 s"
+
+
+def test_while_no_service_answers_nothing_is_said_of_trouble(world):
+    ready = replace(changed(world, state="closed"), standby={})
+    found = glances(ready, {}, NOW, 0.0)
+    assert summary(ready, found) == "1 station, none in trouble"
+    assert summary(replace(ready, alive=frozenset()), found) == "1 station, no service answers"

@@ -17,7 +17,7 @@ UPGRADE = (
     "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
     "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
 )
-TEXT, BINARY, CLOSED = 1, 2, 8  # opcodes of frames
+TEXT, BINARY, CLOSED, PING, PONG = 1, 2, 8, 9, 10  # opcodes of frames
 MESSAGE_DATA = 1  # opcode of a binary message: u8 opcode, u32 subscription, u64 log time [ns], payload
 
 
@@ -30,6 +30,7 @@ class Viewer:
     schemas: dict[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)  # by topic
     messages: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)  # by topic: log time, payload
     statuses: list[str] = field(default_factory=list)
+    subscribed: threading.Event = field(default_factory=threading.Event)
 
     def of(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(payload) for _, payload in list(self.messages.get(topic, ()))]
@@ -41,7 +42,9 @@ class Viewer:
         """Until the connection ends."""
         topics: dict[int, str] = {}
         for opcode, content in frames(stream):
-            if opcode == TEXT:
+            if opcode == PONG:
+                self.subscribed.set()
+            elif opcode == TEXT:
                 self._said(json.loads(content), topics)
             elif opcode == BINARY and self.hangs:
                 return
@@ -63,6 +66,7 @@ class Viewer:
         content = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
         # A client masks what it sends; the mask 0 leaves it as it is.
         self.link.sendall(struct.pack(">BBH4x", 0x80 | TEXT, 0x80 | 126, len(content)) + content)
+        self.link.sendall(struct.pack(">BB4x", 0x80 | PING, 0x80))  # answered once it has subscribed
 
 
 def frames(stream: BufferedReader) -> Iterator[tuple[int, bytes]]:

@@ -54,10 +54,13 @@ def bridge(
     host: Annotated[
         str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
     ] = None,
-    gripper: Annotated[bool, typer.Option(help="Does that robot have Franka's hand?")] = True,
+    gripper: Annotated[bool, typer.Option("--gripper", hidden=True)] = True,  # as without it
+    no_gripper: Annotated[bool, typer.Option("--no-gripper", help="That robot has no Franka hand.")] = False,
     tcp_offset: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z,RX,RY,RZ", help="Of the TCP on the flange, for ur and xarm \\[m, rad]."),
+        typer.Option(
+            metavar="POSE", help="X,Y,Z,RX,RY,RZ of the TCP on the flange, for ur and xarm \\[m, rad]."
+        ),
     ] = None,
     teach_mode: Annotated[
         bool,
@@ -79,9 +82,9 @@ def bridge(
     ] = None,
     asked: ProgramOptions,
     epoch: Annotated[
-        int, typer.Option(min=0, max=MAX_EPOCH, help="Above 0: take --session up after a restart.")
+        int, typer.Option(min=0, metavar="N", help="Above 0: take --session up after a restart.")
     ] = 0,
-    batch: Annotated[int, typer.Option(min=1, max=1000, help="Samples in a message.")] = 20,
+    batch: Annotated[int, typer.Option(min=1, max=1000, metavar="N", help="Samples in a message.")] = 20,
     marker: Annotated[
         bool, typer.Option("--marker", help="Enter, or a pedal that types it, forces a changepoint.")
     ] = False,
@@ -94,8 +97,9 @@ def bridge(
 ) -> None:
     """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
 
-    The exit code is 1 where the service refused anything of it. In standby it sends nothing until it is
-    started, and is ready again after each demonstration.
+    The exit code is 1 where the service refused anything of it.
+
+    In standby it sends nothing until it is started, and is ready again after each demonstration.
     """
     options = SourceOptions(
         file=file,
@@ -106,12 +110,14 @@ def bridge(
         robot=asked.robot,
         mapping=mapping,
         host=host,
-        gripper=gripper,
+        gripper=gripper and not no_gripper,
         tcp_offset=tcp_offset,
         teach_mode=teach_mode,
         ros=ros or endpoint,
         config=config if ros is None else None,
     )
+    if epoch > MAX_EPOCH:
+        raise typer.BadParameter(f"{epoch}, at most {MAX_EPOCH}", param_hint="--epoch")
     if epoch and session is None:
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     if standby:

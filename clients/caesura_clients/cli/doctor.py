@@ -26,7 +26,7 @@ def doctor(
     *,
     station: Station = None,
     seconds: Annotated[
-        float, typer.Option(min=1.0, max=600.0, help="How long it listens to the stations.")
+        float, typer.Option(min=1.0, max=600.0, metavar="S", help="How long it listens to the stations.")
     ] = LISTEN_S,
     file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
     reading: Reading,

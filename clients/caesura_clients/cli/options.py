@@ -25,20 +25,28 @@ from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description
 
 WrenchSource = Annotated[
-    str | None, typer.Option(help=f"Where the wrench is measured: {', '.join(WRENCH_SOURCES)}.")
+    str | None,
+    typer.Option(metavar="NAME", help=f"Where the wrench is measured: {', '.join(WRENCH_SOURCES)}."),
 ]
 HandOnRobot = Annotated[
-    str | None, typer.Option(help=f"Does a person guide the robot by hand? {', '.join(HANDS_ON_ROBOT)}.")
+    str | None,
+    typer.Option(metavar="NAME", help=f"Does a person guide the robot by hand? {', '.join(HANDS_ON_ROBOT)}."),
 ]
 ForceLimit = Annotated[
     float | None,
-    typer.Option(min=0.1, help="The cell's limit [N]: no app exerts more. Without it, as it was taught."),
+    typer.Option(
+        min=0.1, metavar="N", help="The cell's limit [N]: no app exerts more. Without it, as it was taught."
+    ),
 ]
 PathTolerance = Annotated[
-    float | None, typer.Option(min=0.1, help="Of the apps' paths \\[mm]; by default the service's, 2.")
+    float | None,
+    typer.Option(min=0.1, metavar="MM", help="Of the apps' paths \\[mm]; by default the service's, 2."),
 ]
 AngleTolerance = Annotated[
-    float | None, typer.Option(min=0.1, help="Of the orientations on them [°]; by default the service's, 1.")
+    float | None,
+    typer.Option(
+        min=0.1, metavar="DEG", help="Of the orientations on them [°]; by default the service's, 1."
+    ),
 ]
 CellFile = Annotated[
     Path | None,
@@ -61,11 +69,20 @@ RobotOption = Annotated[
     ),
 ]
 LengthUnit = Annotated[
-    str | None, typer.Option("--length-unit", "--unit", help="Of positions: m, cm, mm; overrides the file.")
+    str | None,
+    typer.Option(
+        "--length-unit", "--unit", metavar="UNIT", help="Of positions: m, cm, mm; overrides the file."
+    ),
 ]
-TimeUnit = Annotated[str | None, typer.Option(help=f"Of times in the file: {', '.join(UNITS['time'])}.")]
-AngleUnit = Annotated[str | None, typer.Option(help=f"Of joints in the file: {', '.join(UNITS['angle'])}.")]
-ForceUnit = Annotated[str | None, typer.Option(help=f"Of forces in the file: {', '.join(UNITS['force'])}.")]
+TimeUnit = Annotated[
+    str | None, typer.Option(metavar="UNIT", help=f"Of times in the file: {', '.join(UNITS['time'])}.")
+]
+AngleUnit = Annotated[
+    str | None, typer.Option(metavar="UNIT", help=f"Of joints in the file: {', '.join(UNITS['angle'])}.")
+]
+ForceUnit = Annotated[
+    str | None, typer.Option(metavar="UNIT", help=f"Of forces in the file: {', '.join(UNITS['force'])}.")
+]
 CONNECT_TIMEOUT_S = 5.0
 MAPPING_HINT = (
     "`caesura segment FILE --ask` asks which column is what and writes a mapping. This one may be a "

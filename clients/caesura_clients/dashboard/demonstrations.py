@@ -102,6 +102,7 @@ def _why_not_start(
         "failed": f"The robot is not ready: {status.problem}." if status else "",
     }
     reasons = (
+        (station not in world.stations(), _unknown(world, station)),
         (not may_operate, ONLY_READS),
         (station not in world.bridges, f"No bridge is connected at {station}."),
         (
@@ -112,6 +113,11 @@ def _why_not_start(
         (status is not None and status.state != "ready", waits.get(status.state, "") if status else ""),
     )
     return next((why for true, why in reasons if true), "")
+
+
+def _unknown(world: DashboardState, station: str) -> str:
+    known = ", ".join(world.stations()) or "none yet"
+    return f"No bridge is connected at {station}, and it has no session. Stations: {known}."
 
 
 def _outcome(status: BridgeStatus | None) -> str:

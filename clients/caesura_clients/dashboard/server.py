@@ -10,12 +10,15 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from fastapi import HTTPException, Request, Response
+from fastapi.exception_handlers import http_exception_handler
 from fastapi.responses import PlainTextResponse, RedirectResponse
-from nicegui import app, background_tasks, core, ui
+from nicegui import Client, app, background_tasks, core, ui
+from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
+from caesura_clients.dashboard.compression import FileCompression
 from caesura_clients.dashboard.elements import WEB
-from caesura_clients.dashboard.pages import lists, overview, recordings
+from caesura_clients.dashboard.pages import lists, missing, overview, recordings
 from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
@@ -26,6 +29,7 @@ from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS
 from caesura_protocol.programs.gripping import with_gripper
 
+PROGRAMS = "/programs"
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
 LOOK_S = 0.02  # between two looks whether the socket is bound
@@ -83,6 +87,7 @@ def serve(site: Site, address: Address) -> None:
 
 def run(address: Address) -> None:
     """Serve the pages that are declared, behind the guard, until the process is asked to end."""
+    app.add_middleware(FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"))
     app.add_middleware(AccessMiddleware, names=address.known_as, password=address.password)
     app.on_startup(lambda: setattr(core.sio.eio, "ping_timeout", STALL_S))
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
@@ -97,7 +102,7 @@ def run(address: Address) -> None:
         show=False,
         tailwind=False,
         show_welcome_message=False,
-        gzip_middleware_factory=None,
+        gzip_middleware_factory=None,  # see FileCompression
         message_history_length=0,
         reconnect_timeout=5.0,
     )
@@ -120,6 +125,7 @@ async def _announce(address: Address) -> None:
 def declare(site: Site) -> None:
     """Every page, by its path."""
     app.add_static_files(ASSETS, WEB)
+    app.add_exception_handler(404, _not_found)
     declare_files(site)
 
     @ui.page("/")
@@ -165,7 +171,7 @@ def declare_files(site: Site) -> None:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
         return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
 
-    @app.get("/programs/{station}/{session}/{name}")
+    @app.get(f"{PROGRAMS}/{{station}}/{{session}}/{{name}}")
     async def _program(station: str, session: str, name: str, gripper: str | None = None) -> Response:
         named = _checked(station), _checked(session)
         return await asyncio.to_thread(_exported, site, *named, name, gripper)
@@ -173,6 +179,16 @@ def declare_files(site: Site) -> None:
     @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
     async def _upload(upload: str, name: str, request: Request) -> Response:
         return await recordings.received(site, upload, name, request)
+
+
+async def _not_found(request: Request, error: Exception) -> Response:
+    """A page with the menu; for what pages read beside their own content, the reason alone."""
+    assert isinstance(error, StarletteHTTPException)
+    if request.url.path.startswith((ASSETS, SAMPLES, PROGRAMS, recordings.UPLOADS)):
+        return await http_exception_handler(request, error)
+    with Client(ui.page(""), request=request) as client:
+        missing.build(request.url.path, error.detail)
+    return client.build_response(request, 404)
 
 
 def _signals(site: Site, station: str, session: str, parameters: str) -> Response:

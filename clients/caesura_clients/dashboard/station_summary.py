@@ -6,7 +6,7 @@ whose bridge is gone. It is said with its reason, because an operator teaches on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -183,6 +183,12 @@ def lasted(update: Update) -> float:
 def gaps(update: Update | None) -> int:
     """Count the gaps of a session."""
     return 0 if update is None else len(update.status.gaps) + update.status.gaps_before
+
+
+def summary(world: DashboardState, found: Sequence[StationSummary]) -> str:
+    """Return the line above the cards."""
+    state = f"{troubled(found) or 'none'} in trouble" if world.alive else "no service answers"
+    return f"{len(found)} station{'' if len(found) == 1 else 's'}, {state}"
 
 
 def troubled(found: Iterable[StationSummary]) -> int:

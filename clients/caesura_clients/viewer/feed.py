@@ -1,6 +1,7 @@
 """Follows one station and hands its messages to a viewer: two threads, one for samples and one for results.
 
 A viewer that is slow or gone costs the feed nothing: a sink returns at once and drops what it cannot send.
+Samples that the network dropped are read from the service's journal, and published before those that follow.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from caesura_clients.query import current_sessions
 from caesura_clients.repeating_threads import RepeatingThreads
 from caesura_clients.results import Update
 from caesura_clients.viewer.live_messages import LiveMessage, LiveStation
+from caesura_clients.viewer.missing_samples import MissingSamples, MissingSpan
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
@@ -60,9 +62,15 @@ class StationFeed(RepeatingThreads):
         self._messages = LiveStation()
         self._shown: tuple[str, int] | None = None
         self._messages_lock = threading.Lock()
+        self._follows = threading.Event()
         self._subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
         works = {"samples": self._follow_samples, "results": self._follow_results}
         super().__init__(works, on_error=self._log_error)
+        self._missing_samples = MissingSamples(transport, station, self._over)
+
+    def wait_until_following(self, timeout_s: float) -> bool:
+        """Wait until every further sample is received; returns whether that is so."""
+        return self._follows.wait(timeout_s)
 
     def subscribed(self, topic: str) -> None:
         """Publish what a topic has so far once more: a viewer has just subscribed to it. Returns at once."""
@@ -74,11 +82,14 @@ class StationFeed(RepeatingThreads):
     def _follow_samples(self) -> None:
         inbox = Inbox()
         with self._transport.subscribe(station_key(self._station, "samples"), inbox):
+            self._follows.set()
             while not self._over.is_set():
                 item = inbox.get(TICK_S)
                 self._serve_new_viewers()
                 if isinstance(item, ReceivedSample):
                     self._receive(item)
+                else:
+                    self._read_end()
 
     def _receive(self, delivery: ReceivedSample) -> None:
         """Publish a batch; one bad sender must not end the feed."""
@@ -86,9 +97,27 @@ class StationFeed(RepeatingThreads):
             batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)
         except ProtocolError:
             return
-        if isinstance(batch, SampleBatch):
+        if not isinstance(batch, SampleBatch):
+            return
+        now_s = self._time_of_day()
+        with self._messages_lock:
+            hole = self._messages.hole_before(batch)
+        self._recover(hole, now_s)
+        with self._messages_lock:
+            self._publish(self._messages.sampled(batch, now_s))
+
+    def _read_end(self) -> None:
+        """Publish the last samples of a session that is closed, where they were dropped."""
+        with self._messages_lock:
+            end = self._messages.unreceived_end()
+        self._recover(end, self._time_of_day())
+
+    def _recover(self, span: MissingSpan | None, now_s: float) -> None:
+        """Publish what the journal has of a hole. Samples that come meanwhile wait in the inbox."""
+        rows = None if span is None else self._missing_samples.read(span)
+        if span is not None and rows is not None:
             with self._messages_lock:
-                self._publish(self._messages.sampled(batch, self._time_of_day()))
+                self._publish(self._messages.recovered(span, rows, now_s))
 
     def _follow_results(self) -> None:
         if (session := current_sessions(self._transport).get(self._station)) is not None:

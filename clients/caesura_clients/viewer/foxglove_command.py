@@ -14,6 +14,7 @@ from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S
 
 DEFAULT_PORT = 8765  # Foxglove's own
 LAYOUT = "foxglove_layout.json"
@@ -52,6 +53,7 @@ def serve_foxglove(
             feed = StationFeed(caesura.transport, shown, server)
             server.on_subscribe = feed.subscribed
             with server, feed:
+                feed.wait_until_following(QUERY_TIMEOUT_S)
                 address = f"[{host}]" if ":" in host else host
                 typer.echo(f"{shown}: ws://{address}:{server.port}; Ctrl-C ends it")
                 wait_for_the_end()

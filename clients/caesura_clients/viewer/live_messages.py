@@ -1,8 +1,9 @@
 """The messages of a live station, in the topics and schemas of an MCAP file: a fold without network or clock.
 
-Samples go out as they come. A result goes out when it is new or has changed, with the time of the newest
-sample; a later message about the same segment replaces the earlier one. `/path` is the whole path of the
-session, at most PATH_POINTS of it, once a second. `/tf` and `/path` wait until the session's unit is known.
+Samples go out as they come; those that the network dropped go out before the next batch, from the service's
+journal. A result goes out when it is new or has changed, with the time of the newest sample; a later message
+about the same segment replaces the earlier one. `/path` is the whole path of the session, at most PATH_POINTS
+of it, once a second. `/tf` and `/path` wait until the session's unit is known.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from caesura_clients.results import Update
+from caesura_clients.viewer.missing_samples import MissingSpan
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.channels import TaskProgram
@@ -33,10 +35,13 @@ from caesura_protocol.formats.mcap_write import (
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import Message, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
+from caesura_protocol.sample_runs import in_metres
 
 PATH_POINTS = 1000  # of a message on /path: about 150 kB
 PATH_EVERY_S = 1.0
+STEP_S = 1e-3  # [s] between two samples, before a batch has two
 LONG_AGO = -np.inf  # [s] before any sample
+FIRST_BATCHES = 50  # a second of a robot at 1 kHz: a viewer that comes so late gets the beginning as well
 FARTHEST_S = 1e9  # a session time beyond it is none
 
 
@@ -67,12 +72,30 @@ class LiveStation:
             return []
         if not (np.abs(matrix[:, 0]) < FARTHEST_S).all():
             return []
-        update = self._updates.get(batch.session)
-        started: list[LiveMessage] = []
-        if self.live is None or self.live.name != batch.session:
-            self.live = LiveSession(batch.session)
-            started = [] if update is None else self.live.updated(update, now_s)
-        return [*started, *self.live.sampled(batch, matrix, update, now_s)]
+        live, started = self._shown(batch.session, now_s)
+        return [*started, *live.sampled(batch, matrix, self._updates.get(batch.session), now_s)]
+
+    def hole_before(self, batch: SampleBatch) -> MissingSpan | None:
+        """Return what was not received before a batch; None where nothing is missing, or it is no batch."""
+        live = self.live
+        if live is None or live.name != batch.session:
+            live = LiveSession(batch.session)
+        with suppress(ProtocolError):
+            return live.hole_before(batch.seq, batch.columns, float(unpack_samples(batch)[0, 0]))
+        return None
+
+    def unreceived_end(self) -> MissingSpan | None:
+        """Return what may be missing at the end of a session that is closed; each end once."""
+        update = None if self.live is None else self._updates.get(self.live.name)
+        return None if self.live is None or update is None else self.live.unreceived_end(update)
+
+    def recovered(self, span: MissingSpan, rows: Array, now_s: float) -> list[LiveMessage]:
+        """Return the messages of samples (n, columns) that a hole had, positions in metres.
+
+        now_s: time of day at which the batch behind the hole was received.
+        """
+        live, started = self._shown(span.session, now_s)
+        return [*started, *live.recovered(span, rows, self._updates.get(span.session), now_s)]
 
     def updated(self, update: Update, now_s: float) -> list[LiveMessage]:
         """Return the messages of what is new in the results. now_s: time of day."""
@@ -86,6 +109,13 @@ class LiveStation:
         self._updates.pop(session, None)
         if self.live is not None and self.live.name == session:
             self.live = None
+
+    def _shown(self, session: str, now_s: float) -> tuple[LiveSession, list[LiveMessage]]:
+        """Show a session; return it, and its results so far where another one was shown before."""
+        if self.live is not None and self.live.name == session:
+            return self.live, []
+        self.live, update = LiveSession(session), self._updates.get(session)
+        return self.live, [] if update is None else self.live.updated(update, now_s)
 
     def _is_next(self, update: Update) -> bool:
         """Whether a session is open and the one that is shown is over."""
@@ -101,10 +131,14 @@ class LiveSession:
     missing: int = 0  # batches that were not received
     _last_seq: int = -1
     _began_s: float | None = None  # [s] time of day at its time 0: by its results, better by its first batch
-    _newest_s: float = LONG_AGO  # [s] session clock
+    _newest_s: float = LONG_AGO  # [s] session clock, of samples and results
+    _newest_sample_s: float = LONG_AGO
+    _step_s: float = STEP_S  # the least between two samples of the newest batch
+    _columns: tuple[str, ...] = ()  # of the samples, time first
+    _is_end_read: bool = False
     _published: dict[str, tuple[Message, ...]] = field(default_factory=dict)  # by topic
     _path: list[Poses] = field(default_factory=list)  # a pose each
-    _step_s: float = PATH_S  # between two of them
+    _path_step_s: float = PATH_S  # between two of them
     _path_due_s: float = LONG_AGO
 
     def sampled(
@@ -113,14 +147,63 @@ class LiveSession:
         """Return the messages of a batch with samples (n, columns), none where it came before."""
         if batch.seq <= self._last_seq:
             return []
-        if self._last_seq < 0:  # a batch cannot come before its last sample was taken
-            self._began_s = max(now_s - float(matrix[-1, 0]), -float(matrix[:, 0].min()))
+        if self._last_seq < 0:
+            self._begin(matrix, now_s, float(matrix[-1, 0]))
         else:
             self.missing += batch.seq - self._last_seq - 1
         self._last_seq = batch.seq
-        self._newest_s = max(self._newest_s, float(matrix[:, 0].max()))
+        return self._samples(batch.columns, matrix, update)
+
+    def hole_before(self, seq: int, columns: Sequence[str], t: float) -> MissingSpan | None:
+        """Return what was not received between the newest batch and one that begins at t [s].
+
+        Before the first batch: the beginning of the session, where that is at most FIRST_BATCHES ago.
+        """
+        batches = seq - self._last_seq - 1
+        if batches <= 0 or not self._newest_sample_s < t < FARTHEST_S:
+            return None
+        if self._last_seq >= 0:
+            return self._missing_span(t, batches)
+        if batches <= FIRST_BATCHES:
+            return MissingSpan(self.name, None, t, self._step_s, tuple(columns), batches)
+        return None
+
+    def unreceived_end(self, update: Update) -> MissingSpan | None:
+        """Return what follows the newest sample of a closed session, the first time; else None."""
+        if not update.closed or self._last_seq < 0 or self._is_end_read:
+            return None
+        self._is_end_read = True
+        return self._missing_span(None, 0)
+
+    def recovered(
+        self, span: MissingSpan, rows: Array, update: Update | None, now_s: float
+    ) -> list[LiveMessage]:
+        """Return the messages of samples (n, columns) that a hole had, positions in metres."""
+        if not len(rows):
+            return []
+        if self._last_seq < 0:
+            self._begin(rows, now_s, span.before_s or float(rows[-1, 0]))
+        self._last_seq += span.batches
+        unit = "m" if update is None else update.status.length_unit
+        return self._samples(span.columns, rows / in_metres(span.columns, unit), update)
+
+    def _begin(self, matrix: Array, now_s: float, received_s: float) -> None:
+        """Estimate the time of day of time 0: a batch cannot come before its last sample was taken."""
+        self._began_s = max(now_s - received_s, -float(matrix[:, 0].min()))
+
+    def _missing_span(self, before_s: float | None, batches: int) -> MissingSpan:
+        return MissingSpan(self.name, self._newest_sample_s, before_s, self._step_s, self._columns, batches)
+
+    def _samples(self, columns: Sequence[str], matrix: Array, update: Update | None) -> list[LiveMessage]:
+        """Messages of samples (n, columns)."""
+        self._columns = tuple(columns)
+        self._newest_sample_s = max(self._newest_sample_s, float(matrix[:, 0].max()))
+        self._newest_s = max(self._newest_s, self._newest_sample_s)
+        steps = np.diff(matrix[:, 0])
+        if (steps > 0).any():
+            self._step_s = float(steps[steps > 0].min())
         with suppress(RecordingError):  # the service refuses such samples as well
-            content = self._content(batch, matrix, update)
+            content = self._content(columns, matrix, update)
             self._extend(content.poses)
             return [*map(self._placed, sample_entries(content)), *self._due_path()]
         return []
@@ -144,10 +227,10 @@ class LiveSession:
         found = [self._result(topic, one) for topic in topics for one in self._published.get(topic, ())]
         return [*found, *(self._whole_path() if "/path" in topics else [])]
 
-    def _content(self, batch: SampleBatch, matrix: Array, update: Update | None) -> McapContent:
+    def _content(self, columns: Sequence[str], matrix: Array, update: Update | None) -> McapContent:
         unit = "m" if update is None else update.status.length_unit
         recording = Recording(
-            matrix[:, 0], signals_of(batch.columns, matrix), length_unit=unit, name=self.name
+            matrix[:, 0], signals_of(tuple(columns), matrix), length_unit=unit, name=self.name
         )
         return McapContent(
             station="",
@@ -155,17 +238,17 @@ class LiveSession:
             preset="",
             recording=recording,
             began_s=self._began_s or 0.0,
-            columns=batch.columns,
+            columns=tuple(columns),
             poses=NO_POSES if update is None else poses_of(recording),
         )
 
     def _extend(self, poses: Poses) -> None:
         """Lengthen the path; past PATH_POINTS every second point is left out."""
         for index, t in enumerate(poses.t.tolist()):
-            if not self._path or t >= self._path[-1].t[0] + self._step_s - 1e-9:
+            if not self._path or t >= self._path[-1].t[0] + self._path_step_s - 1e-9:
                 self._path.append(Poses(*(of[index : index + 1] for of in poses)))
         if len(self._path) > PATH_POINTS:
-            self._path, self._step_s = self._path[::2], 2.0 * self._step_s
+            self._path, self._path_step_s = self._path[::2], 2.0 * self._path_step_s
 
     def _due_path(self) -> list[LiveMessage]:
         if self._newest_s < self._path_due_s:

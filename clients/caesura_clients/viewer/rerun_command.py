@@ -11,6 +11,7 @@ from caesura_clients.cli.connection_options import Config, Connect, Station
 from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S
 
 VIEWER = "rerun+http://127.0.0.1:9876/proxy"  # where `rerun` listens
 
@@ -34,6 +35,7 @@ def show_in_rerun(
             shown = only_station(caesura, station)
             name = f"caesura {shown}"
             sink = RerunSink(name, file=save) if save is not None else RerunSink(name, viewer=viewer)
-            with sink, StationFeed(caesura.transport, shown, sink):
+            with sink, StationFeed(caesura.transport, shown, sink) as feed:
+                feed.wait_until_following(QUERY_TIMEOUT_S)
                 typer.echo(f"{shown}: {save or viewer}; Ctrl-C ends it")
                 wait_for_the_end()

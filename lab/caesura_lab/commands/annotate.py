@@ -30,7 +30,9 @@ def annotate(
         Path | None, typer.Option("--out", "-o", help="The annotation.", show_default="beside the recording")
     ] = None,
     annotator: Annotated[str, typer.Option(help="Who annotates; for a new annotation.")] = "A",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = DEFAULT_PORT,
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, metavar="N", help="Port to listen on.")
+    ] = DEFAULT_PORT,
     wrench_source: WrenchSource = None,
     length_unit: LengthUnit = None,
     time_unit: TimeUnit = None,

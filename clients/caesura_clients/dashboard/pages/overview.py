@@ -8,7 +8,7 @@ from nicegui import ui
 
 from caesura_clients.dashboard.elements import Overview
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page
-from caesura_clients.dashboard.station_summary import glances, troubled
+from caesura_clients.dashboard.station_summary import glances, summary
 
 
 def build(site: Site) -> None:
@@ -27,6 +27,4 @@ def build(site: Site) -> None:
 def _shown(site: Site) -> dict[str, Any]:
     gateway = site.gateway
     found = glances(gateway.world, gateway.received, gateway.clock(), gateway.began)
-    bad = troubled(found)
-    summary = f"{len(found)} station{'' if len(found) == 1 else 's'}, {bad or 'none'} in trouble"
-    return {"stations": [one.drawn() for one in found], "summary": summary}
+    return {"stations": [one.drawn() for one in found], "summary": summary(gateway.world, found)}

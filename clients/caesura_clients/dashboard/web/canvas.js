@@ -9,6 +9,9 @@ export function inkOf() {
   return { ...ink, onAccent: value("on-accent"), lines: ["x", "y", "z", "4", "5", "6", "7"].map((name) => value(`line-${name}`)) };
 }
 
+// The font of text, on a canvas whose pixels are so many to one of CSS. 15 px are those of --text.
+export const fontOf = (pixel = 1) => `${15 * pixel}px system-ui, sans-serif`;
+
 // The context of a canvas whose pixels fit the screen; lengths are pixels of CSS.
 export function contextOf(canvas) {
   const ratio = window.devicePixelRatio || 1;

@@ -1,5 +1,5 @@
 // Where the labels of a drawing stand: inside of it, none upon another one, off the marks where there is room.
-const LINE_PX = 14, STEP_PX = 8, RINGS = 4, COVERED = 40, MOST = 5; // COVERED: so many pixels further away rather than upon a mark
+const LINE_PX = 17, STEP_PX = 8, RINGS = 4, COVERED = 40, MOST = 5; // COVERED: so many pixels further away rather than upon a mark
 const WAYS = [[1, -1], [1, 1], [-1, -1], [-1, 1], [1, 0], [-1, 0], [0, -1], [0, 1]]; // of the text from its anchor
 
 const overlap = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height && b.y < a.y + a.height;

@@ -1,7 +1,7 @@
 // What is drawn behind and before the signals, the same in every panel; and the band of kinds and phases above them.
 import { KINDS, kindOfPhase, patternOf, phaseName } from "caesura-dashboard/palette.js";
+import { fontOf } from "caesura-dashboard/canvas.js";
 
-const FONT = "13px system-ui, sans-serif";
 const TINT = 0.1; // at most, behind a signal
 const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
 export const ROWS = { kinds: [24, 28], phases: [2, 20] }; // of the band: top and height
@@ -45,7 +45,7 @@ export function missing(context, area, state, ink, pixel) {
   if (first !== null && first !== undefined && area.from < first) outside.push([area.from, first, ""]);
   if (last !== null && last !== undefined && state.closed && area.to > last) outside.push([last, area.to, ""]);
   context.save();
-  context.font = `${12 * pixel}px system-ui, sans-serif`;
+  context.font = fontOf(pixel);
   context.textAlign = "center";
   for (const [rows, words] of [[holes || [], "missing"], [outside, "not recorded"]]) {
     spans(rows, area, (row, x, width) => {
@@ -109,7 +109,7 @@ function vertical(context, area, t) {
 }
 
 export function drawBand(context, area, state, ink) {
-  context.font = FONT;
+  context.font = fontOf();
   const preview = state.previewedSegments;
   spans(preview || state.segments, area, ([, , kind, probability, isFinal, corrected], x, width) => {
     block(context, ROWS.kinds, x, width, KINDS[kind].colour, 0.25 + 0.6 * probability, patternOf(context, kind));
@@ -127,7 +127,7 @@ export function drawBand(context, area, state, ink) {
   context.fillStyle = ink.faint;
   for (const [name, [top, height]] of Object.entries(ROWS)) {
     const words = preview && name === "kinds" ? "preview" : name;
-    if (state[name === "kinds" ? "segments" : "phases"].length) context.fillText(words, area.left - 6, top + height / 2);
+    if (state[name === "kinds" ? "segments" : "phases"].length) context.fillText(words, area.left - 3, top + height / 2);
   }
   const whole = { ...area, top: ROWS.phases[0], bottom: BAND_HEIGHT };
   before(context, whole, state, ink, 1);

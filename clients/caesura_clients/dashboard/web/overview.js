@@ -10,7 +10,7 @@ export default {
       <ul class="cards" aria-label="Stations">
         <li v-for="one in stations" :key="one.station" class="card" :class="'is-' + one.state">
           <h2><a :href="'/station/' + one.station">{{ one.station }}</a></h2>
-          <p class="state"><span class="badge" :class="'badge-' + one.state">{{ badge(one) }}</span>
+          <p class="state"><span class="badge badge-said" :class="'badge-' + one.state">{{ badge(one) }}</span>
             <span v-if="one.overloaded" class="badge badge-stale">overloaded</span></p>
           <p class="why" v-if="one.why">{{ one.why }}{{ one.state === "stale" ? ": what is shown is old" : "" }}</p>
           <p class="now"><template v-if="one.kind"><i class="swatch" :class="'kind-' + one.kind"></i>

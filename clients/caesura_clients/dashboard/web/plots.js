@@ -1,6 +1,6 @@
 // The panels of signals, one uPlot each, below each other with one axis of time.
 import uPlot from "caesura-dashboard/vendor/uplot/uPlot.esm.js";
-import { Painter } from "caesura-dashboard/canvas.js";
+import { fontOf, Painter } from "caesura-dashboard/canvas.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
@@ -53,7 +53,7 @@ export class Plots {
   }
   options(panel, isLast) {
     const line = (i) => () => this.ink.lines[panel.columns.length === 1 ? 0 : i % this.ink.lines.length];
-    const axis = { stroke: () => this.ink.faint, font: "12px system-ui", ticks: { stroke: () => this.ink.rule, size: 4 }, grid: { stroke: () => this.ink.rule, width: 0.5 } };
+    const axis = { stroke: () => this.ink.faint, font: fontOf(), ticks: { stroke: () => this.ink.rule, size: 4 }, grid: { stroke: () => this.ink.rule, width: 0.5 } };
     return {
       width: this.host.clientWidth, height: HEIGHT + (isLast ? AXIS : 0), padding: [6, RIGHT, isLast ? 0 : 6, 0],
       legend: { show: false },

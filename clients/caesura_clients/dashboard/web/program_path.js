@@ -1,6 +1,6 @@
 // The path of a program in three dimensions: each app in the colour of its kind, via points, forces, and where the
 // robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
-import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import { contextOf, fontOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 
@@ -168,7 +168,7 @@ export default {
     paint() {
       const canvas = this.$refs.canvas, context = contextOf(canvas), { text: ink, faint, paper } = inkOf();
       const [width, height] = [canvas.clientWidth, canvas.clientHeight], { scale, of } = this.projection(width, height);
-      Object.assign(context, { lineCap: "round", lineJoin: "round", font: "12px system-ui, sans-serif", textBaseline: "middle" });
+      Object.assign(context, { lineCap: "round", lineJoin: "round", font: fontOf(), textBaseline: "middle" });
       const legend = this.frame(context, height, scale, faint);
       const line = (places, colour, width) => {
         context.beginPath();

@@ -1,5 +1,5 @@
 // How long the current segment may have lasted, and with which probability, at every time.
-import { contextOf } from "caesura-dashboard/canvas.js";
+import { contextOf, fontOf } from "caesura-dashboard/canvas.js";
 import { ticks } from "caesura-dashboard/scale.js";
 
 export function drawRunLengths(canvas, scale, columns, ink) {
@@ -17,7 +17,7 @@ export function drawRunLengths(canvas, scale, columns, ink) {
     }
   }
   context.globalAlpha = 1;
-  context.font = "12px system-ui, sans-serif";
+  context.font = fontOf();
   context.textAlign = "right";
   context.textBaseline = "middle";
   context.fillStyle = ink.faint;

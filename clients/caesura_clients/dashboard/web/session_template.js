@@ -55,18 +55,18 @@ const corrections = `
 
 const table = `
   <details class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
-    <table v-if="listed"><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
+    <div v-if="listed" class="scroll" tabindex="0" role="region" aria-label="Segments as a table"><table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
       <th scope="col">else</th><th scope="col">state</th><th scope="col">select</th></tr></thead>
     <tbody><tr v-for="one in newestFirst" :key="one[0]">
       <td>{{ one[0].toFixed(2) }} s</td><td>{{ one[1].toFixed(2) }} s</td>
       <td><i class="swatch" :class="'kind-' + one[2]"></i>{{ one[2] }}</td><td>{{ percent(one[3]) }}</td>
       <td>{{ one[6] || "–" }}</td><td>{{ one[5] ? "corrected" : one[4] ? "final" : "provisional" }}</td>
       <td><button @click="choose(one)" :aria-label="'select the segment from ' + one[0].toFixed(2) + ' s'">select</button></td>
-    </tr></tbody></table>
+    </tr></tbody></table></div>
   </details>`;
 
 export const template = `
-  <section class="session-view" aria-label="Signals and segments">
+  <section class="session-view" :aria-label="linked ? null : 'Signals and segments'">
     ${signals}
     ${correcting}
     <p v-if="trouble" class="trouble" role="status">{{ trouble }}</p>

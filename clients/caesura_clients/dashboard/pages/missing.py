@@ -1,0 +1,12 @@
+"""What is shown in place of a page that there is not."""
+
+from __future__ import annotations
+
+from caesura_clients.dashboard.pages.layout import page, text
+
+
+def build(path: str, why: str) -> None:
+    """The page. path: what was asked for."""
+    with page("Page not found", ""):
+        text("p", f"There is no page {path}." if why == "Not Found" else f"{path}: {why}.")
+        text("a", "Go to the stations").props('href="/"')

@@ -1,0 +1,151 @@
+"""What a viewer of `caesura foxglove` receives of a long session, and what it costs the service's results.
+
+A bridge sends ten minutes at 100 Hz over Zenoh to a real service, faster than real time, while a viewer that
+speaks Foxglove's protocol receives every channel of the command. Exits 1 where a sample is missing, doubled,
+changed or out of order. Then a station is taught in real time, in turns with the command beside it and
+without: how long after its sample a result arrives.
+Usage: python tests/bench/foxglove_loss.py [--seconds 600] [--pace 20] [--turns 6]
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from caesura_clients import Caesura, connect
+from caesura_clients.bridge import Bridge
+from caesura_clients.bridge.sources.file import FileSource
+from caesura_protocol.codec import decode, unpack_samples
+from caesura_protocol.keys import session_key, station_key
+from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
+from caesura_protocol.recording import Recording
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
+from harness.demonstrations import RATE_HZ, taught
+from harness.foxglove import Viewer, viewing
+from harness.processes import CAESURA, QUICK, eventually, serving, started
+
+STATION, EVERY, TURN_S, WARM_UP_S = "cell-1", 2, 20.0, 3.0  # every second sample of 200 Hz
+
+
+def recording(seconds: float) -> Recording:
+    """A demonstration at 100 Hz."""
+    whole = taught(1, seconds)
+    signals = {name: values[::EVERY] for name, values in whole.signals.items()}
+    return Recording(whole.t[::EVERY], signals, wrench_source=whole.wrench_source, name="long")
+
+
+@contextmanager
+def foxglove(endpoint: str) -> Iterator[Viewer]:
+    """The command, and a viewer that has subscribed to all of it."""
+    options = ("--station", STATION, "--port", "0", "--connect", endpoint)
+    with started([*CAESURA, "foxglove", *options], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        port = int(process.stdout.readline().split("ws://127.0.0.1:")[1].split(";")[0])
+        with viewing(port) as viewer:
+            assert viewer.subscribed.wait(30.0)
+            yield viewer
+
+
+def wrong(sent: Recording, viewer: Viewer) -> list[str]:
+    """What the viewer received otherwise than it was sent."""
+    states, wrenches = viewer.of("/state"), viewer.of("/wrench")
+    pairs = (
+        ("/state t", [one["t"] for one in states], sent.t),
+        ("/state pos", [one["pos"] for one in states], sent.signals["pos"]),
+        ("/wrench t", [one["t"] for one in wrenches], sent.t),
+        ("/wrench force", [one["force"] for one in wrenches], sent.signals["force"]),
+    )
+    return [
+        f"{name}: {len(found)} of {len(of)}" for name, found, of in pairs if not np.array_equal(found, of)
+    ]
+
+
+def loss(caesura: Caesura, endpoint: str, seconds: float, pace: float) -> bool:
+    sent = recording(seconds)
+    with foxglove(endpoint) as viewer:
+        began = time.monotonic()
+        with Bridge(
+            caesura.transport, STATION, FileSource(sent, pace=pace), session="long", settings=QUICK
+        ) as bridge:
+            bridge.run()
+        eventually(lambda: viewer.count("/wrench") >= sent.t.size)
+        took = time.monotonic() - began
+        found = wrong(sent, viewer)
+        channels = len(viewer.schemas)
+    print(f"{sent.t.size} samples ({seconds:.0f} s at {RATE_HZ / EVERY:.0f} Hz) in {took:.1f} s: ", end="")
+    print("; ".join(found) or f"every one received, in order, bit for bit; {channels} channels")
+    return not found
+
+
+def lags(caesura: Caesura, session: str) -> list[float]:
+    """[ms] from the arrival of each batch at a subscriber to the posterior of its time there."""
+    inbox, newest_s, received, found = Inbox(), -np.inf, deque[tuple[float, float]](), list[float]()
+    source = FileSource(recording(TURN_S), pace=1.0)
+    with (
+        caesura.transport.subscribe(station_key(STATION, "samples"), inbox),
+        caesura.transport.subscribe(session_key(STATION, session, "posterior"), inbox),
+        Bridge(caesura.transport, STATION, source, session=session, settings=QUICK) as bridge,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        over = pool.submit(bridge.run)
+        while not over.done():
+            item = inbox.get(0.1)
+            if not isinstance(item, ReceivedSample):
+                continue
+            now = time.monotonic()
+            message = decode(item.payload, item.encoding, SampleBatch, Heartbeat, Posterior)
+            if isinstance(message, SampleBatch):
+                newest_s = float(unpack_samples(message)[-1, 0])
+                received.append((newest_s, now))
+            elif isinstance(message, Posterior) and message.t > WARM_UP_S:
+                while received and received[0][0] < message.t:
+                    received.popleft()
+                found.extend(1e3 * (now - when) for _, when in list(received)[:1])
+    return found
+
+
+def delay(caesura: Caesura, endpoint: str, turns: int) -> None:
+    """Print the delay of results with the command and without it, in turns."""
+    found: dict[bool, list[float]] = {False: [], True: []}
+    for turn in range(turns):
+        beside = turn % 2 == 1
+        with foxglove(endpoint) if beside else nullcontext():
+            found[beside] += lags(caesura, f"turn-{turn}")
+    for beside, many in found.items():
+        name = "beside a viewer" if beside else "without a viewer"
+        half, most = np.percentile(many, [50, 99])
+        print(f"{name}: {len(many)} results, delay {half:.2f} ms (median), {most:.2f} ms (99 %)")
+
+
+def main() -> None:
+    """Print both, and exit 1 where a sample was lost."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=600.0, help="of the long session")
+    parser.add_argument("--pace", type=float, default=20.0, help="of the long session, times real time")
+    parser.add_argument("--turns", type=int, default=6, help=f"of {TURN_S:.0f} s each; 0 leaves them out")
+    asked = parser.parse_args()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        serving(Path(folder)) as service,
+        connect(service.endpoint) as caesura,
+    ):
+        is_whole = loss(caesura, service.endpoint, asked.seconds, asked.pace)
+        if asked.turns:
+            delay(caesura, service.endpoint, asked.turns)
+    sys.exit(not is_whole)
+
+
+if __name__ == "__main__":
+    main()

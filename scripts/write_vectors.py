@@ -59,6 +59,7 @@ from caesura_protocol.messages import (
     NameProgram,
     Open,
     Phase,
+    PhaseOutline,
     Piece,
     Posterior,
     Preview,
@@ -334,6 +335,8 @@ def examples() -> dict[str, Message]:
                 kind="apply_force", t0=1.25, tn=5.0, target=(0.5, 0.25, 0.125), force=(0.0, 0.0, -9.5)
             ),
         ),
+        first_phase=1,
+        phases_after=(PhaseOutline(t0=1.25, tn=5.0, kind="contact", name="wipe"),),
     )
     describe = Describe(session=SESSION, author="Ann", before=Description(), description=description)
     start = Start(id="press-58af", session=SESSION, description=description)
@@ -371,6 +374,7 @@ def examples() -> dict[str, Message]:
         preview,
         effect.segments_before[0],
         effect.apps_after[0],
+        effect.phases_after[0],
         effect,
         changepoint,
         segment,

@@ -13,6 +13,7 @@ from caesura_protocol.messages import (
     EditEffect,
     LimitForce,
     Move,
+    PhaseOutline,
     Remove,
     SegmentOutline,
 )
@@ -67,15 +68,22 @@ def meant(action: Action, effect: EditEffect) -> Action:
 
 
 def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[str]:
-    """What an edit changes, a sentence each for segments and apps. clock: of its session."""
+    """What an edit changes, a sentence each for segments, apps and phases. clock: of its session."""
     segments = _becomes(
         [_segment(one, clock) for one in effect.segments_before],
         [_segment(one, clock) for one in effect.segments_after],
     )
-    said = [*segments, *_apps(effect, clock)]
+    said = [*segments, *_apps(effect, clock), *_phases(effect, clock)]
     if effect.more:
-        said.append(f"{effect.more} segments and apps are not listed")
-    return [f"{words[0].upper()}{words[1:]}." for words in said] or ["No segment and no app changes."]
+        said.append(f"{effect.more} segments, apps and phases are not listed")
+    return [f"{words[0].upper()}{words[1:]}." for words in said] or ["Nothing changes."]
+
+
+def _phases(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
+    """Phases of other kinds or names: where only their times differ, segments have said so."""
+    before, after = effect.phases_before, effect.phases_after
+    if [(one.kind, one.name) for one in before] != [(one.kind, one.name) for one in after]:
+        yield from _becomes([_phase(one, clock) for one in before], [_phase(one, clock) for one in after])
 
 
 def _apps(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
@@ -110,11 +118,16 @@ def _listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(few[:-1]), few[-1]]) if len(few) > 1 else few[0]
 
 
+def _phase(one: PhaseOutline, clock: SessionClock) -> str:
+    name = one.kind if one.name is None else f"{one.name} ({one.kind})"
+    return f"phase {name} {_span(one, clock)}"
+
+
 def _segment(one: SegmentOutline, clock: SessionClock) -> str:
     return f"{one.kind} {_span(one, clock)}"
 
 
-def _span(one: SegmentOutline | AppOutline, clock: SessionClock) -> str:
+def _span(one: SegmentOutline | AppOutline | PhaseOutline, clock: SessionClock) -> str:
     return f"{clock.shown(one.t0)} to {clock.shown(one.tn)} s"
 
 

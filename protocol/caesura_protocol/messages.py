@@ -29,7 +29,7 @@ MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
 MAX_CORRECTIONS = 1000  # of a session, those that were taken back included
-MAX_EFFECT_ROWS = 32  # of a kind, before and after an edit, that its effect lists
+MAX_EFFECT_ROWS = 24  # of a kind, before and after an edit, that its effect lists
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
 MAX_PART_APPS = 100  # that one edit puts in the place of a part
 MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
@@ -446,8 +446,17 @@ class AppOutline(Message):
     gripper_width: float | None = None  # [m]
 
 
+class PhaseOutline(Message):
+    """A phase, as far as an effect states it."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: PhaseKind
+    name: PhaseName | None = None
+
+
 class EditEffect(Message):
-    """What an edit changes: the segments and apps that go, and those that take their place.
+    """What an edit changes: the segments, apps and phases that go, and those that take their place.
 
     From the first one that differs to the last one, at the same moment. One differs where its outline does.
     """
@@ -458,7 +467,10 @@ class EditEffect(Message):
     first_app: Count  # index of the first one in the program, before and after
     apps_before: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
     apps_after: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
-    more: Count = 0  # rows that are not listed, of all four together
+    first_phase: Count = 0  # index of the first one, before and after
+    phases_before: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    phases_after: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    more: Count = 0  # rows that are not listed, of all six together
 
 
 class Ack(Message):

@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     LimitForce,
     Move,
     NamePhase,
+    PhaseOutline,
     Redo,
     Relabel,
     Remove,
@@ -72,7 +73,7 @@ def test_segments_become_others_of_which_a_few_are_named():
     assert effect_words(many) == [
         "Hold 0.00 to 1.00 s becomes motion 0.00 to 1.00 s, motion 1.00 to 2.00 s, "
         "motion 2.00 to 3.00 s and 6 more.",
-        "3 segments and apps are not listed.",
+        "3 segments, apps and phases are not listed.",
     ]
 
 
@@ -98,11 +99,20 @@ def test_segments_become_others_of_which_a_few_are_named():
             (app(gripper_width=0.01, tn=4.0),),
             "App 5 (apply force): 2.00 to 3.50 s becomes 2.00 to 4.00 s, gripper width 40 mm becomes 10 mm.",
         ),
-        ((app(force=(0, 0, 1.0)),), (app(force=(0, 0, 1.001)),), "No segment and no app changes."),
+        ((app(force=(0, 0, 1.0)),), (app(force=(0, 0, 1.001)),), "Nothing changes."),
     ],
 )
 def test_apps_state_what_of_them_changes_as_people_read_it(before, after, words: str):
     assert effect_words(effect(apps_before=before, apps_after=after)) == [words]
+
+
+def test_phases_are_stated_where_kinds_or_names_differ():
+    free, named = (PhaseOutline(t0=0.0, tn=2.0, kind="free", name=name) for name in (None, "reach"))
+    assert effect_words(effect(phases_before=(free,), phases_after=(named,))) == [
+        "Phase free 0.00 to 2.00 s becomes phase reach (free) 0.00 to 2.00 s."
+    ]
+    longer = free.model_copy(update={"tn": 3.0})
+    assert effect_words(effect(phases_before=(free,), phases_after=(longer,))) == ["Nothing changes."]
 
 
 def test_of_many_apps_with_other_values_three_are_named():

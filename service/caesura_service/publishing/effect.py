@@ -1,4 +1,4 @@
-"""What an edit changes: the segments and apps in which two states of a session differ."""
+"""What an edit changes: the segments, apps and phases in which two states of a session differ."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from caesura_protocol.messages import (
     AppOutline,
     EditEffect,
     Message,
+    Phase,
+    PhaseOutline,
     Segment,
     SegmentOutline,
 )
@@ -34,6 +36,7 @@ def effect_of(before: SessionState, after: SessionState) -> EditEffect:
     """State what differs between two states of a session; gives way meanwhile."""
     segments = _difference(before.view.segments, after.view.segments, _segment)
     apps = _difference(program_of(before).apps, program_of(after).apps, _app)
+    phases = _difference(before.view.phases, after.view.phases, _phase)
     return EditEffect(
         first_segment=segments.first,
         segments_before=segments.before,
@@ -41,7 +44,10 @@ def effect_of(before: SessionState, after: SessionState) -> EditEffect:
         first_app=apps.first,
         apps_before=apps.before,
         apps_after=apps.after,
-        more=segments.left_out + apps.left_out,
+        first_phase=phases.first,
+        phases_before=phases.before,
+        phases_after=phases.after,
+        more=segments.left_out + apps.left_out + phases.left_out,
     )
 
 
@@ -67,6 +73,10 @@ def _outlines(rows: Sequence[M], first: int, outline: Callable[[M], Row]) -> lis
 
 def _segment(one: Segment) -> SegmentOutline:
     return SegmentOutline(t0=one.t0, tn=one.tn, kind=one.kind)
+
+
+def _phase(one: Phase) -> PhaseOutline:
+    return PhaseOutline(t0=one.t0, tn=one.tn, kind=one.kind, name=one.name)
 
 
 def _app(one: App) -> AppOutline:

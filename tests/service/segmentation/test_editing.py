@@ -25,6 +25,7 @@ from caesura_protocol.messages import (
     Insert,
     LimitForce,
     Move,
+    NamePhase,
     Preview,
     Program,
     Redo,
@@ -469,6 +470,7 @@ def test_a_preview_is_neither_recorded_nor_published_and_changes_no_later_result
         Remove(t=1.35),
         Move(t=1.35, to=1.6),
         Relabel(t=1.0, kind="sliding"),
+        NamePhase(t=1.0, name="reach"),
         Undo(),
         TakeBack(number=1),
     ],
@@ -490,10 +492,11 @@ def test_the_effect_of_a_preview_is_that_of_the_edit_and_what_snapshots_differ_i
     effect = done.effect
     assert effect is not None
     assert effect == previewed.effect
-    rows = [(one.segments.segments, one.program.apps) for one in (before, after)]
+    rows = [(one.segments.segments, one.program.apps, one.segments.phases) for one in (before, after)]
     for old, new, first, gone, come in (
         (rows[0][0], rows[1][0], effect.first_segment, effect.segments_before, effect.segments_after),
         (rows[0][1], rows[1][1], effect.first_app, effect.apps_before, effect.apps_after),
+        (rows[0][2], rows[1][2], effect.first_phase, effect.phases_before, effect.phases_after),
     ):
         behind = len(old) - first - len(gone)
         assert [*map(outlined, old)] != [*map(outlined, new)] or not (gone or come)
@@ -502,11 +505,12 @@ def test_the_effect_of_a_preview_is_that_of_the_edit_and_what_snapshots_differ_i
             *map(outlined, come),
             *map(outlined, old[len(old) - behind :]),
         ]
-    assert effect.segments_before or effect.apps_before
+    assert effect.segments_before or effect.apps_before or effect.phases_before
 
 
 def outlined(one: Any) -> tuple[object, ...]:
-    return one.kind, one.t0, one.tn, *((one.target, one.force) if hasattr(one, "target") else ())
+    own = (one.target, one.force) if hasattr(one, "target") else (getattr(one, "name", None),)
+    return one.kind, one.t0, one.tn, *own
 
 
 def test_a_preview_is_refused_as_the_edit_would_be():

@@ -28,7 +28,8 @@ export default {
         <button type="button" class="unlimit" title="The app here exerts what was taught" v-on="making({ do: 'limit_force', t, newton: null })">No limit</button></form>
       <form v-if="phase" class="row" @submit.prevent="$emit('edit', { do: 'name_phase', t, name })">
         <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="64" required v-model.trim="name"></label>
-        <button class="name-phase" title="Its apps are a group of this name; nothing else changes">Name</button></form>
+        <button class="name-phase" title="Its apps are a group of this name; nothing else changes"
+          v-on="name ? pointing({ do: 'name_phase', t, name }) : {}">Name</button></form>
       <effect-words :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>
     </div>`,

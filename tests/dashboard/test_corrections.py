@@ -29,7 +29,7 @@ expect.set_options(timeout=PATIENCE_MS)
 DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
-LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
+LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 

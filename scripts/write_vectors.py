@@ -23,6 +23,7 @@ from caesura_protocol.messages import (
     Ack,
     App,
     AppChange,
+    AppOutline,
     AppPath,
     AppReference,
     BridgeAck,
@@ -34,11 +35,13 @@ from caesura_protocol.messages import (
     Changepoints,
     Close,
     Control,
+    Correction,
     DeleteApp,
     Describe,
     Description,
     DuplicateApp,
     Edit,
+    EditEffect,
     EditProgram,
     Error,
     Gap,
@@ -56,8 +59,10 @@ from caesura_protocol.messages import (
     NameProgram,
     Open,
     Phase,
+    PhaseOutline,
     Piece,
     Posterior,
+    Preview,
     Program,
     ProgramEdit,
     RecordedSamples,
@@ -69,6 +74,7 @@ from caesura_protocol.messages import (
     RestForce,
     ScrewMotion,
     Segment,
+    SegmentOutline,
     Segments,
     ServiceStatus,
     SessionStatus,
@@ -76,6 +82,7 @@ from caesura_protocol.messages import (
     Start,
     StationBudgets,
     Stop,
+    TakeBack,
     Undo,
     ViaPoint,
     WrenchReport,
@@ -263,6 +270,12 @@ def examples() -> dict[str, Message]:
         reason="the app 'carry' at 0.00 to 3.50 s is no longer in the program",
         apps=(app,),
     )
+    corrections = (
+        Correction(number=1, author="Ann", at=1767225602.25, action=Move(t=3.5, to=4.0)),
+        Correction(
+            number=2, author="Bo", at=1767225603.25, action=Relabel(t=1.25, kind="steady"), state="undone"
+        ),
+    )
     again = Hint(
         kind="show_again",
         since=5.25,
@@ -284,6 +297,8 @@ def examples() -> dict[str, Message]:
         force_limit_n=10.0,
         edit_revision=3,
         edits=(program_edit, part_edit),
+        revision=2,
+        corrections=corrections,
     )
     opening = Open(
         session=SESSION,
@@ -303,8 +318,26 @@ def examples() -> dict[str, Message]:
         NamePhase(t=1.25, name="wipe"),
         Undo(),
         Redo(),
+        TakeBack(number=2),
     )
     edit = Edit(session=SESSION, revision=2, author="Ann", action=actions[2])
+    preview = Preview(session=SESSION, revision=2, action=actions[1])
+    effect = EditEffect(
+        first_segment=1,
+        segments_before=(
+            SegmentOutline(t0=1.25, tn=3.5, kind="motion"),
+            SegmentOutline(t0=3.5, tn=5.0, kind="contact"),
+        ),
+        segments_after=(SegmentOutline(t0=1.25, tn=5.0, kind="contact"),),
+        first_app=2,
+        apps_after=(
+            AppOutline(
+                kind="apply_force", t0=1.25, tn=5.0, target=(0.5, 0.25, 0.125), force=(0.0, 0.0, -9.5)
+            ),
+        ),
+        first_phase=1,
+        phases_after=(PhaseOutline(t0=1.25, tn=5.0, kind="contact", name="wipe"),),
+    )
     describe = Describe(session=SESSION, author="Ann", before=Description(), description=description)
     start = Start(id="press-58af", session=SESSION, description=description)
     batch = {"columns": COLUMNS, "session": SESSION, "epoch": 0, "seq": 17, "bridge": BRIDGE}
@@ -334,9 +367,15 @@ def examples() -> dict[str, Message]:
         *program_actions,
         edit_program,
         program_edit,
+        corrections[0],
         change,
         Control(command=opening),
         Ack(session=SESSION, next_seq=18, state="open"),
+        preview,
+        effect.segments_before[0],
+        effect.apps_after[0],
+        effect.phases_after[0],
+        effect,
         changepoint,
         segment,
         phase,
@@ -405,6 +444,8 @@ def examples() -> dict[str, Message]:
         "SampleBatch.float64": pack_samples(samples(np.float64), **batch),
         "Control.Close": Control(command=closing),
         "Control.Edit": Control(command=edit),
+        "Control.Preview": Control(command=preview),
+        "Ack.effect": Ack(session=SESSION, next_seq=18, state="open", revision=3, effect=effect),
         "Control.Describe": Control(command=describe),
         "Control.EditProgram": Control(command=edit_program),
         "BridgeControl.Stop": BridgeControl(command=Stop(session=SESSION, success=True)),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caesura_clients import describing, program_editing, query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
-from caesura_clients.editing import edit
+from caesura_clients.editing import edit, preview
 from caesura_clients.following import follow
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update
@@ -24,6 +24,7 @@ from caesura_protocol.messages import (
     Action,
     BridgeAck,
     Description,
+    EditEffect,
     Insert,
     Kind,
     LimitForce,
@@ -36,6 +37,7 @@ from caesura_protocol.messages import (
     Remove,
     ServiceStatus,
     Snapshot,
+    TakeBack,
     Undo,
 )
 from caesura_protocol.transport.endpoints import ENDPOINT_VARIABLE
@@ -136,13 +138,28 @@ class Caesura:
         """Name the phase in which a time [s] lies; the program's group of its apps has that name."""
         return self._edit(station, session, NamePhase(t=t, name=name), author, revision)
 
-    def undo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
-        """Take the last correction back."""
-        return self._edit(station, session, Undo(), author, revision)
+    def undo(
+        self,
+        station: str,
+        session: str,
+        *,
+        author: str,
+        number: int | None = None,
+        revision: int | None = None,
+    ) -> Ack:
+        """Take a correction back; number: as `Program.corrections` lists it, by default the last one."""
+        action = Undo() if number is None else TakeBack(number=number)
+        return self._edit(station, session, action, author, revision)
 
     def redo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
         """Make the correction that was taken back last once more."""
         return self._edit(station, session, Redo(), author, revision)
+
+    def preview(
+        self, station: str, session: str, action: Action, *, revision: int | None = None
+    ) -> EditEffect:
+        """Ask what a correction would change; nothing is changed (`editing.preview`)."""
+        return preview(self.transport, station, session, action, revision=revision)
 
     def start(self, station: str, description: Description | None = None) -> BridgeAck:
         """Start a demonstration at a bridge in standby (`describing.start`)."""

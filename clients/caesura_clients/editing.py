@@ -13,10 +13,20 @@ from caesura_clients import query
 from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Action, Control, Describe, Edit, EditProgram, Insert
+from caesura_protocol.messages import (
+    Ack,
+    Action,
+    Control,
+    Describe,
+    Edit,
+    EditEffect,
+    EditProgram,
+    Insert,
+    Preview,
+)
 from caesura_protocol.transport.network import Transport
 
-Made = Edit | Describe | EditProgram  # what an operator changes
+Made = Edit | Preview | Describe | EditProgram  # what an operator changes, or would change
 
 EDIT_TIMEOUT_S = 10.0  # an hour is filtered anew in half of that, on a busy machine
 PATIENCE_S = 60.0  # a minute of a session is rebuilt from the journal in one or two
@@ -44,6 +54,18 @@ def edit(
         revision = query.snapshot(transport, station, session).status.revision
     made = Edit(session=session, revision=revision, author=author, action=action)
     return send(transport, station, made)
+
+
+def preview(
+    transport: Transport, station: str, session: str, action: Action, *, revision: int | None = None
+) -> EditEffect:
+    """Ask what a correction would change; nothing is changed. Raises as `edit`."""
+    if revision is None:
+        revision = query.snapshot(transport, station, session).status.revision
+    effect = send(transport, station, Preview(session=session, revision=revision, action=action)).effect
+    if effect is None:
+        raise ProtocolError("internal", "the service answered a preview without its effect")
+    return effect
 
 
 def send(transport: Transport, station: str, made: Made, *, patience_s: float = PATIENCE_S) -> Ack:

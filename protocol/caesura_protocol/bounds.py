@@ -39,6 +39,7 @@ from caesura_protocol.messages import (
     Message,
     Open,
     Piece,
+    Preview,
     SampleBatch,
     ServiceStatus,
     SessionStatus,
@@ -71,11 +72,11 @@ _LONG = Bounds(MAX_WHOLE_BYTES)
 BOUNDS: Mapping[type[Message], Bounds] = {
     # The usual batch is not counted: with arrays of 64, what fits into 8 KiB takes less than a megabyte.
     SampleBatch: Bounds(_BATCH_BYTES, 256, array=MAX_COLUMNS, uncounted=1 << 13),
-    **dict.fromkeys((Heartbeat, Open, Close, Edit, Describe, EditProgram, Control, Ack), _COMMAND),
+    **dict.fromkeys((Heartbeat, Open, Close, Edit, Preview, Describe, EditProgram, Control), _COMMAND),
     **dict.fromkeys((BridgeControl, BridgeAck, BridgeStatus), _COMMAND),
     Error: Bounds(1 << 16, 512),
     Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64),
-    **dict.fromkeys((SessionStatus, ServiceStatus), _STATUS),
+    **dict.fromkeys((Ack, SessionStatus, ServiceStatus), _STATUS),
 }
 
 

@@ -28,6 +28,8 @@ MAX_BUDGETS = 32  # stations whose budgets a service status lists
 MAX_VIA_POINTS = 64  # of the path of an app
 MAX_HOLES = 2048  # that recorded samples list
 MAX_TAGS = 16  # of a session
+MAX_CORRECTIONS = 1000  # of a session, those that were taken back included
+MAX_EFFECT_ROWS = 24  # of a kind, before and after an edit, that its effect lists
 MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
 MAX_PART_APPS = 100  # that one edit puts in the place of a part
 MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
@@ -105,6 +107,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 AppField = Literal["name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"]
 ChangedField = AppField | Literal["place", "added", "taught_again"]
 EditState = Literal["applied", "not_applied", "undone"]
+CorrectionState = Literal["applied", "undone"]
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
@@ -260,8 +263,17 @@ class Redo(Message):
     do: Literal["redo"] = "redo"
 
 
+class TakeBack(Message):
+    """Take one correction back; those that came after it stay."""
+
+    do: Literal["take_back"] = "take_back"
+    number: Count  # of the correction, as the program lists it
+
+
+Change = Insert | Remove | Move | Relabel | LimitForce | NamePhase
 Action = Annotated[
-    Insert | Remove | Move | Relabel | LimitForce | NamePhase | Undo | Redo, Field(discriminator="do")
+    Insert | Remove | Move | Relabel | LimitForce | NamePhase | Undo | Redo | TakeBack,
+    Field(discriminator="do"),
 ]
 
 
@@ -272,6 +284,18 @@ class Edit(Message):
     session: Name
     revision: Count  # of the session, as the editor has seen it; every edit makes it one more
     author: Author
+    action: Action
+
+
+class Preview(Message):
+    """Command: state what an edit would change. It is refused as the edit would be; nothing is changed.
+
+    The answer is an Ack with the effect, and the revision as it is.
+    """
+
+    type: Literal["preview"] = "preview"
+    session: Name
+    revision: Count  # as of an edit
     action: Action
 
 
@@ -393,13 +417,60 @@ class EditProgram(Message):
     action: ProgramAction
 
 
-Command = Annotated[Open | Close | Edit | Describe | EditProgram, Field(discriminator="type")]
+Command = Annotated[Open | Close | Edit | Preview | Describe | EditProgram, Field(discriminator="type")]
 
 
 class Control(Message):
     """What a bridge or an operator asks of a station's session; payload of a `control` query."""
 
     command: Command
+
+
+class SegmentOutline(Message):
+    """A segment, as far as an effect states it."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: Kind
+
+
+class AppOutline(Message):
+    """An app, as far as an effect states it."""
+
+    kind: AppKind
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    target: Vector | None = None  # [m] base frame
+    force: Vector | None = None  # [N] what the robot exerts
+    load_kg: float | None = None
+    gripper_width: float | None = None  # [m]
+
+
+class PhaseOutline(Message):
+    """A phase, as far as an effect states it."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: PhaseKind
+    name: PhaseName | None = None
+
+
+class EditEffect(Message):
+    """What an edit changes: the segments, apps and phases that go, and those that take their place.
+
+    From the first one that differs to the last one, at the same moment. One differs where its outline does.
+    """
+
+    first_segment: Count  # index of the first one, before and after
+    segments_before: Annotated[Listed[SegmentOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    segments_after: Annotated[Listed[SegmentOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    first_app: Count  # index of the first one in the program, before and after
+    apps_before: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    apps_after: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    first_phase: Count = 0  # index of the first one, before and after
+    phases_before: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    phases_after: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    more: Count = 0  # rows that are not listed, of all six together
 
 
 class Ack(Message):
@@ -409,6 +480,7 @@ class Ack(Message):
     next_seq: Count  # the batch that the service waits for
     state: Literal["open", "closed"]
     revision: Count = 0  # how many edits the session has had; undo and redo count
+    effect: EditEffect | None = None  # of an edit, or of its preview; None from an older service
 
 
 # --- operator to bridge ---------------------------------------------------------------------------------
@@ -744,6 +816,16 @@ class App(Message):
     changes: Annotated[Listed[AppChange], Field(max_length=10)] = ()  # what people set, a field once
 
 
+class Correction(Message):
+    """A correction of a session, and whether it counts."""
+
+    number: Count  # of this one, from 1; undo and redo count
+    author: Author
+    at: Seconds  # [s] time of day (UTC)
+    action: Annotated[Change, Field(discriminator="do")]
+    state: CorrectionState = "applied"
+
+
 class ProgramEdit(Message):
     """An edit of a program, and what became of it."""
 
@@ -780,6 +862,7 @@ class Program(Message):
     name: TaskName | None = None  # that a person gave it
     edit_revision: Count = 0  # how many `EditProgram` it has had; undo and redo count
     edits: Annotated[tuple[ProgramEdit, ...], Field(max_length=MAX_PROGRAM_EDITS)] = ()  # oldest first
+    corrections: Annotated[tuple[Correction, ...], Field(max_length=MAX_CORRECTIONS)] = ()  # oldest first
 
 
 class Snapshot(Message):

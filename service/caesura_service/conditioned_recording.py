@@ -10,8 +10,8 @@ from functools import cached_property
 from itertools import pairwise
 
 from caesura_protocol.recording import Recording
-from caesura_service.changepoint.filter import ChangepointFilter
-from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.pipeline import layout_of, observed

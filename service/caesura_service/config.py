@@ -9,7 +9,7 @@ from pathlib import Path
 from caesura_protocol.keys import check_name
 from caesura_service.journal import JournalSettings
 from caesura_service.server.network import NetworkSettings
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 
@@ -45,7 +45,7 @@ class ServiceConfig:
     preset: str = DEFAULT_PRESET
     limits: Limits = field(default_factory=Limits)
     queue: QueueSettings = field(default_factory=QueueSettings)
-    rates: RateSettings = field(default_factory=RateSettings)
+    rates: RateLimits = field(default_factory=RateLimits)
     journal: Path | None = None
     journal_settings: JournalSettings = field(default_factory=JournalSettings)
     metrics: str | None = None  # host:port of the page for Prometheus and probes; port 0: a free one

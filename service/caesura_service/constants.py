@@ -7,4 +7,8 @@ JOINTS = 7  # of a Panda
 JOINTS_MOST = 8  # of any arm
 # [N] scale of what free space reads after a tare: in real recordings the bias wanders so far with the pose
 TARED_BIAS_N = 2.3
+# A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
+# the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
+HANDS_BREADTH_M = 0.1
+TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 GRID_HZ = 100  # [1/s] of the grid to which samples are brought before they are filtered

@@ -23,10 +23,10 @@ from machine import machine, options, report
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Open
-from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.hazard import Refractory
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.preset import SEGMENTATION_HZ
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_model import ProfileModel

@@ -19,8 +19,8 @@ from machine import options, report
 from numpy.typing import NDArray
 from step_cost import demonstration
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, compile_now
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 

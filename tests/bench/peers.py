@@ -20,10 +20,10 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import ModelInput, Noise
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.constant_models import FreeSpaceForce
 from caesura_service.changepoint.hazard import Geometric
-from caesura_service.changepoint.models import ModelInput, Noise
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 

@@ -21,9 +21,9 @@ import roofline
 import thesis_update
 from machine import machine, options, report, seconds
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
-from caesura_service.changepoint.filter import ChangepointFilter
-from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter

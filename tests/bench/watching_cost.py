@@ -22,7 +22,7 @@ from caesura_service.monitoring.metrics import MetricsSource, metrics_of
 from caesura_service.ownership.registry import Registry
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.sessions.limits import Limits
 from harness.sessions import OWNER, batches, opening
 
@@ -69,9 +69,7 @@ def scrape(registry: InstrumentedRegistry) -> float:
         dropped=0,
         journal=journal,
     )
-    page = metrics_of(
-        MetricsSource(registry, lambda: status, lambda: True, Budgets(RateSettings()).budgets_of)
-    )
+    page = metrics_of(MetricsSource(registry, lambda: status, lambda: True, Budgets(RateLimits()).budgets_of))
     began = time.process_time()
     generate_latest(page)
     return 1e3 * (time.process_time() - began)

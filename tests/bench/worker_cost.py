@@ -33,7 +33,7 @@ from caesura_service.monitoring.instrumented_registry import InstrumentedRegistr
 from caesura_service.publishing.events import Owner
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, RawPayload, SamplesReceived, source_of_key
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import ResultPublisher
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import TICK_S, Worker
@@ -139,7 +139,7 @@ def slices(stations: int) -> Iterator[Costs]:
             journal=journal,
             limits=Limits(),
         )
-        budgets = Budgets(RateSettings(), clock=lambda: now[0])
+        budgets = Budgets(RateLimits(), clock=lambda: now[0])
         queue: WorkQueue[Arrival] = WorkQueue(QueueSettings(), announced=True)
         network: Any = Unread()
         manager: Any = Idle()

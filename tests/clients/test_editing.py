@@ -34,6 +34,7 @@ from caesura_protocol.messages import (
     NamePhase,
     Program,
     ReplacePart,
+    TakeBack,
     Undo,
 )
 from caesura_protocol.recording import Recording
@@ -198,7 +199,8 @@ def typed(endpoint: str, *words: str):
 def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     session = taught(caesura, "cell-5")
     done = typed(endpoint, "cell-5", session, "insert", "3.2", "--author", "Bob")
-    assert (done.exit_code, done.stdout) == (0, f"cell-5/{session} is at revision 1\n")
+    said = f"inserted a changepoint at 3.20 s; cell-5/{session} is at revision 1\n"
+    assert (done.exit_code, done.stdout.startswith(said)) == (0, True)
     assert caesura.program("cell-5").author == "Bob"
     assert typed(endpoint, "cell-5", session, "undo").exit_code == 0
     stale = typed(endpoint, "cell-5", session, "redo", "--revision", "0")
@@ -208,6 +210,65 @@ def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     assert "there is no changepoint near that; value 3; limit 0.5; expected" in nowhere.stderr.replace(
         ".0;", ";"
     )
+
+
+def test_the_command_line_lists_corrections_and_takes_any_of_them_back(
+    endpoint: str, caesura: Caesura, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "120")
+    session = taught(caesura, "cell-15")
+    assert typed(endpoint, "cell-15", session).stdout == "no corrections\n"
+    assert typed(endpoint, "cell-15", session, "insert", "3.0", "--author", "Ann").exit_code == 0
+    assert typed(endpoint, "cell-15", session, "move", "4.15", "4.4", "--author", "Bob").exit_code == 0
+    assert typed(endpoint, "cell-15", session, "move", "3", "3.4", "--author", "Bob").exit_code == 0
+    refused = typed(endpoint, "cell-15", session, "undo", "1")
+    assert refused.exit_code == 1
+    assert "correction 3 by Bob moved that changepoint on: take correction 3 back first" in refused.stderr
+
+    plain = taught(caesura, "cell-16")
+    caesura.insert("cell-16", plain, 3.0, author="Ann")
+    caesura.move("cell-16", plain, 3.0, 3.4, author="Bob")
+    assert typed(endpoint, "cell-15", session, "undo", "2").exit_code == 0
+    assert segments_of(caesura, "cell-15") == segments_of(caesura, "cell-16"), "the others stay"
+    listed = typed(endpoint, "cell-15", session).stdout.strip().splitlines()[-3:]
+    assert [line.split()[0] for line in listed] == ["1", "2", "3"]
+    assert "Ann inserted a changepoint at 3.00 s" in listed[0]
+    assert "Bob moved the changepoint at 4.15 s to 4.40 s" in listed[1]
+    assert [line.split()[-1] for line in listed] == ["applied", "undone", "applied"]
+    assert typed(endpoint, "cell-15", session, "redo").exit_code == 0
+    states = [one.state for one in caesura.snapshot("cell-15", session).program.corrections]
+    assert states == ["applied"] * 3
+
+
+def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint: str, caesura: Caesura):
+    session = taught(caesura, "cell-17")
+    before = caesura.snapshot("cell-17", session)
+    words = ("cell-17", session, "remove", "4.3", "--author", "Ann")
+    previewed = typed(endpoint, *words, "--preview")
+    assert previewed.exit_code == 0, previewed.stderr
+    headline, *effect = previewed.stdout.splitlines()
+    assert headline == "nothing is changed; this edit would do:"
+    after = caesura.snapshot("cell-17", session)
+    published = ("changepoints", "segments", "posterior", "program", "hints")
+    assert all(getattr(after, part) == getattr(before, part) for part in published)
+    assert (after.status.seq, after.status.revision) == (before.status.seq, before.status.revision)
+    done = typed(endpoint, *words)
+    assert done.stdout.splitlines() == [
+        f"removed the changepoint at 4.15 s; cell-17/{session} is at revision 1",
+        *effect,
+    ]
+    segments = [one for one in segments_of(caesura, "cell-17") if one[0] < 4.15 < one[1]]
+    ((t0, tn, kind),) = segments
+    assert f"become {kind} {t0:.2f} to {tn:.2f} s." in effect[0]
+    undone = typed(endpoint, "cell-17", session, "undo")
+    assert undone.stdout.startswith("took back: Ann removed the changepoint at 4.30 s; ")
+    refused = typed(endpoint, "cell-17", session, "remove", "99", "--preview")
+    assert refused.exit_code == 1
+    assert "the time is outside the demonstration" in refused.stderr
+
+
+def segments_of(caesura: Caesura, station: str) -> list[tuple[float, float, str]]:
+    return [(one.t0, one.tn, one.kind) for one in caesura.snapshot(station).segments.segments]
 
 
 def test_what_has_no_time_is_not_preceded_by_a_query_where_the_revision_is_stated(
@@ -234,9 +295,10 @@ def test_actions_as_they_are_typed():
     assert parse(["limit-force", "3.2", "none"]) == LimitForce(t=3.2, newton=None)
     assert parse(["name-phase", "3.2", "wipe the table"]) == NamePhase(t=3.2, name="wipe the table")
     assert parse(["undo"]) == Undo()
+    assert parse(["undo", "3"]) == TakeBack(number=3)
 
 
-@pytest.mark.parametrize("words", [["turn"], ["move", "3.2"], ["undo", "1"]])
+@pytest.mark.parametrize("words", [["turn"], ["move", "3.2"], ["undo", "1", "2"]])
 def test_an_action_that_is_none_is_refused_with_those_that_are(words: list[str]):
     with pytest.raises(typer.BadParameter, match=r"expected one of: insert T"):
         parse(words)

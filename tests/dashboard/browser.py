@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from urllib.parse import urlsplit
 
 import pytest
@@ -108,11 +108,12 @@ class SlowSocket:
 class Visitor:
     """One page of a browser; remembers which hosts it asked for and what went wrong in it."""
 
-    def __init__(self, browser: Browser, theme: Theme = "light") -> None:
+    def __init__(self, browser: Browser, theme: Theme = "light", **context: Any) -> None:
+        """context: of Playwright, such as `has_touch`."""
         self.theme = theme
         self.hosts: set[str] = set()
         self.errors: list[str] = []
-        self._context = browser.new_context(viewport=TABLET, color_scheme=theme)
+        self._context = browser.new_context(**{"viewport": TABLET, "color_scheme": theme, **context})
         self._context.on("request", lambda request: self._ask(request.url))
         self.page: Page = self._context.new_page()
         self.page.set_default_timeout(PATIENCE_MS)

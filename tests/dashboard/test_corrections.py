@@ -16,6 +16,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Remove
 from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
 from dashboard.stage import KINDS, Stage, patient, staged
 from dashboard.subscriber import Subscriber
@@ -25,9 +26,10 @@ from harness.processes import eventually
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 
+DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
-LEFT, RIGHT = 56, 12  # of the plot, as in scale.js
+LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 
@@ -44,6 +46,13 @@ class Operator:
         self.visitor, self.wire = visitor, wire
         self.page: Page = visitor.page
         self.page.goto(f"{stage.dashboard.url}/station/{station}")
+
+    @classmethod
+    def at(cls, page: Page, visitor: Visitor) -> Operator:
+        """Somebody at a page that is open already, without the wire."""
+        operator = cls.__new__(cls)
+        operator.page, operator.visitor = page, visitor
+        return operator
 
     def wait_for_three_segments(self) -> None:
         """On the screen, of the right kinds and final."""
@@ -329,6 +338,190 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
     expect(page.locator(".message")).to_contain_text("Undone")
     assert visitor.errors == []
     visitor.close()
+
+
+def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, browser: Browser):
+    stage.teach("cell-list", guided(), session="over", pace="fast")
+    stage.wait("cell-list")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Cem')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-list/over")
+        listed = page.locator(".corrections")
+        expect(listed.locator("summary")).to_have_text("Corrections: 0")
+        expect(listed.locator(".empty"), "collapsed to a count").to_be_hidden()
+        caesura.insert("cell-list", "over", 1.2, author="Ann")
+        caesura.insert("cell-list", "over", 0.4, author="Bo")
+        caesura.move("cell-list", "over", 1.2, 1.6, author="Ann")
+        rows = listed.locator("li")
+        expect(rows).to_have_count(3)
+        expect(rows.first).to_contain_text("Ann moved the changepoint at 1.20 s to 1.60 s")
+        expect(rows.first.locator("time")).to_be_visible()
+        expect(rows.last).to_contain_text("Ann inserted a changepoint at 1.20 s")
+
+        rows.last.get_by_role("button", name="Undo").click()
+        refusal = "correction 3 by Ann moved that changepoint on: take correction 3 back first"
+        expect(listed.locator(".message")).to_contain_text(refusal)
+        undo = rows.nth(1).get_by_role(
+            "button", name="Undo correction 2: Bo inserted a changepoint at 0.40 s"
+        )
+        undo.focus()
+        page.keyboard.press("Enter")
+        expect(listed.locator(".message")).to_contain_text("Correction 2 is taken back")
+        expect(rows.nth(1)).to_contain_text("undone")
+        kept = [
+            one.t for one in caesura.snapshot("cell-list", "over").changepoints.changepoints if one.corrected
+        ]
+        assert kept == [pytest.approx(1.6, abs=NEAR_S)]
+        looks_right(visitor, "corrections")
+
+        page.get_by_role("button", name="Redo", exact=True).click()
+        expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
+        states = [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
+        assert states == ["applied"] * 3
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_phase_is_named(stage: Stage, browser: Browser):
+    stage.teach("cell-phase", guided(), session="over", pace="fast")
+    stage.wait("cell-phase")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-phase/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+        contact = next(
+            one for one in caesura.snapshot("cell-phase", "over").segments.phases if one.kind == "contact"
+        )
+        # where a phase begins, the menu means the phase that begins
+        page.mouse.click(*operator.place(contact.t0), button="right")
+        menu = page.locator(".correct-menu")
+        expect(menu.get_by_role("button", name="contact")).to_have_attribute("aria-pressed", "true")
+        menu.get_by_label("Name the phase contact").fill("press the pump")
+        menu.get_by_role("button", name="Name", exact=True).hover()
+        expect(menu.locator(".effect")).to_contain_text("becomes phase press the pump (contact)")
+        menu.get_by_label("Name the phase contact").focus()
+        looks_right(visitor, "name-phase")
+        page.keyboard.press("Enter")
+        expect(page.locator(".message").first).to_contain_text("is called press the pump")
+        expect(page.locator(".selection")).to_contain_text("in phase press the pump (contact)")
+        expect(page.locator(".corrections li")).to_contain_text("Ann named the phase at")
+        names = [
+            one.name
+            for one in caesura.snapshot("cell-phase", "over").segments.phases
+            if one.kind == "contact"
+        ]
+        assert names == ["press the pump"]
+        page.set_viewport_size(DESK)
+        visitor.picture("phase-named-desktop")
+        page.get_by_role("button", name="Undo", exact=True).click()
+        expect(page.locator(".selection")).not_to_contain_text("press the pump")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage, browser: Browser):
+    stage.teach("cell-preview", guided(), session="over", pace="fast")
+    stage.wait("cell-preview")
+    visitor = Visitor(browser)
+    page, effect = visitor.page, visitor.page.locator(".effect")
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        before = caesura.snapshot("cell-preview", "over")
+        first, second = before.segments.segments[1:3]
+        page.goto(f"{stage.dashboard.url}/sessions/cell-preview/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+
+        page.mouse.click(*operator.place(first.tn), button="right")
+        menu = page.locator(".correct-menu")
+        expect(menu.locator(".remove")).to_be_focused()
+        merged = caesura.preview("cell-preview", "over", Remove(t=first.tn)).segments_after
+        words = [f"{one.kind} {one.t0:.2f} to {one.tn:.2f} s" for one in merged]
+        expect(menu.locator(".effect"), "of the key that has the focus").to_contain_text(words[0])
+        expect(menu.locator(".effect")).to_contain_text("App")
+        visitor.picture("preview-remove-desktop")
+        assert visitor.barriers() == []
+        menu.get_by_role("button", name="steady").hover()
+        expect(menu.locator(".effect"), "of what the pointer is on").to_contain_text("steady")
+        visitor.picture("preview-relabel-desktop")
+        page.keyboard.press("Escape")
+        expect(effect.filter(has_text="become")).to_have_count(0)
+
+        page.mouse.move(*operator.place(first.tn))
+        page.mouse.down()
+        to = first.tn + 0.3
+        page.mouse.move(*operator.place(to - 0.1))
+        page.mouse.move(*operator.place(to))
+        tip = page.locator(".effect-tip")
+        expect(tip, "what is known at once").to_contain_text(f"{first.kind} {first.t0:.2f} to")
+        expect(tip, "what the service answers").to_contain_text("App")
+        visitor.picture("preview-drag-desktop")
+        shown = tip.inner_text()
+        for part in ("changepoints", "segments", "program"):
+            assert getattr(caesura.snapshot("cell-preview", "over"), part) == getattr(before, part), part
+        page.mouse.up()
+        expect(page.locator(".message").first).to_contain_text("Changepoint moved")
+        after = caesura.snapshot("cell-preview", "over").segments.segments
+        ends = [f"{one.kind} {one.t0:.2f} to {one.tn:.2f} s" for one in after[1:3]]
+        assert all(words in shown for words in ends), "the edit does what was shown"
+        assert second.tn == after[2].tn
+
+        row = page.locator(".corrections li").first
+        row.get_by_role("button", name="Undo").hover()
+        expect(page.locator(".corrections .effect")).to_contain_text(f"{first.tn:.2f} s")
+        visitor.picture("preview-undo-desktop")
+        assert caesura.snapshot("cell-preview", "over").status.revision == 1
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(stage: Stage, browser: Browser):
+    stage.teach("cell-touch", guided(), session="over", pace="fast")
+    stage.wait("cell-touch")
+    visitor = Visitor(browser, viewport=PHONE, has_touch=True)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-touch/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+        operator.touch_for_long(T)
+        menu = page.locator(".correct-menu")
+        menu.locator(".insert").tap()
+        expect(menu.locator(".effect")).to_contain_text("become")
+        expect(menu.locator(".effect")).to_contain_text("Tap again to correct.")
+        assert caesura.snapshot("cell-touch", "over").status.revision == 0
+        for visitor.theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", visitor.theme)
+            visitor.picture("preview-phone")
+            assert visitor.barriers(*rules) == []
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+        menu.locator(".insert").tap()
+        expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
+        assert caesura.snapshot("cell-touch", "over").status.revision == 1
+    assert visitor.errors == []
+    visitor.close()
+
+
+def looks_right(visitor: Visitor, name: str) -> None:
+    """On a desk and a phone, light and dark: axe finds nothing, nothing scrolls sideways."""
+    page = visitor.page
+    for where, size in (("phone", PHONE), ("desktop", DESK)):
+        page.set_viewport_size(size)
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture(f"{name}-{where}")
+            assert visitor.barriers(*rules) == []
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
 
 
 def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, browser: Browser):

@@ -65,6 +65,11 @@ def test_a_browser_that_missed_some_catches_up_at_once(updates):
     assert browser.segments == [segment_row(part) for part in updates[3].segments]
 
 
+def test_a_phase_has_the_name_that_it_was_given():
+    named = example(Phase).model_copy(update={"name": "reach"})
+    assert (phase_row(named)[6], phase_row(example(Phase))[6]) == ("reach", example(Phase).name)
+
+
 def test_nothing_new_is_nothing_to_send(updates):
     sent, _ = delta(SentState(), updates[1])
     assert delta(sent, updates[1]) == (sent, {})

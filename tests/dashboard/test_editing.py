@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from caesura_clients import editing
-from caesura_clients.dashboard.editing import EditRefused, correct, corrector, parse, said
+from caesura_clients.dashboard.editing import EditRefused, correct, corrector, parse, preview, said
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import Ack
+from caesura_protocol.messages import Ack, AppOutline, EditEffect, Preview, Remove, SegmentOutline
 
 ASKED = {"session": "s1", "revision": 3, "author": "Ann"}
 
@@ -24,6 +24,7 @@ ASKED = {"session": "s1", "revision": 3, "author": "Ann"}
         ({"do": "name_phase", "t": 3.2, "name": "wipe"}, "The phase at 3.20 s is called wipe."),
         ({"do": "undo"}, "Undone."),
         ({"do": "redo"}, "Done again."),
+        ({"do": "take_back", "number": 3}, "Correction 3 is taken back."),
     ],
 )
 def test_every_tool_asks_for_what_it_says(request_, words):
@@ -62,14 +63,64 @@ def test_who_comes_second_is_refused_with_the_reason():
 
 
 @pytest.mark.parametrize(
-    "error", [CaesuraError("nobody answers"), ProtocolError("malformed", "no changepoint there", value=3.2)]
+    ("error", "words"),
+    [
+        (CaesuraError("nobody answers"), "Not done: nobody answers"),
+        (ProtocolError("conflict", "undo 3 first", value=1, expected=3), "Not done: undo 3 first."),
+        (
+            ProtocolError("malformed", "the time is outside", value=9.2, limit=[0.1, 8.4]),
+            "Not done: the time is outside: 9.2 is not within 0.1 to 8.4.",
+        ),
+        (
+            ProtocolError("conflict", "no changepoint there", value=3.2, limit=0.5, expected=[2.0, 4.15]),
+            "Not done: no changepoint there; there is 2.0, 4.15.",
+        ),
+    ],
 )
-def test_a_refusal_is_passed_on(error):
+def test_a_refusal_is_passed_on_in_words(error, words):
     def ask(station, edit):
         raise error
 
-    with pytest.raises(EditRefused, match=str(error)[:14]):
+    with pytest.raises(EditRefused) as refused:
         correct(ask, "cell-1", {**ASKED, "do": "undo"})
+    assert str(refused.value) == words
+    found = preview(ask, "cell-1", {"session": "s1", "revision": 3, "do": "undo"})
+    assert found == {"words": [words], "rows": [], "span": [0.0, 0.0], "failed": True}
+
+
+def test_a_preview_states_sentences_and_the_segments_of_its_span():
+    effect = EditEffect(
+        first_segment=1,
+        segments_before=(outline(1.0, 2.0, "motion"), outline(2.0, 3.5, "contact")),
+        segments_after=(outline(1.0, 3.5, "contact"),),
+        first_app=0,
+        apps_before=(AppOutline(kind="apply_force", t0=2.0, tn=3.5, force=(0.0, 0.0, -12.0)),),
+        apps_after=(AppOutline(kind="apply_force", t0=1.0, tn=3.5, force=(0.0, 0.0, -4.0)),),
+    )
+    asked = []
+
+    def ask(station, command):
+        asked.append(command)
+        return Ack(session="s1", next_seq=0, state="open", effect=effect)
+
+    request = {"session": "s1", "revision": 3, "do": "remove", "t": 2.0}
+    assert preview(ask, "cell-1", request) == {
+        "words": [
+            "Motion 1.00 to 2.00 s and contact 2.00 to 3.50 s become contact 1.00 to 3.50 s.",
+            "App 1 (apply force): 2.00 to 3.50 s becomes 1.00 to 3.50 s, force 12.0 N becomes 4.0 N.",
+        ],
+        "rows": [[1.0, 3.5, "contact"]],
+        "span": [1.0, 3.5],
+        "failed": False,
+    }
+    assert asked == [Preview(session="s1", revision=3, action=Remove(t=2.0))]
+    refused = preview(ask, "cell-1", {**request, "do": "explode"})
+    assert refused["failed"]
+    assert len(asked) == 1, "what is no correction never reaches the service"
+
+
+def outline(t0, tn, kind):
+    return SegmentOutline(t0=t0, tn=tn, kind=kind)
 
 
 def test_without_an_answer_that_is_said(memory, monkeypatch):

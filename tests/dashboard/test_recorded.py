@@ -156,7 +156,7 @@ def test_wheel_drag_buttons_and_keys_move_what_is_in_sight(visitor: Visitor):
     page.mouse.wheel(0, -300)
     eventually(lambda: view(page)[1] - view(page)[0] < 0.5 * HOUR_S)
     start, end = view(page)
-    at = (700 - 56) / (box["width"] - 2 - 68)
+    at = (700 - 64) / (box["width"] - 2 - 76)
     assert start + at * (end - start) == pytest.approx(at * HOUR_S, abs=0.01 * HOUR_S)
 
     page.get_by_role("button", name="All").click()

@@ -230,7 +230,7 @@ def receive(desk: RecordingDesk, name: str, *parts: bytes | Exception) -> Any:
 def test_an_upload_that_is_cut_leaves_no_file(desk: RecordingDesk):
     with pytest.raises(ClientDisconnect):
         ran(receive(desk, "a.csv", b"1", ClientDisconnect()))
-    assert (desk._held, list(desk._folder.iterdir())) == ({}, [])
+    assert (desk._held, list(desk._folder.path.iterdir())) == ({}, [])
 
 
 def test_two_of_one_name_at_once_do_not_write_into_one_file(desk: RecordingDesk):
@@ -239,7 +239,7 @@ def test_two_of_one_name_at_once_do_not_write_into_one_file(desk: RecordingDesk)
 
     answers = ran(both())
     assert sorted(one.status_code for one in answers) == [204, 413]
-    assert next(desk._folder.glob("u-1/*")).read_bytes() == b"1" * 9
+    assert next(desk._folder.path.glob("u-1/*")).read_bytes() == b"1" * 9
 
 
 def test_a_file_that_unfolds_to_more_than_a_machine_has_ends_its_own_process_alone(tmp_path: Path):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from caesura_service.changepoint.channel_model import ModelInput, select
 from caesura_service.changepoint.contract import rows_after
-from caesura_service.changepoint.models import ModelInput, select
 from caesura_service.changepoint.segments import stretches
 
 PAGE = Path(__file__).parents[2] / "docs" / "models.md"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from caesura_lab.execution.trajectories import app_path, arrival_speed, press_direction
 from caesura_protocol.app_kinds import APP_KINDS
@@ -48,16 +47,22 @@ def joints_followed(robot: Robot, curve: Curve, near: Array) -> Array:
     found, q = [], near
     for t in np.arange(0.0, curve.t[-1] + 0.5 * DT, DT):
         value = curve.at(float(t))[0]
-        goal = Rotation.from_quat(value[3:])
+        goal = matrix_of(value[3:])
         for _ in range(30):
-            pose = robot.flange_pose(q)
-            turn = (goal * Rotation.from_quat(pose.orientation_base).inv()).as_rotvec()
-            error = np.concatenate([value[:3] - pose.position_base, turn])
+            arm = robot.hand_dynamics(q)
+            error = np.concatenate([value[:3] - arm.position_base, small_turn(goal @ arm.rotation_base.T)])
             if np.abs(error).max() < 1e-12:
                 break
-            q = q + np.linalg.pinv(robot.flange_jacobian(q)) @ error
+            jacobian = arm.jacobian
+            q = q + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T, error)
         found.append(q)
     return np.array(found)
+
+
+def small_turn(rotation: Array) -> Array:
+    """Rotation vector (3,) [rad] of a rotation (3, 3), where it is small."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = rotation.tolist()
+    return np.array([0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)])
 
 
 def shares(joints: Array, *, at_rest: bool = True) -> tuple[float, float, float]:

@@ -171,8 +171,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an edit is not journalled",
         f"{SESSIONS}/session.py",
-        "        self._journal.append(self._edit_record(edit, corrections), now)\n",
-        "        self._edit_record(edit, corrections)\n",
+        "        self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)\n",
+        "        self._edit_record(edit, prepared.outcome.corrections)\n",
         (
             "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),
@@ -191,23 +191,58 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "an undo takes no revision",
         f"{SEGMENTATION}/corrections.py",
-        "        return EditHistory(active, undone, self.revision + 1)\n",
-        "        return EditHistory(active, undone, self.revision + (not isinstance(action, Undo)))\n",
+        "active, undone, number = self.active, self.undone, self.revision + 1\n",
+        "active, undone, number = self.active, self.undone, self.revision + (edit.action.do != 'undo')\n",
         ("tests/service/segmentation/test_editing.py::test_undo_and_redo_are_edits_too",),
         row="histories",
+    ),
+    Mutation(
+        "an older correction is taken back although a later one refers to it",
+        f"{SEGMENTATION}/corrections.py",
+        "        return index in self.none or index in self.starts\n",
+        "        return index in self.starts\n",
+        (
+            "tests/service/segmentation/test_corrections.py::"
+            "test_a_correction_to_whose_changepoint_a_later_one_refers_stays",
+        ),
+    ),
+    Mutation(
+        "a correction that is made once more comes last",
+        f"{SEGMENTATION}/corrections.py",
+        "                again = sorted((*active, undone[-1]), key=lambda one: one.number)\n",
+        "                again = (*active, undone[-1])\n",
+        (
+            "tests/service/segmentation/test_corrections.py::"
+            "test_any_correction_is_taken_back_and_redo_puts_it_at_its_place_again",
+        ),
+        row="histories",
+    ),
+    Mutation(
+        "a preview decides when the next results are published",
+        f"{SESSIONS}/pipeline_host.py",
+        "        return self._prepare(edit, at, copy(self._pipeline)).effect\n",
+        "        return self._prepare(edit, at, self._pipeline).effect\n",
+        (
+            "tests/service/segmentation/test_editing.py::"
+            "test_a_preview_is_neither_recorded_nor_published_and_changes_no_later_result",
+        ),
     ),
     Mutation(
         "an arc about a far centre is a turn in place",
         f"{SEGMENTATION}/turning.py",
         " or path > TOOL_M * angle",
         "",
-        ("tests/service/segmentation/test_turning.py::test_what_a_rotation_does_not_explain_is_a_movement",),
+        (
+            "tests/service/segmentation/test_turn_in_place_check.py::test_what_a_rotation_does_not_explain_is_a_movement",
+        ),
     ),
     Mutation(
         "a centre that goes along the axis is in place",
         f"{SEGMENTATION}/turning.py",
         "    return float((sway**2).sum()) <= share *",
         "    return 0.0 * float((sway**2).sum()) <= share *",
-        ("tests/service/segmentation/test_turning.py::test_what_a_rotation_does_not_explain_is_a_movement",),
+        (
+            "tests/service/segmentation/test_turn_in_place_check.py::test_what_a_rotation_does_not_explain_is_a_movement",
+        ),
     ),
 )

@@ -17,9 +17,12 @@ from caesura_protocol.errors import ERROR_CODES, MAX_MESSAGE, ProtocolError
 from caesura_protocol.messages import (
     MAX_BUDGETS,
     MAX_COLUMNS,
+    MAX_EFFECT_ROWS,
     MAX_GAPS,
     MAX_MESSAGE_BYTES,
     MAX_TAGS,
+    Ack,
+    AppOutline,
     AppReference,
     BridgeControl,
     BridgeStatus,
@@ -30,12 +33,15 @@ from caesura_protocol.messages import (
     Control,
     Describe,
     Description,
+    EditEffect,
     EditProgram,
     Error,
     Gap,
     Message,
     Open,
+    PhaseOutline,
     SampleBatch,
+    SegmentOutline,
     ServiceStatus,
     SessionStatus,
     Snapshot,
@@ -235,6 +241,30 @@ def test_a_status_that_lists_as_many_stations_as_it_may_is_read():
     budgets = tuple(StationBudgets(station=f"{n:0>64}", **uses) for n in range(MAX_BUDGETS))
     status = SERVICE.model_copy(update={"budgets": budgets, "refused": dict.fromkeys(ERROR_CODES, 1)})
     assert decode(*encode(status), ServiceStatus) == status
+
+
+def test_an_acknowledgement_with_the_largest_effect_is_read():
+    vector = (0.1, 0.2, 0.3)
+    segment = SegmentOutline(t0=0.1, tn=1e9 / 3, kind="transport")
+    app = AppOutline(
+        kind="cartesian_motion",
+        t0=0.1,
+        tn=1e9 / 3,
+        target=vector,
+        force=vector,
+        load_kg=0.1,
+        gripper_width=0.1,
+    )
+    phase = PhaseOutline(t0=0.1, tn=1e9 / 3, kind="transport", name=64 * WIDE)
+    rows = {"segments": segment, "apps": app, "phases": phase}
+    both = {
+        f"{name}_{when}": MAX_EFFECT_ROWS * (row,)
+        for name, row in rows.items()
+        for when in ("before", "after")
+    }
+    effect = EditEffect(first_segment=1 << 40, first_app=1 << 40, **both, more=1 << 40)
+    ack = Ack(session="s" * 64, next_seq=1 << 40, state="closed", revision=1 << 40, effect=effect)
+    assert decode(*encode(ack), Ack) == ack
 
 
 WIDE = "\U0001f600"  # of four bytes

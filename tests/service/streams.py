@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.channel_model import ModelInput
 
 
 def pieces(rng: np.random.Generator, n: int) -> Iterator[tuple[ModelInput, bool]]:

@@ -3,82 +3,152 @@
 from __future__ import annotations
 
 import getpass
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from pydantic import TypeAdapter, ValidationError
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
+from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.client import Caesura
+from caesura_clients.correction_words import described, effect_words, in_words, meant
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
-from caesura_protocol.messages import Action, LimitForce
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
+from caesura_protocol.messages import (
+    Action,
+    Correction,
+    EditEffect,
+    LimitForce,
+    Snapshot,
+    TakeBack,
+    Undo,
+)
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, moment
 from caesura_protocol.validation_words import first_finding
 
-# What stands behind each action on the command line.
-WORDS: dict[str, tuple[str, ...]] = {
-    "insert": ("t",),
-    "remove": ("t",),
-    "move": ("t", "to"),
-    "relabel": ("t", "kind"),
-    "limit_force": ("t", "newton"),
-    "name_phase": ("t", "name"),
-    "undo": (),
-    "redo": (),
-}
-USAGE = "; ".join(" ".join([do, *(word.upper() for word in words)]) for do, words in WORDS.items())
+
+class _Form(NamedTuple):
+    """An action as it is typed: its first word, what stands behind that, and its name on the wire."""
+
+    typed: str
+    words: tuple[str, ...]
+    do: str
+
+
+FORMS: Sequence[_Form] = (
+    _Form("insert", ("t",), "insert"),
+    _Form("remove", ("t",), "remove"),
+    _Form("move", ("t", "to"), "move"),
+    _Form("relabel", ("t", "kind"), "relabel"),
+    _Form("limit_force", ("t", "newton"), "limit_force"),
+    _Form("name_phase", ("t", "name"), "name_phase"),
+    _Form("undo", (), "undo"),
+    _Form("undo", ("number",), "take_back"),
+    _Form("redo", (), "redo"),
+)
+USAGE = "; ".join(" ".join([form.typed, *(word.upper() for word in form.words)]) for form in FORMS)
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
 
 
 def edit(
     station: Annotated[str, typer.Argument(help="Teaching station.")],
     session: Annotated[str, typer.Argument(help="Session, as `caesura sessions` names it.")],
-    action: Annotated[list[str], typer.Argument(help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit.")],
+    action: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit; NUMBER as listed. Without an action the "
+            "corrections are listed."
+        ),
+    ] = None,
     author: Annotated[
         str | None, typer.Option(envvar="CAESURA_AUTHOR", help="Whose correction; by default the login's.")
     ] = None,
     revision: Annotated[
         int | None, typer.Option(min=0, help="Of the session as it was seen; by default the current one.")
     ] = None,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Say what the correction would change; change nothing.")
+    ] = False,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
     """Correct a session, open or closed: changepoints, kinds, force limits, names of phases."""
-    wanted = parse(action)
+    wanted = parse(action) if action else None
     with reported():
         named(station)
         with connected(endpoint, config) as caesura:
-            clock, current = NO_OFFSET, revision
+            if wanted is None:
+                _print_corrections(caesura.snapshot(station, session))
+                return
+            seen = NOT_SEEN if revision is None else NOT_SEEN._replace(revision=revision)
             if revision is None or _times(wanted):
-                clock, current = _seen(caesura, station, session, revision)
-            wanted = _on_clock(wanted, clock)
-            with nearest_named(wanted, clock):
+                seen = _seen(caesura, station, session, revision)
+            wanted = _on_clock(wanted, seen.clock)
+            with nearest_named(wanted, seen.clock):
+                if preview:
+                    effect = caesura.preview(station, session, wanted, revision=seen.revision)
+                    typer.echo(
+                        "\n".join(
+                            ["nothing is changed; this edit would do:", *effect_words(effect, seen.clock)]
+                        )
+                    )
+                    return
                 ack = edit_session(
                     caesura.transport,
                     station,
                     session,
                     wanted,
                     author=author or getpass.getuser(),
-                    revision=current,
+                    revision=seen.revision,
                 )
-    typer.echo(f"{station}/{session} is at revision {ack.revision}")
+    typer.echo(f"{_done(wanted, ack.effect, seen)}; {station}/{session} is at revision {ack.revision}")
+    if ack.effect is not None:
+        typer.echo("\n".join(effect_words(ack.effect, seen.clock)))
 
 
-def _seen(
-    caesura: Caesura, station: str, session: str, revision: int | None
-) -> tuple[SessionClock, int | None]:
-    """The clock of a session, and the revision that was stated, or else its own."""
+class _SessionSeen(NamedTuple):
+    """A session before an edit; what is not known of it is empty."""
+
+    clock: SessionClock
+    revision: int | None
+    corrections: Sequence[Correction] = ()
+
+
+NOT_SEEN = _SessionSeen(NO_OFFSET, None)
+
+
+def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
+    """What was done; of an undo, what it took back, where that is known."""
+    applied = [one for one in seen.corrections if one.state == "applied"]
+    if isinstance(action, TakeBack):
+        applied = [one for one in applied if one.number == action.number]
+    if isinstance(action, Undo | TakeBack) and applied:
+        return f"took back: {described(applied[-1], seen.clock)}"
+    return in_words(action if effect is None else meant(action, effect), seen.clock)
+
+
+def _print_corrections(found: Snapshot) -> None:
+    clock, corrections = clock_of(found.segments.segments), found.program.corrections
+    listed = corrections_table(corrections, clock) if corrections else "no corrections"
+    Console().print(*clock_lines(clock), listed, sep="\n")
+
+
+def _seen(caesura: Caesura, station: str, session: str, revision: int | None) -> _SessionSeen:
+    """A session before an edit, with the revision that was stated, or else its own."""
     try:
         found = caesura.snapshot(station, session)
     except NotFound:
         if revision is None:
             raise
-        return NO_OFFSET, revision  # the service may know it, and hold it no longer
-    return clock_of(found.segments.segments), found.status.revision if revision is None else revision
+        return NOT_SEEN._replace(revision=revision)  # the service may know it, and hold it no longer
+    current = found.status.revision if revision is None else revision
+    return _SessionSeen(clock_of(found.segments.segments), current, found.program.corrections)
 
 
 def _on_clock(wanted: Action, clock: SessionClock) -> Action:
@@ -116,16 +186,29 @@ def parse(words: list[str]) -> Action:
     >>> parse(["move", "3.2", "3.4"])
     Move(do='move', t=3.2, to=3.4)
     """
-    do, *values = [word.replace("-", "_") if i == 0 else word for i, word in enumerate(words)]
-    names = WORDS.get(do)
-    if names is None or len(values) != len(names):
+    typed, *values = words
+    form = next((one for one in FORMS if _matches(one, typed, values)), None)
+    if form is None:
         raise typer.BadParameter(f"{' '.join(words)!r}, expected one of: {USAGE}", param_hint="ACTION")
-    given: dict[str, Any] = dict(zip(names, values, strict=True))
+    given: dict[str, Any] = dict(zip(form.words, values, strict=True))
     if given.get("newton") == "none":
         given["newton"] = None
     try:
-        return _ACTION.validate_python({"do": do, **given})
+        return _ACTION.validate_python({"do": form.do, **given})
     except ValidationError as error:
         raise typer.BadParameter(
             first_finding(error, named=lambda place: str(place[-1]).upper()), param_hint="ACTION"
         ) from error
+
+
+def _matches(form: _Form, typed: str, values: Sequence[str]) -> bool:
+    return form.typed == typed.replace("-", "_") and len(form.words) == len(values)
+
+
+def corrections_table(corrections: Sequence[Correction], clock: SessionClock) -> Table:
+    """The corrections of a session, one a line."""
+    table = Table("#", "correction", "at [UTC]", "state", title="corrections", **PLAIN)
+    for one in corrections:
+        words = map(Text, (described(one, clock), moment(one.at), one.state))
+        table.add_row(str(one.number), *words)
+    return table

@@ -1,9 +1,10 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
-[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes], a
-changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
-[t, [[length, probability], …]]. Signals go another way: a page asks for those that it shows (`signals.py`).
+[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes, name],
+a changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
+[t, [[length, probability], …]], a correction [number, words, time of day, undone]. Signals go another way: a
+page asks for those that it shows (`signals.py`).
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from caesura_clients.correction_words import described
 from caesura_clients.dashboard.station_summary import reached
 from caesura_clients.results import Update
-from caesura_protocol.messages import Changepoint, Phase, Posterior, Segment
+from caesura_protocol.messages import Changepoint, Correction, Phase, Posterior, Segment
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -86,13 +88,19 @@ def segment_row(one: Segment) -> Cells:
 def phase_row(one: Phase) -> Cells:
     """As the module says."""
     final = one.certainty == "final"
-    return [round(one.t0, 3), round(one.tn, 3), one.kind, round(one.probability, 3), final, one.strokes]
+    times = [round(one.t0, 3), round(one.tn, 3)]
+    return [*times, one.kind, round(one.probability, 3), final, one.strokes, one.name]
 
 
 def changepoint_row(one: Changepoint) -> Cells:
     """As the module says. Times are exact: a correction names the changepoint by its time."""
     final = one.certainty == "final"
     return [one.t, round(one.probability, 3), final, one.t_low, one.t_high, one.corrected]
+
+
+def correction_rows(corrections: Iterable[Correction]) -> list[Cells]:
+    """As the module says."""
+    return [[one.number, described(one), one.at, one.state == "undone"] for one in corrections]
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:

@@ -17,7 +17,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import changes
-from caesura_clients.dashboard.drawing import SentState, delta
+from caesura_clients.dashboard.drawing import SentState, correction_rows, delta
 from caesura_clients.results import Update
 
 UNSEEN = 3  # payloads that a browser may be behind
@@ -193,15 +193,17 @@ class SessionView(LiveElement, component="web/session_view.js"):
         editable: bool,
         replay: bool,
         on_edit: Callable[[GenericEventArguments], Any],
+        on_preview: Callable[[GenericEventArguments], Any],
         linked: bool = False,
     ) -> None:
-        """linked: it moves together with the other one of the page."""
+        """on_preview: as on_edit, of what it would change. linked: it moves with the page's other one."""
         super().__init__()
         self._props |= {"station": station, "editable": editable, "replay": replay, "linked": linked}
         self._known = SentState()
         self._stands: dict[str, Any] = {}
         self.shows_run_lengths = False
         self.on("edit", on_edit)
+        self.on("preview", on_preview)
         self.on("run-lengths", self._want)
 
     def follow(self, update: Update | None, more: dict[str, Any]) -> None:
@@ -215,16 +217,24 @@ class SessionView(LiveElement, component="web/session_view.js"):
 
     def standing(self, update: Update) -> dict[str, Any]:
         """How corrections stand, where the browser does not know it yet."""
-        status = update.status
-        stands = {name: getattr(status, name) for name in ("revision", "undoable", "redoable")}
-        if stands == self._stands:
-            return {}
+        stands: dict[str, Any] = {
+            name: getattr(update.status, name) for name in ("session", "revision", "undoable", "redoable")
+        }
+        stands["corrections"] = update.program.corrections
+        known = self._stands if self._stands.get("session") == update.session else {}
         self._stands = stands
-        return dict(stands)
+        changed = {name: value for name, value in stands.items() if known.get(name) != value}
+        if "corrections" in changed:
+            changed["corrections"] = correction_rows(update.program.corrections)
+        return changed
 
     def answered(self, message: str, *, failed: bool) -> None:
         """Say what became of a correction."""
         self.run_method("answered", message, failed)
+
+    def previewed(self, found: dict[str, Any]) -> None:
+        """Show what a correction would change (`editing.preview`)."""
+        self.run_method("previewed", found)
 
     def _begin(self) -> None:
         super()._begin()

@@ -1,6 +1,6 @@
 """Recordings that an operator drops into the page: received, looked at, and played to the service.
 
-Files lie in a folder of their own, which is removed in the end. What is read of them, another process reads
+Files lie in a folder of their own (`upload_folder`). What is read of them, another process reads
 (`playback`). Everything is bounded: BYTES of a recording, UPLOADS that are held, PLAYS at a time. Nothing
 that a browser sends is trusted: names of files, of stations and columns are checked.
 """
@@ -12,7 +12,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
 from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
 from caesura_protocol.validation_words import first_finding
 
@@ -92,7 +92,8 @@ class RecordingDesk:
 
     def __init__(self, endpoint: str | None, config: Path | None) -> None:
         self._endpoint, self._config = endpoint, config
-        self._folder = Path(tempfile.mkdtemp(prefix="caesura-recordings-"))
+        remove_abandoned()
+        self._folder = UploadFolder()
         self._lock = threading.Lock()
         self._held: dict[str, int] = {}  # bytes by upload, the oldest first
         self._children: dict[str, subprocess.Popen[str] | None] = {}  # None: is about to start
@@ -109,7 +110,7 @@ class RecordingDesk:
         for child in children:
             child.kill()
             child.wait()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.remove()
 
     # --- receiving ---
 
@@ -125,11 +126,11 @@ class RecordingDesk:
             if upload not in self._held:
                 self._make_room()
                 self._held[upload] = 0
-        path = self._folder / upload / name
+        path = self._folder.path / upload / name
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
             raise EditRefused(f"{name} is being received, or was.")
-        if sum(1 for _ in (self._folder / upload).rglob("*")) > FILES:
+        if sum(1 for _ in (self._folder.path / upload).rglob("*")) > FILES:
             raise EditRefused(f"The folder has more than {FILES} files.")
         return path
 
@@ -149,7 +150,7 @@ class RecordingDesk:
         with self._lock:
             if upload in self._children or self._held.pop(upload, None) is None:
                 return
-        shutil.rmtree(self._folder / upload, ignore_errors=True)
+        shutil.rmtree(self._folder.path / upload, ignore_errors=True)
 
     def _make_room(self) -> None:
         while len(self._held) >= UPLOADS:
@@ -157,11 +158,11 @@ class RecordingDesk:
             if idle is None:
                 raise EditRefused(f"{UPLOADS} recordings are in use: wait until one is played.")
             del self._held[idle]
-            shutil.rmtree(self._folder / idle, ignore_errors=True)
+            shutil.rmtree(self._folder.path / idle, ignore_errors=True)
 
     def _recording_of(self, upload: str) -> Path:
         """The file of an upload, or the directory of its rosbag2. Raises EditRefused."""
-        found = sorted((self._folder / upload).iterdir()) if upload in self._held else []
+        found = sorted((self._folder.path / upload).iterdir()) if upload in self._held else []
         folders = [one for one in found if (one / "metadata.yaml").exists()]
         files = [one for one in found if one.is_file() and one.suffix.lower() in SUFFIXES]
         if len(folders) + len(files) != 1:
@@ -285,7 +286,7 @@ class RecordingDesk:
 
     def _in_words(self, error: str, upload: str) -> str:
         """An error of the command line for a page: without its folder, and options as fields."""
-        words = error.replace(f"{self._folder / upload}/", "")
+        words = error.replace(f"{self._folder.path / upload}/", "")
         return re.sub(r"--([a-z]+(?:-[a-z]+)+)", lambda option: option[1].replace("-", " "), words)
 
 

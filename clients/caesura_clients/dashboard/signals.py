@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from caesura_protocol.extremes import Extremes, between, bins_of, extremes_of, joined, packed, points_of
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import ForceFrame, Gap, LengthUnit, RecordedSamples
-from caesura_protocol.runs import RunSplitter, Speed, chosen_columns, drawn_columns, in_metres
+from caesura_protocol.sample_runs import RunSplitter, Speed, chosen_columns, drawn_columns, in_metres
 
 BIN_S = 0.04
 SPAN_S = 60.0

@@ -35,7 +35,7 @@ from caesura_protocol.formats.mcap_write import (
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import Message, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
-from caesura_protocol.runs import in_metres
+from caesura_protocol.sample_runs import in_metres
 
 PATH_POINTS = 1000  # of a message on /path: about 150 kB
 PATH_EVERY_S = 1.0

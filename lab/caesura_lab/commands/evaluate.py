@@ -35,7 +35,7 @@ from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.distribution import import_extra, install_command
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.programs.timing import RunSpeed
+from caesura_protocol.programs.program_timing import RunSpeed
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description
 from caesura_service.changepoint.presets import KNOWN_PRESETS, WITHOUT

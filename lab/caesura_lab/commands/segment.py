@@ -24,7 +24,7 @@ from caesura_clients.cli.result_tables import (
     segments_table,
 )
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
-from caesura_lab.recording_notes import recording_notes
+from caesura_lab.recording_warnings import recording_warnings
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
@@ -141,7 +141,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
         apps_table(view.apps, "task program", clock),
         *doubtful_apps(view.apps),
         view.wrench.note,
-        *recording_notes(recording, preset),
+        *recording_warnings(recording, preset),
         *_warnings(recording, view, clock),
     )
 

@@ -20,8 +20,8 @@ from caesura_lab.evaluation.suites import Case, FileCase
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording, RecordingError
+from caesura_service.changepoint.channel_model import ChannelModel
 from caesura_service.changepoint.default import STROKES, early_moves, even_moves
-from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.profile_model import ProfileModel

@@ -25,8 +25,8 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_titl
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import document_of_apps
+from caesura_protocol.programs.program_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
-from caesura_protocol.programs.timing import RunSpeed
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import align_signs
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.recording import Recording
-from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import preset_named
 from caesura_service.conditioned_recording import ConditionedRecording, condition

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_lab.annotations import Truth
-from caesura_lab.recording_notes import recording_notes
+from caesura_lab.recording_warnings import recording_warnings
 from caesura_lab.report.filter_trace import FilterTrace, PosteriorSnapshot, trace_filter
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
@@ -114,7 +114,7 @@ def collect(recording: Recording, preset: str, truth: Truth | None = None) -> Re
         run_lengths=_run_lengths(trace),
         view=view,
         truth=truth,
-        notes=recording_notes(recording, preset),
+        notes=recording_warnings(recording, preset),
     )
 
 

@@ -22,8 +22,8 @@ from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, WrenchReport
 from caesura_protocol.programs.app_times import edited_times
 from caesura_protocol.programs.groups import Group, groups_of
+from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.safety import DEFAULT, Safety
-from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.robots import robot_description
 from caesura_protocol.validation_words import Place, dotted, first_finding
 

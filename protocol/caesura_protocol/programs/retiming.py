@@ -16,7 +16,7 @@ from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
 from caesura_protocol.programs.app_times import SHIFT_S, earlier, may_retime, scaled
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.timing import ProgramTiming, Speed
+from caesura_protocol.programs.program_timing import ProgramTiming, Speed
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.best_path_window import FinalPath, PathSegment, Starts
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.hazard import Geometric, Hazard
 from caesura_service.changepoint.kernels import steps
 from caesura_service.changepoint.kernels.array_tuple import table_of
@@ -25,7 +26,6 @@ from caesura_service.changepoint.kernels.layout import (
     fresh_state,
     with_more_nodes,
 )
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.run_length_filter import check_finite, check_start

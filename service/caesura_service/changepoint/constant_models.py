@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import (
+from caesura_service.changepoint.channel_model import (
     AXES,
     Channel,
     ModelInput,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
+from caesura_service.changepoint.channel_model import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 

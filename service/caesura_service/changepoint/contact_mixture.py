@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import AXES, ModelInput, Rows, append
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 from caesura_service.constants import GRAVITY
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from caesura_service.changepoint.models import AXES, Channel, ChannelModel, ModelInput, Rows, select
+from caesura_service.changepoint.channel_model import AXES, Channel, ChannelModel, ModelInput, Rows, select
 
 Array = NDArray[np.float64]
 NOWHERE = ModelInput(np.zeros(AXES), np.zeros(AXES))

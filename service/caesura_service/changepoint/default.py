@@ -18,18 +18,18 @@ from functools import partial
 
 import numpy as np
 
+from caesura_service.changepoint.channel_model import ChannelModel, Noise
 from caesura_service.changepoint.constant_models import (
     ConstantLevel,
     FreeSpaceForce,
     GripperHoldingChain,
     LoadForce,
 )
-from caesura_service.changepoint.contact_rise import NoContactRise
-from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
@@ -39,6 +39,7 @@ from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
+from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 
 
 def correlation(time_s: float) -> float:
@@ -54,11 +55,7 @@ CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
-# A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
-# the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
-HANDS_BREADTH_M = 0.1
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
-TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
 # How far the point leaves its circle is known to 7 %, 1/√(2 nu0). If it is known less well, one turn also
 # explains two turns and the rest between them: it keeps to its circle more closely for a while.
@@ -129,11 +126,11 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
-        "corner": CornerStart(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
+        "corner": CornerWeight(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
         "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
         "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
-        "turned_back": CornerStart(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
+        "turned_back": CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
         "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
         "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
         "resisted": HeldTorque(least=HELD_NM),
@@ -211,7 +208,7 @@ def _strokes(bias_n: float) -> Channels:
 
 def _cornerless(bias_n: float) -> Channels:
     """A turn is no reason for a movement to end."""
-    return {"corner": CornerStart(gamma=0.0, pace=SLOW)}
+    return {"corner": CornerWeight(gamma=0.0, pace=SLOW)}
 
 
 def _thesis_scales(bias_n: float) -> Channels:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.hazard import Hazard
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.run_length_filter import RunLengthFilter

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append, log_absence, log_presence
+from caesura_service.changepoint.channel_model import (
+    AXES,
+    ModelInput,
+    Rows,
+    append,
+    log_absence,
+    log_presence,
+)
 
 Array = NDArray[np.float64]
 

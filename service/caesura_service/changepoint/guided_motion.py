@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import AXES, ModelInput, Rows, append, log_presence
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append, log_presence
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.channel_model import ChannelModel, Choice
 from caesura_service.changepoint.filter_choice import filter_for
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.hazard import Geometric, Hazard, Refractory
 from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.models import ChannelModel, Choice
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import ContactState, SegmentKind, SegmentModelSet
 from caesura_service.changepoint.turn_in_place import TurnInPlace

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.evidence import log_mean_exp, normal_log_density
-from caesura_service.changepoint.models import (
+from caesura_service.changepoint.channel_model import (
     AXES,
     Channel,
     Choice,
@@ -20,6 +19,7 @@ from caesura_service.changepoint.models import (
     log_presence,
     signal,
 )
+from caesura_service.changepoint.evidence import log_mean_exp, normal_log_density
 from caesura_service.changepoint.profiles import ProfileLibrary
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import ChannelModel, Choice, ModelInput, Rows, select
 from caesura_service.changepoint.evidence import log_sum_exp
-from caesura_service.changepoint.models import ChannelModel, Choice, ModelInput, Rows, select
 
 Array = NDArray[np.float64]
 LatticeRows = tuple[Rows, ...]

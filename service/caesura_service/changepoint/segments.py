@@ -11,7 +11,7 @@ from itertools import accumulate
 from types import MappingProxyType
 
 from caesura_service.changepoint.best_path_window import NOTHING, PathSegment, outline_of
-from caesura_service.changepoint.filter import ChangepointFilter
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
 from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter

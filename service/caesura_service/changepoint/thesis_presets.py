@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from caesura_service.changepoint.channel_model import ChannelModel, Noise
 from caesura_service.changepoint.constant_models import ConstantLevel, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
-from caesura_service.changepoint.models import ChannelModel, Noise
 from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, overdamped

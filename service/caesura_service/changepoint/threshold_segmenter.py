@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from caesura_service.changepoint.best_path_window import PathSegment
-from caesura_service.changepoint.filter import ChangepointFilter
-from caesura_service.changepoint.models import ModelInput
+from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import AXES, ModelInput, Rows, append
 from caesura_service.changepoint.evidence import known_mean_log_evidence
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Hints from the posterior: a boundary that is as probable as not.
 
 The models of segments look five observations ahead: then the weight of a corner does not change any more
-(`changepoint.corner_start`). After that the smoothed probability that a boundary is near is mostly below 0.1
+(`changepoint.corner_weight`). After that the smoothed probability that a boundary is near is mostly below 0.1
 or above 0.9. In between, the demonstration does not show whether a segment ends there. A boundary that stays
 so until it leaves the window of the posterior is in a part that is to be shown again. A hint needs two
 observations in a row at which a boundary is unclear, because most resolve with the second.

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.extremes import Extremes, bins_of, extremes_of, joined, nothing
 from caesura_protocol.messages import Gap, Open
-from caesura_protocol.runs import Speed, drawn_columns
-from caesura_service.decimation.assembly import Assembly
+from caesura_protocol.sample_runs import Speed, drawn_columns
+from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.journal import BatchRow, Key, Lost, SessionExtent
 from caesura_service.sessions.limits import Limits
 
@@ -54,7 +54,7 @@ class SessionOverview:
         self.is_kept = False  # does the journal have it as it is?
         self.holes: list[Gap] = []
         self.pages: list[PageTimes] = []
-        self._assembly, self._speed = Assembly(extent.opening), Speed(extent.opening.columns)
+        self._assembly, self._speed = BatchDecoder(extent.opening), Speed(extent.opening.columns)
         self._parts: list[Extremes] = []
         self._held: dict[int, BatchRow] = {}
         self._next_seq: int | None = None

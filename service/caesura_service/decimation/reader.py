@@ -26,8 +26,8 @@ from caesura_protocol.extremes import (
 )
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import MAX_HOLES, Gap, RecordedSamples
-from caesura_protocol.runs import SPEED_WINDOW_S, Speed, chosen_columns
-from caesura_service.decimation.assembly import Assembly
+from caesura_protocol.sample_runs import SPEED_WINDOW_S, Speed, chosen_columns
+from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.decimation.overview import SessionOverview
 from caesura_service.journal import BatchRow, BatchSource, JournalError, Key, SessionExtent
 
@@ -165,7 +165,7 @@ class SampleReader:
             beyond, up_to = min(page.first for page in pages) - 1, max(page.last for page in pages)
             for page in self._source.pages(overview.key, overview.extent, beyond, up_to):
                 batches |= {one.seq: one for one in page if isinstance(one, BatchRow)}
-        assembly, speed = Assembly(overview.opening), Speed(overview.opening.columns)
+        assembly, speed = BatchDecoder(overview.opening), Speed(overview.opening.columns)
         parts = []
         for run in assembly.push([batches[seq] for seq in sorted(batches)]):
             values, index = speed.beside(run), bins_of(run.t, bin_s)

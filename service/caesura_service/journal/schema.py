@@ -22,7 +22,7 @@ from caesura_service.journal.edits import Edit
 from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
-SCHEMA_VERSION = 7  # with version 7 an edit of the program may hold apps
+SCHEMA_VERSION = 8  # with version 8 an edit may take back any correction
 LOCK_SUFFIX = ".lock"
 CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(Edit), encoding_of(Describe)
 EDIT_PROGRAM = encoding_of(EditProgram)

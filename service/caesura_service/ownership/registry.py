@@ -29,19 +29,21 @@ from caesura_protocol.messages import (
     Heartbeat,
     JournalReport,
     Open,
+    Preview,
     Program,
     ReplacePart,
     SampleBatch,
 )
+from caesura_service.cooperative_scheduler import Slices
 from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.journal import Journal, JournalError, Key, PeerJournals
-from caesura_service.ownership.replacement import apps_for
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
+from caesura_service.program.taught_again import apps_for
 from caesura_service.publishing.events import (
     BatchRejected,
     Output,
@@ -55,7 +57,6 @@ from caesura_service.publishing.events import (
     TakeoverFailed,
 )
 from caesura_service.publishing.session_state import SessionCounters, program_of, status_of
-from caesura_service.segmentation.time_slices import Slices
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 
@@ -188,8 +189,9 @@ class Registry:
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
             # A refusal of these concerns the editor and not the session's bridge.
-            if isinstance(command, Edit | Describe | EditProgram):
-                self.counters = self.counters.with_refusal(error)
+            if isinstance(command, Edit | Preview | Describe | EditProgram):
+                if not isinstance(command, Preview):  # a question, which people may ask in vain
+                    self.counters = self.counters.with_refusal(error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
 
@@ -421,7 +423,7 @@ def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> boo
 
 def _needs_rebuilding(command: Command, session: Session) -> bool:
     """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
-    if isinstance(command, Edit):
+    if isinstance(command, Edit | Preview):
         session.check_revision(command)
         return True
     # only a peer's journal has the records

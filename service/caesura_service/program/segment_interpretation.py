@@ -80,7 +80,7 @@ def kept_steps(
         if not _lets_go(before, kept, step, moment_at):
             read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
             read = _leaving(_as_touching(last, read, grips, moment_at))
-            contact = _contact_before(behind, beside, last, grips)
+            contact = _contact_before(behind, beside, last, grips, least_s)
             if last is not None and not read.touches:
                 if contact is not None:
                     read = _still_touching(contact, _base(last, moment_at), read, moment_at)
@@ -121,14 +121,18 @@ def _contact_before(
     beside: ProgramSegment | None,
     last: ProgramSegment | None,
     grips: Sequence[GripperAction],
+    least_s: float,
 ) -> ProgramSegment | None:
-    """The contact that a step follows directly, or with one step between that was read as a contact itself.
+    """The contact that a step follows directly, or with one step between.
 
-    With something between the fingers there may be more of them: what it weighs is known.
+    That one was read as a contact itself, or is shorter than the minimum time [s]. With something between the
+    fingers there may be more of them: what it weighs is known.
     behind, beside: the last but one and the last step before it, however short; last: the last one kept.
     """
     if beside is None or beside.touches:
         return beside
+    if not beside.lasts(least_s) and behind is not None and behind.touches:
+        return behind
     read = last is not None and last.touches and last.index == beside.index
     known = (behind is not None and behind.touches) or holds(beside, grips)
     return last if read and known else None

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Segment, Vector
 from caesura_protocol.rotations import matrix_of
 from caesura_protocol.screw_motion import exerted, stop_torque_nm
+from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
@@ -38,6 +40,7 @@ PRESS_LOOKS = 100  # observations of a press that are looked at
 PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
 LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
 TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
+TIP_REACH_M = 0.2  # from the reported point to the tip of a tool
 STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than this has no force of its own
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 
@@ -65,26 +68,31 @@ def with_ends(
     """
     joined: list[ProgramSegment] = []
     for step in steps:
-        ends = _is_end(step, grips, moment_at)
-        rests = _length_of(joined, lambda one: _rests(one, grips))
-        lead = _length_of(joined, lambda one: _rests(one, grips) or _is_end(one, grips, moment_at))
-        before = joined[-rests - 1] if rests < len(joined) else None
-        parts: list[ProgramSegment] = []
-        if (
-            ends
-            and before is not None
-            and _has_ends(before, moment_at)
-            and not _is_end(before, grips, moment_at)
-        ):
-            parts = [*joined[len(joined) - rests - 1 :], step]
-        elif not ends and _has_ends(step, moment_at):
-            parts = [*dropwhile(lambda one: _rests(one, grips), joined[len(joined) - lead :]), step]
-        stroke = step if parts and not ends else before
-        if len(parts) > 1 and stroke is not None and _are_one(parts, stroke, moment_at):
+        parts, stroke = _one_with(step, joined, grips, moment_at)
+        if len(parts) > 1 and _are_one(parts, stroke, moment_at):
             joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
         else:
             joined.append(step)
     return joined
+
+
+def _one_with(
+    step: ProgramSegment,
+    before: Sequence[ProgramSegment],
+    grips: Sequence[GripperAction],
+    moment_at: MomentAt,
+) -> tuple[list[ProgramSegment], ProgramSegment]:
+    """What may be one way with a step, in time order, and the stroke among it; the step alone otherwise."""
+    if _is_end(step, grips, moment_at):
+        rests = _length_of(before, lambda one: _rests(one, grips))
+        parts = [*before[-rests - 1 :], step]
+        stroke = parts[0]
+        if rests < len(before) and _has_ends(stroke, moment_at) and not _is_end(stroke, grips, moment_at):
+            return parts, stroke
+    elif _has_ends(step, moment_at):
+        lead = _length_of(before, lambda one: _rests(one, grips) or _is_end(one, grips, moment_at))
+        return [*dropwhile(lambda one: _rests(one, grips), before[len(before) - lead :]), step], step
+    return [step], step
 
 
 def with_rests(
@@ -118,7 +126,7 @@ def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
     Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
     axes, because a force turns with the tool along a surface.
     """
-    turn, force = _in_tool([stroke], moment_at, PRESS_SHARE)
+    turn, force = _median(_felt([stroke], moment_at), PRESS_SHARE)
     return None if force is None else tuple((turn @ force).tolist())
 
 
@@ -128,12 +136,7 @@ def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float 
     It is one median over all of them, so it is the same however they are divided. Where that pushes back, the
     time before the touch is left out.
     """
-    if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
-        return None
-    _, force = _in_tool(rests, moment_at, least_n=0.0)
-    if force is not None and length(force) >= PUSHES_BACK_N:
-        _, force = _in_tool(rests, moment_at)
-    return None if force is None else length(force)
+    return _rest_force_n(rests, _felt(rests, moment_at))
 
 
 def may_end_movement(step: ProgramSegment) -> bool:
@@ -141,26 +144,61 @@ def may_end_movement(step: ProgramSegment) -> bool:
     return length(step.moved) < DECAY_REACH_M
 
 
-def _in_tool(
-    steps: Sequence[ProgramSegment],
-    moment_at: MomentAt,
-    share: float = 0.0,
-    *,
-    least_n: float = PUSHES_BACK_N,
+class _Felt(NamedTuple):
+    """What the robot feels at some times."""
+
+    axes: NDArray[np.float64]  # (k, 3, 3) of the tool, in the base frame
+    force: NDArray[np.float64]  # (k, 3) [N] in them
+    n: NDArray[np.float64]  # (k,) [N] its length
+
+    def and_then(self, following: _Felt) -> _Felt:
+        """What is felt at these times and at others after them."""
+        return _Felt(*map(np.concatenate, zip(self, following, strict=True)))
+
+
+NOTHING_FELT = _Felt(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
+
+
+def _felt(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> _Felt:
+    """What the robot feels in steps, at the observations where a force is known."""
+    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
+    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
+    if not known:
+        return NOTHING_FELT
+    axes = [_axes(moment) for moment, _ in known]
+    in_tool = [force @ turn for turn, (_, force) in zip(axes, known, strict=True)]
+    return _Felt(np.array(axes), np.array(in_tool), np.array([length(force.tolist()) for _, force in known]))
+
+
+def _force(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> NDArray[np.float64] | None:
+    """(3,) [N] Median in the tool's axes where something pushes back."""
+    return _median(_felt(steps, moment_at))[1]
+
+
+def _median(
+    felt: _Felt, share: float = 0.0, *, least_n: float = PUSHES_BACK_N
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """The tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None where none is known.
 
     What is pressed softer than `least_n` [N], or than a share of the force that a tenth of the time exceeds,
     is left out.
     """
-    seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
-    known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
-    most_n = float(np.quantile([length(force) for _, force in known], 0.9)) if known else 0.0
-    least_n = max(share * most_n, least_n)
-    pressed = [(_axes(moment), force) for moment, force in known if length(force) >= least_n]
-    if not pressed:
+    if share > 0.0 and felt.n.size:
+        least_n = max(share * float(np.quantile(felt.n, 0.9)), least_n)
+    pressed = np.flatnonzero(felt.n >= least_n)
+    if not pressed.size:
         return np.eye(3), None
-    return pressed[len(pressed) // 2][0], np.median([force @ turn for turn, force in pressed], axis=0)
+    return felt.axes[pressed[pressed.size // 2]], np.median(felt.force[pressed], axis=0)
+
+
+def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
+    """As `rest_force_n`, from what is felt in the rests."""
+    if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
+        return None
+    _, force = _median(felt, least_n=0.0)
+    if force is not None and length(force) >= PUSHES_BACK_N:
+        _, force = _median(felt)
+    return None if force is None else length(force)
 
 
 def _looks(segment: Segment) -> list[float]:
@@ -202,7 +240,7 @@ def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: 
     """Is a step a stroke, and are rests beside it pressed to the same side of the tool?"""
     if not _is_stroke(stroke):
         return False
-    return _same_side(_in_tool(rests, moment_at)[1], _in_tool([stroke], moment_at)[1])
+    return _same_side(_force(rests, moment_at), _force([stroke], moment_at))
 
 
 def _leads_to(
@@ -220,13 +258,26 @@ def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegmen
 def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
     """Rests in a row, divided where one that lasts is pressed otherwise than what lasts before it."""
     levels: list[tuple[ProgramSegment, ...]] = []
+    before = NOTHING_FELT
     for rest in run:
-        here, there = rest_force_n([rest], moment_at), rest_force_n(levels[-1] if levels else (), moment_at)
+        felt = _felt([rest], moment_at)
+        here = _level_n([rest], felt)
+        there = _level_n(levels[-1], before) if levels and here is not None else None
         if levels and (here is None or there is None or abs(here - there) < UNLIKE_N):
             levels[-1] += (rest,)
+            before = before.and_then(felt)
         else:
             levels.append((rest,))
+            before = felt
     return levels
+
+
+def _level_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
+    """[N] with which rests are pressed once the force has risen; None as for `rest_force_n`."""
+    if _rest_force_n(rests, felt) is None:
+        return None
+    _, force = _median(felt, PRESS_SHARE)
+    return 0.0 if force is None else length(force)
 
 
 def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
@@ -238,7 +289,8 @@ def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at:
 
 def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentAt) -> bool:
     """Is it pressed to the same side of the tool and, unless it is a short rest, about as hard?"""
-    (_, here), (_, there) = _in_tool([part], moment_at), _in_tool([stroke], moment_at, PRESS_SHARE)
+    here = _force([part], moment_at)
+    _, there = _median(_felt([stroke], moment_at), PRESS_SHARE)
     rest_n = rest_force_n([part], moment_at)
     rests = part.segment.motion == "steady"
     if rests and rest_n is not None:
@@ -289,18 +341,31 @@ def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
 
 
 def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does it turn in contact about an axis across the tool, as no screw and no lever does?"""
+    """Does it turn in contact about an axis across the tool, as no screw does, and against no lever?"""
     segment, orientation = step.segment, moment_at(step.segment.tn).orientation
-    if segment.kind != "turning" or not step.touches or segment.corrected:
+    if not step.touches or segment.corrected or segment.turn is None or orientation is None:
         return False
-    if segment.turn is None or orientation is None or _is_resisted(segment):
+    if not (segment.kind == "turning" or _turns_on_tip(step, moment_at)) or _is_resisted(step):
         return False
     return abs(float(matrix_of(orientation)[:, 2] @ segment.turn)) < TILT_COSINE * length(segment.turn)
 
 
-def _is_resisted(segment: Segment) -> bool:
-    """Does a turn end at a torque?"""
-    return segment.screw is not None and stop_torque_nm(exerted(segment.screw)) is not None
+def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Does a slide turn the tool, while a place along the tool's axis hardly moves?"""
+    segment, first, last = step.segment, moment_at(step.segment.t0), moment_at(step.segment.tn)
+    turned = 0.0 if segment.turn is None else length(segment.turn)
+    if segment.kind != "sliding" or turned < LEAST_TURN_RAD:
+        return False
+    axis_moved = (_axes(last) - _axes(first))[:, 2]
+    nearest_m = -float(step.moved @ axis_moved) / max(float(axis_moved @ axis_moved), 1e-12)
+    tip_moved = length(step.moved + min(max(nearest_m, 0.0), TIP_REACH_M) * axis_moved)
+    return tip_moved**2 <= TURN_SHARE * (HANDS_BREADTH_M * turned) ** 2
+
+
+def _is_resisted(step: ProgramSegment) -> bool:
+    """Does a turn end at a torque that is more than its force at a hand's breadth from the tip?"""
+    torque_nm = None if step.segment.screw is None else stop_torque_nm(exerted(step.segment.screw))
+    return torque_nm is not None and torque_nm > HANDS_BREADTH_M * length(step.force)
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:

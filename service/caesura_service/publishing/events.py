@@ -17,6 +17,7 @@ from caesura_protocol.messages import (
     Hints,
     Open,
     Posterior,
+    Preview,
     Program,
     SampleBatch,
     Segments,
@@ -47,7 +48,7 @@ class ReplayEnded:
     oldest: int | None = None  # the oldest batch that it still has, where it said so
 
 
-Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Describe | EditProgram | ReplayEnded
+Incoming = Open | SampleBatch | Heartbeat | Close | Edit | Preview | Describe | EditProgram | ReplayEnded
 
 
 @dataclass(frozen=True)

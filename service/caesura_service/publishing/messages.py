@@ -135,6 +135,7 @@ def apply_edit(
         notes=view.notes,
         complete=not state.is_open,
         revision=corrections.revision,
+        corrections=corrections.listed,
         author=edited.author,
         edited=edited.at,
     )

@@ -8,20 +8,25 @@ Rules
 - Of two that speak of one observation the later one counts.
 - A kind, a force limit and a name hold for the segment, the app or the phase that covers the middle of what
   they were given to: they are found again there after its ends have moved.
-- Undo takes the last one away, redo puts it back, and a new one ends what could be put back.
+- Undo takes the last one away, take_back any of them. Redo puts back what was taken away last, at its place
+  among the others, and a new one ends what could be put back.
+- A correction that set a changepoint stays while a later one refers to that changepoint.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
+from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
-    Action,
+    MAX_CORRECTIONS,
     App,
+    Change,
+    Correction,
     Insert,
     LimitForce,
     Move,
@@ -30,16 +35,20 @@ from caesura_protocol.messages import (
     Redo,
     Relabel,
     Remove,
+    TakeBack,
     Undo,
 )
 from caesura_service.journal import Edit, Resolution
 
-Change = Insert | Remove | Move | Relabel | LimitForce | NamePhase
-
 REACH_S = 0.5  # a changepoint this close is meant
 AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
-MAX_CORRECTIONS = 1000
 NAMED = 3  # changepoints that a refusal names
+# What a later correction did to the changepoint that an earlier one set.
+_REFERS = {
+    "move": "moved that changepoint on",
+    "remove": "removed that changepoint",
+    "relabel": "states what the segment is that it bounds",
+}
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,16 @@ class ResolvedEdit:
     force: tuple[float, float | None] | None = None  # [s] and [N] of the app that covers it
     name: tuple[float, str] | None = None  # [s] and what the phase that covers it is called
     anew: bool = False  # was it resolved once more, because the journal has only what was asked for?
+    made: Correction | None = field(default=None, compare=False)  # as the program lists it
+
+    @property
+    def number(self) -> int:
+        """The revision that it made; 0 for one that no history has."""
+        return 0 if self.made is None else self.made.number
+
+    def refers_to(self, index: int) -> bool:
+        """Return whether it states if a segment starts at observation `index`."""
+        return index in self.none or index in self.starts
 
     def recorded(self) -> Resolution:
         """The same as the journal has it."""
@@ -126,27 +145,72 @@ class EditHistory:
     undone: tuple[ResolvedEdit, ...] = ()
     revision: int = 0  # edits so far
 
-    def after(self, action: Action, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:
-        """With one edit more. Raises ProtocolError where it makes no sense."""
+    @property
+    def listed(self) -> tuple[Correction, ...]:
+        """All that the program lists, by their numbers."""
+        taken_back = (
+            one.made.model_copy(update={"state": "undone"}) for one in self.undone if one.made is not None
+        )
+        applied = (one.made for one in self.active if one.made is not None)
+        return tuple(sorted((*applied, *taken_back), key=lambda one: one.number))
+
+    def after(self, edit: messages.Edit, at: float, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:
+        """With one edit more. at: time of day [s]. Raises ProtocolError where it makes no sense."""
+        active, undone, number = self.active, self.undone, self.revision + 1
+        match edit.action:
+            case Undo() | TakeBack() as action:
+                one = self.taken_back(action)
+                return EditHistory(
+                    tuple(other for other in active if other is not one), (*undone, one), number
+                )
+            case Redo():
+                if not undone:
+                    raise ProtocolError("conflict", "there is nothing to redo", value=self.revision)
+                again = sorted((*active, undone[-1]), key=lambda one: one.number)
+                return EditHistory(tuple(again), undone[:-1], number)
+            case change:
+                if len(active) >= MAX_CORRECTIONS:
+                    why = "the session has too many corrections: undo some"
+                    raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
+                made = Correction(number=number, author=edit.author, at=at, action=change)
+                return EditHistory((*active, replace(resolve(change), made=made)), (), number)
+
+    def taken_back(self, action: Undo | TakeBack) -> ResolvedEdit:
+        """Return the correction that is taken back. Raises ProtocolError where there is none."""
         if isinstance(action, Undo):
             if not self.active:
                 raise ProtocolError("conflict", "there is nothing to undo", value=self.revision)
-            active, undone = self.active[:-1], (*self.undone, self.active[-1])
-        elif isinstance(action, Redo):
-            if not self.undone:
-                raise ProtocolError("conflict", "there is nothing to redo", value=self.revision)
-            active, undone = (*self.active, self.undone[-1]), self.undone[:-1]
-        else:
-            if len(self.active) >= MAX_CORRECTIONS:
-                why = "the session has too many corrections: undo some"
-                raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
-            active, undone = (*self.active, resolve(action)), ()
-        return EditHistory(active, undone, self.revision + 1)
+            return self.active[-1]
+        for one in self.active:
+            if one.number == action.number:
+                return one
+        is_undone = action.number in [one.number for one in self.undone]
+        why = "the correction is taken back already" if is_undone else "the session has no such correction"
+        there = [one.number for one in self.active]
+        raise ProtocolError("conflict", why, value=action.number, expected=there[-NAMED:] or "none is there")
 
-    def again(self, edit: Edit, kinds: Sequence[str]) -> EditHistory:
+    def check_unreferred(self, one: ResolvedEdit, observation_at: Callable[[float], int]) -> None:
+        """Check that no later correction refers to the changepoint that a correction set.
+
+        observation_at: the observation at which an inserted changepoint starts a segment. Raises
+        ProtocolError `conflict`, which names the newest such correction.
+        """
+        if one.inserted is None:
+            return
+        index = observation_at(one.inserted)
+        later = [other for other in self.active if other.number > one.number and other.refers_to(index)]
+        if later and (made := later[-1].made) is not None:
+            why = (
+                f"correction {made.number} by {made.author} {_REFERS[made.action.do]}: "
+                f"take correction {made.number} back first"
+            )
+            raise ProtocolError("conflict", why, value=one.number, expected=made.number)
+
+    def again(self, edit: Edit, kinds: Sequence[str], at: float) -> EditHistory:
         """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
 
-        kinds: of segments in the session, which another version of the service may have changed.
+        kinds: of segments in the session, which another version of the service may have changed; at: time of
+        day [s].
         """
 
         def known(change: Change) -> ResolvedEdit:
@@ -156,7 +220,7 @@ class EditHistory:
                 _check_kind(correction.label[1], kinds)
             return correction
 
-        return self.after(edit.action, known)
+        return self.after(edit, at, known)
 
     def as_anew(self) -> EditHistory:
         """The last one was resolved once more at a restart."""

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import App, Changepoint, Gap, Insert, Open, Segment, WrenchReport
-from caesura_service.segmentation.corrections import Change, ResolvedEdit
+from caesura_protocol.messages import App, Change, Changepoint, Gap, Insert, Open, Segment, WrenchReport
+from caesura_service.segmentation.corrections import ResolvedEdit
 from caesura_service.segmentation.view import Pipeline, PipelineView
 
 PRESETS = ("fake", "default", "raising", "raising-at-the-end", "unspeakable")
@@ -114,6 +114,10 @@ class FakePipeline:
         if not 0.0 <= change.t <= self.t:
             raise ProtocolError("malformed", "outside", value=change.t, limit=[0.0, max(self.t, 0.0)])
         return ResolvedEdit(inserted=change.t)
+
+    def observation_at(self, t: float) -> int:
+        """No correction of the fake refers to another."""
+        return -1
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> FakePipeline:
         """With these jumps more."""

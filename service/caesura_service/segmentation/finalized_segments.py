@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from caesura_protocol.messages import Changepoint, Segment
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
-from caesura_service.segmentation.time_slices import give_way
 
 _AT_ONCE = 100  # parts that are read before others have their turn
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.constants import JOINTS_MOST, TARED_BIAS_N
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -17,11 +18,11 @@ from caesura_protocol import messages
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
-from caesura_protocol.messages import App, Gap, Open, Phase, WrenchReport
+from caesura_protocol.messages import App, Change, Gap, Open, Phase, WrenchReport
 from caesura_protocol.plausibility import UNITS, FirstSecond
+from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.changepoint.models import UNTURNED, ModelInput
-from caesura_service.changepoint.preset import Preset
+from caesura_service.changepoint.preset import STEP_S, Preset
 from caesura_service.changepoint.presets import KNOWN_PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
 from caesura_service.coaching import (
@@ -33,11 +34,11 @@ from caesura_service.coaching import (
     all_hints,
 )
 from caesura_service.constants import JOINTS, TARED_BIAS_N
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
 from caesura_service.robot import Robot, load_robot
 from caesura_service.segmentation.corrections import (
-    Change,
     EditContext,
     FilterConstraints,
     ResolvedEdit,
@@ -50,7 +51,6 @@ from caesura_service.segmentation.finalized_segments import SegmentEntry
 from caesura_service.segmentation.observation_store import ObservationStore, force_scale, holding
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
-from caesura_service.segmentation.time_slices import give_way
 from caesura_service.segmentation.view import ASSUMED_ROBOT, NO_GRIPPER, Pipeline, PipelineView
 from caesura_service.signals import (
     Conditioner,
@@ -281,6 +281,10 @@ class SegmentationPipeline:
     def kinds(self) -> Sequence[str]:
         """Names of the kinds that a segment may have."""
         return [*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)]
+
+    def observation_at(self, t: float) -> int:
+        """The observation at which a changepoint that is inserted at a time [s] starts a segment."""
+        return max(1, bisect_right(self._division.places, t, key=lambda place: place + 0.5 * STEP_S))
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Self:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_protocol.messages import App, Gap
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.program import (
     GRIP_SLACK_S,
     GripperAction,
@@ -28,7 +29,6 @@ from caesura_service.program import (
     task_program,
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
-from caesura_service.segmentation.time_slices import give_way
 
 # Steps without a quiet place: far more than a person teaches (the hour of tests/bench/hour.py has 18 at
 # most), and few enough that a view of other samples costs no more after an hour.

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.rotations import matrices_of
-from caesura_service.signals.torque import about
+from caesura_service.signals.tared_torque import about
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,18 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Gap, Hint, LengthUnit, Phase, Segment, WrenchReport
-from caesura_service.segmentation.corrections import Change, ResolvedEdit
+from caesura_protocol.messages import (
+    App,
+    Change,
+    Changepoint,
+    Gap,
+    Hint,
+    LengthUnit,
+    Phase,
+    Segment,
+    WrenchReport,
+)
+from caesura_service.segmentation.corrections import ResolvedEdit
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
 ASSUMED_ROBOT = (
@@ -78,6 +88,9 @@ class Pipeline(Protocol):
 
     def resolve(self, change: Change) -> ResolvedEdit:
         """What a correction comes to, given what is shown. Raises ProtocolError; nothing changes."""
+
+    def observation_at(self, t: float) -> int:
+        """The observation at which a changepoint that is inserted at a time [s] starts a segment."""
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Pipeline:
         """As if these had been known from the first sample on. It takes the place of this one, which is

@@ -16,7 +16,7 @@ from typing import Literal, get_args
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import is_name
 from caesura_protocol.messages import MAX_BUDGETS, Budget, StationBudgets
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.token_bucket import SENDERS, Rate, RateLimit
 
 Use = Literal["work", "messages", "bytes", "commands"]
@@ -34,7 +34,7 @@ FULL = 1.0
 class Budgets:
     """The budgets of all stations of an instance."""
 
-    def __init__(self, rates: RateSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, rates: RateLimits, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._put = RateLimit(rates.samples, rates.bytes, clock=clock)
         self._commands = RateLimit(rates.commands, clock=clock)

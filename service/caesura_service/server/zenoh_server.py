@@ -38,7 +38,7 @@ from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
 from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
 from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
@@ -65,7 +65,7 @@ class ZenohServer:
         version: str,
         samples: SampleReader,
         queue: QueueSettings | None = None,
-        rates: RateSettings | None = None,
+        rates: RateLimits | None = None,
         clock: Callable[[], float] = time.monotonic,
         stop: threading.Event | None = None,
         join: Join = join,
@@ -85,7 +85,7 @@ class ZenohServer:
         self._join = join
         self._queue: WorkQueue[Arrival] = WorkQueue(queue or QueueSettings(), announced=True)
         self._worker: Worker | None = None
-        rates = rates or RateSettings()
+        rates = rates or RateLimits()
         self.budgets = Budgets(rates)
         self._log_rate = RateLimit(LOG_RATE)
         self._stored = StoredServer(registry.stored)

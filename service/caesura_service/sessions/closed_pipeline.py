@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import App, Changepoint, Phase, Segment, Snapshot
+from caesura_protocol.messages import App, Change, Changepoint, Phase, Segment, Snapshot
 from caesura_service.program import log_of
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionCounters, SessionState, Stream
-from caesura_service.segmentation.corrections import Change, ResolvedEdit
+from caesura_service.segmentation.corrections import ResolvedEdit
 from caesura_service.segmentation.encoded_log import packed
 from caesura_service.segmentation.view import Pipeline, PipelineView
 
@@ -44,6 +44,10 @@ class ClosedPipeline:
         return ()
 
     def resolve(self, change: Change) -> ResolvedEdit:
+        """Only what has been folded can be corrected."""
+        raise RuntimeError("the session has to be rebuilt from the journal first")
+
+    def observation_at(self, t: float) -> int:
         """Only what has been folded can be corrected."""
         raise RuntimeError("the session has to be rebuilt from the journal first")
 

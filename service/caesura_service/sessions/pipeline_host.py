@@ -8,16 +8,29 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
+from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Action, App, Description, EditProgram, Open, Redo, Undo
-from caesura_service.journal import Edit
+from caesura_protocol.messages import (
+    App,
+    Description,
+    Edit,
+    EditEffect,
+    EditProgram,
+    Open,
+    Redo,
+    TakeBack,
+    Undo,
+)
+from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import EditProgram as AppliedProgramEdit
 from caesura_service.program import check_applies
 from caesura_service.publishing import messages
+from caesura_service.publishing.effect import effect_of
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
 from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next_state
 from caesura_service.publishing.session_state import (
@@ -32,6 +45,14 @@ from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
 
 logger = logging.getLogger(__name__)
+
+
+class PreparedEdit(NamedTuple):
+    """An edit that can be applied."""
+
+    outcome: messages.EditOutcome
+    pipeline: Pipeline
+    effect: EditEffect
 
 
 class PipelineHost:
@@ -131,13 +152,32 @@ class PipelineHost:
 
         return self._run_guarded(step)
 
-    def preview_edit(self, action: Action) -> tuple[EditHistory, Pipeline]:
-        """Return the edit history with one edit more and the pipeline filtered by it; changes nothing.
+    def prepare_edit(self, edit: Edit, at: float) -> PreparedEdit:
+        """Filter a pipeline with one edit more; the session stays as it is.
 
-        Raises ProtocolError for an edit that does not apply.
+        at: time of day [s]. Raises ProtocolError for an edit that does not apply.
         """
-        corrections = self.corrections.after(action, self._pipeline.resolve)
-        return corrections, self._pipeline.corrected(corrections.active)
+        return self._prepare(edit, at, self._pipeline)
+
+    def preview_edit(self, edit: Edit, at: float) -> EditEffect:
+        """Return what an edit would change. Raises as `prepare_edit`.
+
+        A copy of the pipeline is brought up to date, because that decides when the next results are made.
+        """
+        return self._prepare(edit, at, copy(self._pipeline)).effect
+
+    def _prepare(self, edit: Edit, at: float, present: Pipeline) -> PreparedEdit:
+        if isinstance(edit.action, TakeBack):
+            taken_back = self.corrections.taken_back(edit.action)
+            self.corrections.check_unreferred(taken_back, present.observation_at)
+        corrections = self.corrections.after(edit, at, present.resolve)
+        corrected = present.corrected(corrections.active)
+        present.refresh()  # both at the same observation
+        before, after = (
+            self.state._replace(view=one.view, apps=one.view.apps) for one in (present, corrected)
+        )
+        outcome = messages.EditOutcome(corrections, edit.author, at)
+        return PreparedEdit(outcome, corrected, effect_of(before, after))
 
     def apply_edit(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
         """Replace history and pipeline by the edited ones, and publish the differences."""
@@ -174,7 +214,7 @@ class PipelineHost:
     # once. They mean the same from the first sample on as after the last one. So the pipeline may apply all
     # of them from the beginning (`prefilter_edits`), and has to at the end (`refilter`).
 
-    def prefilter_edits(self, edits: Iterable[Edit]) -> None:
+    def prefilter_edits(self, edits: Iterable[AppliedEdit]) -> None:
         """Filter from here on by all of these edits; `replay_edit` then counts each at its place."""
         corrections = self.corrections
         for edit in edits:
@@ -183,17 +223,17 @@ class PipelineHost:
             if not edit.is_resolved:
                 return  # what it comes to depends on what will be shown
             try:
-                corrections = corrections.again(edit, self._pipeline.kinds)
+                corrections = corrections.again(edit, self._pipeline.kinds, at=0.0)
             except ProtocolError:
                 corrections = corrections.passed_over()
         self._set_corrections(corrections.active)
 
-    def replay_edit(self, edit: Edit, at: float) -> list[Output]:
+    def replay_edit(self, edit: AppliedEdit, at: float) -> list[Output]:
         """Replay a recorded edit; count one that no longer applies as rejected. at: time of day [s]."""
         try:
             if edit.version is None:
                 self.refilter()
-                corrections = self.corrections.after(edit.action, self._pipeline.resolve)
+                corrections = self.corrections.after(edit, at, self._pipeline.resolve)
                 if not isinstance(edit.action, Undo | Redo):
                     corrections = corrections.as_anew()
                 pipeline = self._pipeline.corrected(corrections.active)
@@ -206,7 +246,7 @@ class PipelineHost:
                     edit.author,
                 )
                 return self.apply_edit(messages.EditOutcome(corrections, edit.author, at), pipeline)
-            corrections = self.corrections.again(edit, self._pipeline.kinds)
+            corrections = self.corrections.again(edit, self._pipeline.kinds, at)
         except ProtocolError as error:
             self.corrections = self.corrections.passed_over()
             self.state = self.state._replace(revision=self.corrections.revision)

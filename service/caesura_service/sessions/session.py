@@ -24,19 +24,21 @@ from caesura_protocol.messages import (
     Close,
     Describe,
     Edit,
+    EditEffect,
     EditProgram,
     Error,
     Heartbeat,
     Open,
+    Preview,
     Redo,
     SampleBatch,
+    TakeBack,
     Undo,
 )
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
 from caesura_service.publishing.lifecycle import next_state
-from caesura_service.publishing.messages import EditOutcome
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
@@ -204,10 +206,10 @@ class Session:
                 return self._receive_opening(message, now)
             case Close():
                 return self._receive_close(message, now)
-            case Edit() | Describe() | EditProgram():
+            case Edit() | Preview() | Describe() | EditProgram():
                 return self._receive_change(message, now)
 
-    def check_revision(self, edit: Edit) -> None:
+    def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""
         if edit.revision != self.revision:
             why = "another operator has corrected the session meanwhile: look at it again"
@@ -300,8 +302,8 @@ class Session:
             return [self._host.describe(stated, changes=0), *self._finish()]
         return self._finish()
 
-    def _receive_change(self, change: Edit | Describe | EditProgram, now: float) -> list[Output]:
-        """Process what an operator changes, of an open session or a closed one."""
+    def _receive_change(self, change: Edit | Preview | Describe | EditProgram, now: float) -> list[Output]:
+        """Process what an operator changes or would change, of an open session or a closed one."""
         match change:
             case Describe():
                 return self._receive_description(change, now)
@@ -309,17 +311,31 @@ class Session:
                 return self._receive_program_edit(change, now)
             case Edit():
                 return self._receive_edit(change, now)
+            case Preview():
+                return self._receive_preview(change, now)
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
+        self._check_editable(edit)
+        prepared = self._host.prepare_edit(edit, now)
+        self._check_records_exist()  # once more: that may have taken long
+        self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)
+        outputs = self._host.apply_edit(prepared.outcome, prepared.pipeline)
+        self._store_outcome()
+        return [*outputs, self._ack(prepared.effect)]
+
+    def _receive_preview(self, preview: Preview, now: float) -> list[Output]:
+        """Answer what an edit would change. Nothing is recorded, kept or published."""
+        edit = Edit(
+            session=preview.session, revision=preview.revision, author="preview", action=preview.action
+        )
+        self._check_editable(edit)
+        return [Reply(self._acknowledgement(self._host.preview_edit(edit, now)))]
+
+    def _check_editable(self, edit: Edit) -> None:
+        """Check that an edit is one of the session as its author has seen it. Raises ProtocolError."""
         next_state(self.state.lifecycle, "edit")
         self.check_revision(edit)
         self._check_records_exist()
-        corrections, pipeline = self._host.preview_edit(edit.action)
-        self._check_records_exist()  # once more: that may have taken long
-        self._journal.append(self._edit_record(edit, corrections), now)
-        outputs = self._host.apply_edit(EditOutcome(corrections, edit.author, now), pipeline)
-        self._store_outcome()
-        return [*outputs, self._ack()]
 
     def _receive_description(self, command: Describe, now: float) -> list[Output]:
         next_state(self.state.lifecycle, "describe")
@@ -356,7 +372,7 @@ class Session:
 
     def _edit_record(self, edit: Edit, corrections: EditHistory) -> AppliedEdit:
         """Return the record of an edit with its resolved form, which a replay uses."""
-        is_news = not isinstance(edit.action, Undo | Redo)
+        is_news = not isinstance(edit.action, Undo | Redo | TakeBack)
         return AppliedEdit(
             **vars(edit),
             resolution=corrections.active[-1].recorded() if is_news else None,
@@ -439,15 +455,17 @@ class Session:
             snapshot = snapshot_of(self.state, inferred_program_of(self.state))
             self._journal.store_outcome(Outcome(self._opening, self.next_seq - 1, snapshot))
 
-    def _ack(self) -> Reply:
+    def _ack(self, effect: EditEffect | None = None) -> Reply:
         """Write all records to disk, then acknowledge. Raises JournalError."""
         self._journal.commit()
+        return Reply(self._acknowledgement(effect))
+
+    def _acknowledgement(self, effect: EditEffect | None) -> Ack:
         state = self.state.lifecycle
-        return Reply(
-            Ack(
-                session=self._opening.session,
-                next_seq=self.next_seq,
-                state="open" if state == "open" else "closed",
-                revision=self.revision,
-            )
+        return Ack(
+            session=self._opening.session,
+            next_seq=self.next_seq,
+            state="open" if state == "open" else "closed",
+            revision=self.revision,
+            effect=effect,
         )

@@ -2,8 +2,8 @@
 
 from caesura_service.signals.conditioning import Conditioner, ConditioningOutput, ConditioningParameters
 from caesura_service.signals.gripper import GripperEvent, GripperParameters
-from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.observation import Observation
+from caesura_service.signals.sample_layout import SampleLayout
 from caesura_service.signals.tare import Tare, baseline
 from caesura_service.signals.wrench import WRENCH_SOURCES, WrenchCapabilities, wrench_capabilities
 

@@ -25,7 +25,6 @@ from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
-from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.observation import (
     FilteredRow,
     Observation,
@@ -34,8 +33,9 @@ from caesura_service.signals.observation import (
     tared_row,
     turned_to,
 )
+from caesura_service.signals.sample_layout import SampleLayout
 from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
-from caesura_service.signals.torque import in_flange
+from caesura_service.signals.tared_torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]

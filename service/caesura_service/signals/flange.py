@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.signals.backend import REFERENCE, Backend
-from caesura_service.signals.layout import SampleLayout
 from caesura_service.signals.numpy_operations import FILLED, FORCE, LEFT_OPEN, TURN
+from caesura_service.signals.sample_layout import SampleLayout
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from caesura_service.signals.backend import Backend
 from caesura_service.signals.flange import FlangeColumns
 from caesura_service.signals.rotation import rotation_between
 from caesura_service.signals.tare import Tare
-from caesura_service.signals.torque import tared_torque
+from caesura_service.signals.tared_torque import tared_torque
 
 Array = NDArray[np.float64]
 

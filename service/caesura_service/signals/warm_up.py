@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from caesura_service.signals.conditioning import Conditioner
-from caesura_service.signals.layout import SIGNALS, SampleLayout
+from caesura_service.signals.sample_layout import SIGNALS, SampleLayout
 
 
 def prepare() -> None:

@@ -28,7 +28,18 @@ from caesura_clients.query import snapshot
 from caesura_protocol.codec import encode, pack_samples, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Close, Edit, Insert, Open, Redo, SampleBatch, Snapshot, Undo
+from caesura_protocol.messages import (
+    Ack,
+    Close,
+    Edit,
+    Insert,
+    Open,
+    Redo,
+    SampleBatch,
+    Snapshot,
+    TakeBack,
+    Undo,
+)
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.journal import Edit as AppliedEdit
 from caesura_service.journal import Record, SqliteJournal
@@ -136,7 +147,8 @@ def edit(
             Operation(key, began, time.monotonic(), "acknowledged", None, seen.revision)
         )
         count += 1
-        action = rng.choice([Insert(t=rng.uniform(0.0, max(seen.t, 0.1)))] * 4 + [Undo(), Undo(), Redo()])
+        insert, any_of_them = Insert(t=rng.uniform(0.0, max(seen.t, 0.1))), TakeBack(number=rng.randint(1, 5))
+        action = rng.choice([insert] * 4 + [Undo(), Undo(), Redo(), any_of_them])
         made = Edit(session=key[1], revision=seen.revision, author=f"{name}-{count}", action=action)
         history.operations.append(carried_out(transport, key, made, over))
 
@@ -325,26 +337,42 @@ def result_errors(
     key: Key,
     shown: Snapshot,
 ) -> list[str]:
-    """The samples first, and then what two stacks make of the log, give what is shown."""
-    active, undone = [], []
+    """The samples first, and then what the log leaves of the corrections, give what is shown."""
+    made, active, undone = {}, list[int](), list[int]()
     for one in log:
-        if isinstance(one.action, Undo):
-            undone.append(active.pop())
+        number = one.revision + 1
+        if isinstance(one.action, Undo | TakeBack):
+            undone.append(active[-1] if isinstance(one.action, Undo) else one.action.number)
+            active.remove(undone[-1])
         elif isinstance(one.action, Redo):
-            active.append(undone.pop())
+            active = sorted([*active, undone.pop()])
         else:
-            active, undone = [*active, one.resolution], []
+            made[number] = one
+            active, undone = [*active, number], []
     pipeline = make_pipeline(history.openings[key], "default")
     for batch in sorted(batches, key=lambda one: one.seq):
         pipeline.push(unpack_samples(batch))
     pipeline.finish()
-    view = pipeline.corrected([correction_of(one) for one in active if one is not None]).view
+    resolutions = [made[number].resolution for number in active]
+    view = pipeline.corrected([correction_of(one) for one in resolutions if one is not None]).view
     status, program = shown.status, shown.program
     pairs = {
         "revision": (status.revision, len(log)),
         "undoable": (status.undoable, bool(active)),
         "redoable": (status.redoable, bool(undone)),
         "author": (program.author, log[-1].author if log else None),
+        "corrections": (
+            [(one.number, one.author, one.action, one.state) for one in program.corrections],
+            [
+                (
+                    number,
+                    made[number].author,
+                    made[number].action,
+                    "undone" if number in undone else "applied",
+                )
+                for number in sorted([*active, *undone])
+            ],
+        ),
         "segments": (shown.segments.segments, tuple(view.segments)),
         "changepoints": (shown.changepoints.changepoints, tuple(view.changepoints)),
         "apps": (program.apps, tuple(view.apps)),

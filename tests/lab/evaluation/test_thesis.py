@@ -39,14 +39,16 @@ from caesura_lab.evaluation.thesis.measure import (
 from caesura_lab.evaluation.thesis.rows import ROWS, ThesisBoundary, ThesisRow
 from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, SuiteSetting, Task, run_task, tasks
 from caesura_lab.evaluation.thesis.summary import summarise
+from caesura_lab.teacher import simulated_teaching
 from caesura_lab.teacher.motion_profiles import UNIT_RESPONSES, time_of_share
 from caesura_lab.teacher.person import THESIS
 from caesura_protocol.recording import Recording
+from caesura_service.changepoint.channel_model import ChannelModel, ModelInput, Noise
 from caesura_service.changepoint.hazard import Geometric, Uniform
-from caesura_service.changepoint.models import ChannelModel, ModelInput, Noise
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.offline_segmentation import views
+from lab.teacher.nominal import nominal_once
 
 ROW = ThesisRow(
     "R", "Fig.", "s", "force", (ThesisBoundary(2.0), ThesisBoundary(4.0), ThesisBoundary(4.5)), states="12?1"
@@ -57,6 +59,12 @@ DECAYS = ((21.086, 2.411, 0.5), (20.331, 4.083, 0.4), (14.986, 3.283, 0.6), (9.8
 DECAYS_PER_S = [np.log(before / after) / time for before, after, time in DECAYS]
 DECAY_ASIDE = ((-0.278, -0.631, -0.203), (-1.139, 0.419, 0.094))  # x, y [N] at 3.5, 4.1, 4.2 s
 NAMED = {row.name: row for row in ROWS}
+
+
+@pytest.fixture(autouse=True)
+def simulated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each demonstration of the suite is simulated once."""
+    monkeypatch.setattr(simulated_teaching, "teach", nominal_once)
 
 
 def found(*inner: float, states: str = "1221") -> FoundDivision:

@@ -7,9 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.evidence import log_sum_exp
 from caesura_service.changepoint.hazard import Hazard, Refractory
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 
 

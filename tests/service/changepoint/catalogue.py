@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from caesura_service.changepoint.channel_model import Channel, ChannelModel, ModelInput, Noise, Origin, Rows
 from caesura_service.changepoint.constant_models import (
     ConstantLevel,
     FreeSpaceForce,
@@ -24,14 +25,13 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import CONTACT, FREE, TRANSPORT, ContactMixture
-from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.contract import NOWHERE, rows_after
-from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import log_sum_exp
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.models import Channel, ChannelModel, ModelInput, Noise, Origin, Rows
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
@@ -222,9 +222,9 @@ EVERYTHING: dict[str, ChannelModel] = {
     **{name: entry.model for name, entry in MODELS.items()},
     "held": GripperHoldingChain(0.2, change=0.1),
     "friction": FrictionConeWeight(least=2.0, pace=0.002),
-    "corner": CornerStart(gamma=30.0, pace=0.0005),
-    "corner, standing": CornerStart(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
-    "corner of a turn": CornerStart(gamma=30.0, pace=0.005, channel="rotation"),
+    "corner": CornerWeight(gamma=30.0, pace=0.0005),
+    "corner, standing": CornerWeight(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
+    "corner of a turn": CornerWeight(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoContactRise(scale=1.0),
     "no rise but a weight's": NoContactRise(scale=1.0, most_kg=0.1),
     "pace": TurnRate("rotation", least=0.02, most=0.1),

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from caesura_service.changepoint.channel_model import Noise
 from caesura_service.changepoint.constant_models import ConstantLevel, FreeSpaceForce, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.evidence import log_mean_exp, log_sum_exp
-from caesura_service.changepoint.models import Noise
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.profiles import ProfileLibrary
 from caesura_service.changepoint.random_walk import StudentRandomWalk

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from caesura_service.changepoint import evidence
 from caesura_service.changepoint.best_path_window import outline_of
+from caesura_service.changepoint.channel_model import ChannelModel, Choice, ModelInput, Noise
 from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile
 from caesura_service.changepoint.filter_choice import filter_for
 from caesura_service.changepoint.guided_motion import GuidedMotion
@@ -26,7 +27,6 @@ from caesura_service.changepoint.kernels.fast_math import (
     shares_of,
 )
 from caesura_service.changepoint.kernels.layout import BLOCK
-from caesura_service.changepoint.models import ChannelModel, Choice, ModelInput, Noise
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel

@@ -13,14 +13,14 @@ import pytest
 from scipy import integrate
 
 from caesura_service.changepoint import contract
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.constant_models import GripperHoldingChain
-from caesura_service.changepoint.contact_rise import NoContactRise
 from caesura_service.changepoint.contract import everywhere, mass, rows_after
-from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.held_torque import HeldTorque
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.turn_in_place import TurnInPlace
@@ -290,7 +290,7 @@ def test_the_catalogue_has_every_model_of_every_preset() -> None:
     listed = {type(entry.model) for entry in MODELS.values()} | {
         GripperHoldingChain,
         FrictionConeWeight,
-        CornerStart,
+        CornerWeight,
         NoContactRise,
         TurnRate,
         TurnInPlace,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from caesura_protocol.formats.read import load_recording
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.default import DEFAULT, WITHOUT, default_channels
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from caesura_service.changepoint.channel_model import ChannelModel, ModelInput, Noise, Rows, select
 from caesura_service.changepoint.constant_models import GripperHoldingChain, LoadForce, ThesisLoadForce
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.evidence import known_mean_log_evidence, log_mean_exp, log_sum_exp
-from caesura_service.changepoint.models import ChannelModel, ModelInput, Noise, Rows, select
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import (
     ProfileLibrary,

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
-from caesura_service.changepoint.models import ModelInput
 
 LEAST_N, PACE_M = 3.0, 0.0005
 FRICTION = FrictionConeWeight(LEAST_N, PACE_M)

@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_t
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.contract import rows_after
-from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.corner_weight import CornerWeight
 from caesura_service.changepoint.default import SLOW, guided_motion
 from caesura_service.changepoint.guided_motion import GuidedMotion
-from caesura_service.changepoint.models import ModelInput
 
-CORNER = CornerStart(gamma=30.0, pace=SLOW)
+CORNER = CornerWeight(gamma=30.0, pace=SLOW)
 STEP_M = 0.01
 
 

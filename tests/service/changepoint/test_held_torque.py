@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.held_torque import HeldTorque, torsion_of
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import PRESETS, WITHOUT
 

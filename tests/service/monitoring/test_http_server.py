@@ -35,7 +35,7 @@ from caesura_service.monitoring.metrics import MetricsSource, ServiceCollector
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import NetworkError
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from clients.conftest import free_port
 from harness.peer import Peer
 from harness.sessions import batch, closing, opening
@@ -52,7 +52,7 @@ def service() -> Iterator[Service]:
 
 
 def observed_of(service: Service) -> MetricsSource:
-    return MetricsSource(service.registry, service.status, lambda: True, Budgets(RateSettings()).budgets_of)
+    return MetricsSource(service.registry, service.status, lambda: True, Budgets(RateLimits()).budgets_of)
 
 
 def get(url: str) -> tuple[int, str]:

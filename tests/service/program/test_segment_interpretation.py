@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import App, Segment
+from caesura_protocol.messages import App, ScrewMotion, Segment
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
@@ -143,6 +143,20 @@ def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, re
     ]
     assert forces_of(made[1]) == pytest.approx([6.0, 13.0, 6.0])
     assert forces_of(made[2]) == pytest.approx([13.0])
+
+
+def test_what_holds_the_force_of_a_contact_is_one_after_less_than_the_minimum_time_in_between() -> None:
+    """A screwdriver was turned back under 6 N, and the first 0.1 s of that were a segment of their own."""
+    back = segment("motion", 4.1, 6.0, **ACROSS)
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(13.0)),
+        segment("motion", 4.0, 4.1),
+        back.model_copy(update={"kind": "turning", "position_end": back.position_start}),
+        segment("contact", 6.0, 9.0, position_end=(0.0, 0.0, 0.6), **held(13.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0 if 4.0 < t < 6.0 else 13.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
 
 
 TO_TABLE, TO_WALL = (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)
@@ -311,6 +325,19 @@ def test_the_force_of_a_rest_is_the_same_however_it_is_divided(parts: tuple[floa
     assert forces_of(made[1]) == pytest.approx([9.0, 12.0])
 
 
+def test_a_touch_in_which_the_force_rises_is_no_press_of_its_own() -> None:
+    """Its median is 5 N less than what the rest after it is pressed with."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.5, **held(9.0)),
+        segment("contact", 2.5, 3.5, **held(11.0)),
+        segment("sliding", 3.5, 5.0, **held(12.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else min(4.0 + 10.0 * (t - 2.05), 11.0)),
+    )
+    assert [app.segments for app in made] == [(0,), (1, 2, 3)]
+    assert forces_of(made[1]) == pytest.approx([11.0, 11.0])
+
+
 def test_the_force_of_a_stroke_is_measured_in_the_axes_of_a_tool_that_turns() -> None:
     """It is 10 N along the tool, which turns from -40 to 40 degrees: its median in the base frame is less."""
 
@@ -383,6 +410,64 @@ def test_a_tilt_in_contact_is_the_end_of_the_stroke_before_it_and_a_turn_about_t
     assert [app.segments for app in pressed] == strokes
     assert (pressed[0].t0, pressed[-1].tn) == (2.0, 5.0)
     assert pressed[0].target == pytest.approx((0.11, 0.0, 0.2) if len(strokes) == 1 else (0.1, 0.0, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("torque_nm", "strokes"), [(0.3, [(1, 2, 3)]), (2.0, [(1, 2), (3,)])], ids=["the tip's", "a lever's"]
+)
+def test_a_tilt_against_more_than_its_force_at_a_hands_breadth_is_no_end_of_a_stroke(
+    torque_nm: float, strokes: list[tuple[int, ...]]
+) -> None:
+    """A stroke does not end at a torque, so that of a lever would be lost. The peg's rim makes one too."""
+    tilt = turned((1.0, 0.0, 0.0), 4.3, 5.0)
+    screw = ScrewMotion(
+        axis=(1.0, 0.0, 0.0), point=(0.1, 0.0, 0.1), angle=0.3, pitch_m=0.0, pitch_sd_m=0.001,
+        torque=(-torque_nm, 0.0, 0.0),
+    )  # fmt: skip
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        segment("contact", 4.0, 4.3, **held(9.0)),
+        tilt.model_copy(update={"screw": screw}),
+        segment("motion", 5.0, 7.0, **OFF),
+        at=lambda t: replace(drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 else 0.0), orientation=UPRIGHT),
+    )
+    assert [app.segments for app in made if app.kind == "apply_force"] == strokes
+
+
+@pytest.mark.parametrize(
+    ("tip_moves_m", "strokes"), [(0.0, [(1, 2)]), (0.027, [(1,), (2,)])], ids=["a tilt", "a slide"]
+)
+def test_a_slide_in_which_the_tool_only_turns_about_its_tip_is_the_end_of_the_stroke_before_it(
+    tip_moves_m: float, strokes: list[tuple[int, ...]]
+) -> None:
+    """It moves the flange by 27 mm, far more than the end of a stroke. Named a turn or a slide, it is one."""
+    rad, tool_m, start = 0.23, 0.12, np.array([0.1, 0.0, 0.2])
+
+    def tool(angle: float) -> tuple[np.ndarray, tuple[float, float, float, float]]:
+        """Its axis, and its orientation, once it is tilted about x."""
+        axis = np.array([0.0, -math.sin(angle), -math.cos(angle)])
+        return axis, (math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle))
+
+    (upright, _), (tilted, _) = tool(0.0), tool(rad)
+    end = start + tool_m * (upright - tilted) + np.array([tip_moves_m, 0.0, 0.0])
+    tilt = segment(
+        "sliding", 4.0, 5.0, **held(9.0), position_start=tuple(start), position_end=tuple(end)
+    ).model_copy(update={"turn": (rad, 0.0, 0.0)})
+
+    def at(t: float) -> Moment:
+        share = min(max(t - 4.0, 0.0), 1.0)
+        x, y, z, w = tool(share * rad)[1]
+        return replace(drifted(t, pushed_n=9.0 if 2.0 < t < 5.0 else 0.0), orientation=(x, y, z, w))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, **held(9.0), **ACROSS),
+        tilt,
+        segment("motion", 5.0, 7.0, **OFF),
+        at=at,
+    )
+    assert [app.segments for app in made if app.kind == "apply_force"] == strokes
 
 
 @pytest.mark.parametrize(("rad", "apps"), [(0.004, [(0,), (1, 2)]), (0.3, [(0,), (1,), (2,)])])

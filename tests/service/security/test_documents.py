@@ -11,7 +11,7 @@ import zenoh
 
 from caesura_protocol.messages import MAX_COLUMNS, MAX_MESSAGE_BYTES
 from caesura_service.security.zenoh_files import ROUTER_MAX_BYTES
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.work_queue import QueueSettings
 from caesura_service.sessions.limits import Limits
 
@@ -39,7 +39,7 @@ def row(what: str) -> str:
 
 
 def test_the_limits_on_the_page_are_those_of_the_code():
-    rates, queue, limits = RateSettings(), QueueSettings(), Limits()
+    rates, queue, limits = RateLimits(), QueueSettings(), Limits()
     for what, rate in (
         ("messages of a station", rates.samples),
         ("commands of a station", rates.commands),

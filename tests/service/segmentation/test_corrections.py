@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import (
+    MAX_CORRECTIONS,
     Action,
+    Edit,
     Insert,
     LimitForce,
     Move,
@@ -24,6 +26,7 @@ from caesura_protocol.messages import (
     Redo,
     Relabel,
     Remove,
+    TakeBack,
     Undo,
 )
 from caesura_protocol.programs.groups import groups_of
@@ -31,7 +34,6 @@ from caesura_service.changepoint.preset import STEP_S
 from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.segmentation.corrections import (
     AHEAD_S,
-    MAX_CORRECTIONS,
     EditHistory,
     FilterConstraints,
     ResolvedEdit,
@@ -75,6 +77,10 @@ def whole(name: str = "pick_and_place", lost: range = range(0)) -> Pipeline:
 @pytest.fixture(scope="module")
 def shown() -> Pipeline:
     return whole()
+
+
+def edit(action: Action) -> Edit:
+    return Edit(session="s1", revision=0, author="Ann", action=action)
 
 
 def with_one(pipeline: Pipeline, action: Any) -> PipelineView:
@@ -308,6 +314,7 @@ def _action(seed: np.random.Generator, view: PipelineView, *, finished: bool) ->
         NamePhase(t=t, name=str(seed.choice(["reach", "wipe"]))),
         Undo(),
         Redo(),
+        TakeBack(number=int(seed.integers(1, 12))),
     ]
     return actions[int(seed.integers(len(actions)))]
 
@@ -325,9 +332,8 @@ def edited_at_random(
             fed(pipeline, range(first, stop), lost=lost)
         for _ in range(int(seed.integers(0, 4))):
             try:
-                after = corrections.after(
-                    _action(seed, pipeline.view, finished=stop is None), pipeline.resolve
-                )
+                action = _action(seed, pipeline.view, finished=stop is None)
+                after = corrections.after(edit(action), 0.0, pipeline.resolve)
             except ProtocolError:
                 continue
             pipeline, corrections, taken = pipeline.corrected(after.active), after, taken + 1
@@ -358,7 +364,7 @@ def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample
 
 
 def test_the_thesis_decision_heeds_corrections_as_well():
-    assert check_same(3, 0.2, range(0)) > 5
+    assert check_same(7, 0.2, range(0)) > 5
     pipeline = plain(0.2, range(0))
     assert [one.corrected for one in with_one(pipeline, Insert(t=3.0)).changepoints].count(True) == 1
     before = times(pipeline.view)
@@ -370,34 +376,124 @@ def test_the_thesis_decision_heeds_corrections_as_well():
 # --- undo and redo --------------------------------------------------------------------------------------
 
 
-def _given(t: float) -> EditHistory:
-    return EditHistory().after(Insert(t=t), lambda change: ResolvedEdit(inserted=t))
+def _with(history: EditHistory, *actions: Action) -> EditHistory:
+    """With these edits more; a time stands for its own correction."""
+    for action in actions:
+        history = history.after(edit(action), 7.0, lambda change: ResolvedEdit(inserted=change.t))
+    return history
+
+
+def _inserted(history: EditHistory) -> list[float | None]:
+    return [one.inserted for one in history.active]
 
 
 def test_undo_takes_the_last_one_back_and_redo_makes_it_again():
-    two = _given(1.0).after(Insert(t=2.0), lambda change: ResolvedEdit(inserted=2.0))
-    once = two.after(Undo(), pytest.fail)
-    assert ([one.inserted for one in once.active], once.revision) == ([1.0], 3)
-    again = once.after(Redo(), pytest.fail)
+    two = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0))
+    once = _with(two, Undo())
+    assert (_inserted(once), once.revision) == ([1.0], 3)
+    again = _with(once, Redo())
     assert (again.active, again.undone, again.revision) == (two.active, (), 4)
 
 
 def test_a_new_correction_ends_what_could_be_made_again():
-    undone = _given(1.0).after(Undo(), pytest.fail)
+    undone = _with(EditHistory(), Insert(t=1.0), Undo())
     assert undone.undone
-    assert not undone.after(Insert(t=2.0), lambda change: ResolvedEdit(inserted=2.0)).undone
+    assert not _with(undone, Insert(t=2.0)).undone
+
+
+def test_any_correction_is_taken_back_and_redo_puts_it_at_its_place_again():
+    three = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), Insert(t=3.0))
+    without = _with(three, TakeBack(number=2))
+    assert (_inserted(without), without.revision) == ([1.0, 3.0], 4)
+    twice = _with(without, Undo())
+    assert _inserted(twice) == [1.0]
+    again = _with(twice, Redo(), Redo())
+    assert again.active == three.active
+    assert again.listed == three.listed
+
+
+def test_the_list_has_author_time_and_state_of_each_by_its_number():
+    listed = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), TakeBack(number=1)).listed
+    assert [(one.number, one.author, one.at, one.action, one.state) for one in listed] == [
+        (1, "Ann", 7.0, Insert(t=1.0), "undone"),
+        (2, "Ann", 7.0, Insert(t=2.0), "applied"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("number", "why"),
+    [(1, "taken back already"), (3, "no such correction"), (0, "no such correction")],
+)
+def test_a_correction_that_is_not_there_cannot_be_taken_back(number: int, why: str):
+    history = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), TakeBack(number=1))
+    with pytest.raises(ProtocolError, match=why) as caught:
+        _with(history, TakeBack(number=number))
+    assert caught.value.expected == [2]
+
+
+def history_of(pipeline: Pipeline, *actions: Action) -> tuple[Pipeline, EditHistory]:
+    """Real corrections, each resolved against the results of those before it."""
+    history = EditHistory()
+    for action in actions:
+        history = history.after(edit(action), 0.0, pipeline.resolve)
+        pipeline = pipeline.corrected(history.active)
+    return pipeline, history
+
+
+@pytest.mark.parametrize(
+    ("first", "later", "why"),
+    [
+        (Insert(t=3.0), Move(t=3.0, to=3.4), "correction 2 by Ann moved that changepoint on"),
+        (Insert(t=3.0), Remove(t=3.0), "correction 2 by Ann removed that changepoint"),
+        (Move(t=4.15, to=4.4), Move(t=4.4, to=4.6), "take correction 2 back first"),
+        (Insert(t=3.0), Relabel(t=3.2, kind="contact"), "correction 2 by Ann states what the segment is"),
+    ],
+)
+def test_a_correction_to_whose_changepoint_a_later_one_refers_stays(
+    shown: Pipeline, first: Action, later: Action, why: str
+):
+    pipeline, history = history_of(shown, first, later)
+    with pytest.raises(ProtocolError, match=why) as caught:
+        history.check_unreferred(history.active[0], pipeline.observation_at)
+    assert (caught.value.value, caught.value.expected) == (1, 2)
+    history.check_unreferred(history.active[1], pipeline.observation_at)
+
+
+@pytest.mark.parametrize(
+    "later",
+    [
+        Insert(t=3.4),
+        Remove(t=4.15),
+        Move(t=1.35, to=1.5),
+        Relabel(t=9.0, kind="steady"),
+        NamePhase(t=3.0, name="go"),
+    ],
+)
+def test_what_lies_beside_does_not_refer_to_a_correction(shown: Pipeline, later: Action):
+    pipeline, history = history_of(shown, Insert(t=3.0), later)
+    history.check_unreferred(history.active[0], pipeline.observation_at)
+    without = history.after(edit(TakeBack(number=1)), 0.0, pytest.fail)
+    alone = history_of(shown, later)[0]
+    assert pipeline.corrected(without.active).view.segments == alone.view.segments
+
+
+@pytest.mark.parametrize("t", [0.2, 1.0, 3.0, 3.04, 7.25, 12.3])
+def test_an_inserted_changepoint_is_at_the_observation_that_it_is_looked_up_at(shown: Pipeline, t: float):
+    index = shown.observation_at(t)
+    by_index = shown.corrected([ResolvedEdit(starts=(index,))]).view
+    assert by_index.segments == with_one(shown, Insert(t=t)).segments
 
 
 @pytest.mark.parametrize("action", [Undo(), Redo()])
 def test_with_nothing_to_undo_or_redo_an_edit_is_refused(action: Action):
     with pytest.raises(ProtocolError, match="nothing to"):
-        EditHistory().after(action, pytest.fail)
+        _with(EditHistory(), action)
 
 
 def test_corrections_are_bounded():
     full = EditHistory(active=(ResolvedEdit(),) * MAX_CORRECTIONS)
     with pytest.raises(ProtocolError, match=f"limit {MAX_CORRECTIONS}"):
-        full.after(Insert(t=1.0), lambda change: ResolvedEdit())
+        _with(full, Insert(t=1.0))
 
 
 def test_the_filter_is_informed_once_for_each_observation_and_the_later_word_counts():

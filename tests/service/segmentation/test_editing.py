@@ -25,12 +25,15 @@ from caesura_protocol.messages import (
     Insert,
     LimitForce,
     Move,
+    NamePhase,
+    Preview,
     Program,
     Redo,
     Relabel,
     Remove,
     Segments,
     SessionStatus,
+    TakeBack,
     Undo,
 )
 from caesura_service.journal import Edit as AppliedEdit
@@ -71,6 +74,13 @@ def run(session: Session, count: int, first: int = 0) -> None:
         session.receive(made, 0.0)
 
 
+def acknowledged(said: list[Output]) -> Ack:
+    """The acknowledgement, without the effect."""
+    replied = answer(said)
+    assert isinstance(replied, Ack)
+    return replied.model_copy(update={"effect": None})
+
+
 def refused(replied: Ack | ProtocolError) -> ProtocolError:
     assert isinstance(replied, ProtocolError)
     return replied
@@ -84,7 +94,7 @@ def test_an_edit_is_acknowledged_with_its_revision_and_published_from_the_first_
     run(session, 14)
     before = snapshot_of(session.state)
     said = session.receive(edit(), 77.5)
-    assert answer(said) == Ack(session=NAME, next_seq=14, state="open", revision=1)
+    assert acknowledged(said) == Ack(session=NAME, next_seq=14, state="open", revision=1)
     (changes,) = published(said, Changepoints)
     assert (changes.first, changes.seq) == (1, before.changepoints.seq + 1)
     assert T in [one.t for one in changes.changepoints]
@@ -118,6 +128,29 @@ def test_undo_and_redo_are_edits_too():
     assert published(said, Program)[0].author == "Bob"
     session.receive(edit(2, Redo()), 2.0)
     assert session.state.view == corrected
+
+
+def corrections_of(session: Session) -> list[tuple[int, str, float, str]]:
+    listed = program_of(session.state).corrections
+    return [(one.number, one.author, one.at, one.state) for one in listed]
+
+
+def test_the_program_lists_all_corrections_and_an_older_one_is_taken_back_by_an_edit_of_its_own():
+    session, _ = open_session()
+    run(session, 14)
+    session.receive(edit(), 1.0)
+    only = session.state.view.changepoints
+    session.receive(edit(1, Insert(t=0.525), author="Bob"), 2.0)
+    said = session.receive(edit(2, TakeBack(number=2), author="Cem"), 3.0)
+    assert session.state.view.changepoints == only
+    session.receive(edit(3, Redo()), 4.0)
+    said = session.receive(edit(4, TakeBack(number=1), author="Cem"), 5.0)
+    assert corrections_of(session) == [(1, "Ann", 1.0, "undone"), (2, "Bob", 2.0, "applied")]
+    (status,) = published(said, SessionStatus)
+    assert (status.revision, status.undoable, status.redoable) == (5, True, True)
+    assert published(said, Program)[0].corrections == program_of(session.state).corrections
+    with pytest.raises(ProtocolError, match="taken back already"):
+        session.receive(edit(5, TakeBack(number=1)), 6.0)
 
 
 def test_of_two_editors_the_slower_one_is_refused_with_the_revision_that_there_is():
@@ -171,7 +204,9 @@ def test_a_closed_session_is_corrected_and_its_outcome_kept_anew():
     session, _ = open_session(journal)
     run(session, 14)
     session.receive(closing(13), 0.0)
-    assert answer(session.receive(edit(), 5.0)) == Ack(session=NAME, next_seq=14, state="closed", revision=1)
+    assert acknowledged(session.receive(edit(), 5.0)) == Ack(
+        session=NAME, next_seq=14, state="closed", revision=1
+    )
     assert journal.outcome(STATION, NAME).snapshot == snapshot_of(session.state)
 
 
@@ -270,6 +305,7 @@ def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):
         real.feed(first, stop)
         t, to = rng.uniform(0.2, max(real.standing.view.t, 0.3), 2).tolist()
         actions = [Insert(t=t), Move(t=t, to=to), Remove(t=to), Relabel(t=to, kind="motion"), Undo(), Redo()]
+        actions += [TakeBack(number=int(rng.integers(1, 8))), Redo()]
         for action in actions:
             real.edit(action, at=100.0 + number)
     close = Close(session=NAME, last_seq=real.count - 1)
@@ -386,6 +422,107 @@ def test_what_an_edit_came_to_is_recorded_in_a_few_bytes_however_long_the_segmen
     assert len(encode(recorded).payload) < 200
 
 
+# --- previewed ------------------------------------------------------------------------------------------
+
+
+class Previewed(Real):
+    """Feeds batch by batch, and keeps everything that is said."""
+
+    def __init__(self, journal: MemoryJournal, *, asks: bool) -> None:
+        super().__init__(journal)
+        self.asks, self.said = asks, list[Output]()
+
+    def feed(self, first: int, stop: int) -> None:
+        for seq, samples in enumerate(batches_of(self.recording)):
+            if first <= seq < stop:
+                batch = pack_samples(samples, self.opening.columns, session=NAME, epoch=0, seq=seq)
+                self.said += self.registry.handle_samples(STATION, batch, 0.01 * seq)
+                if self.asks and seq % 37 == 36:
+                    self.preview(Insert(t=0.5 * self.standing.view.t))
+                    self.preview(Remove(t=99.0))
+
+    def preview(self, action: Any) -> Ack | ProtocolError:
+        """Ask what an edit would change; nothing else is said."""
+        asked = Preview(session=NAME, revision=self.standing.revision, action=action)
+        said = self.registry.handle_command(STATION, asked, 0.0)
+        assert len(said) == 1
+        return answer(said)
+
+
+def test_a_preview_is_neither_recorded_nor_published_and_changes_no_later_result():
+    journals = MemoryJournal(), MemoryJournal()
+    quiet, asking = (Previewed(one, asks=asks) for one, asks in zip(journals, (False, True), strict=True))
+    for real in (quiet, asking):
+        real.open()
+        real.feed(0, real.count)
+        close = Close(session=NAME, last_seq=real.count - 1)
+        real.said += real.registry.handle_command(STATION, close, 9.0)
+    assert asking.said == quiet.said
+    assert journals[0]._records == journals[1]._records
+    assert compared(asking.standing) == compared(quiet.standing)
+    assert asking.registry.counters == quiet.registry.counters
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        Insert(t=1.0),
+        Remove(t=1.35),
+        Move(t=1.35, to=1.6),
+        Relabel(t=1.0, kind="sliding"),
+        NamePhase(t=1.0, name="reach"),
+        Undo(),
+        TakeBack(number=1),
+    ],
+)
+def test_the_effect_of_a_preview_is_that_of_the_edit_and_what_snapshots_differ_in(action: Any):
+    real = Previewed(MemoryJournal(), asks=False)
+    real.open()
+    real.feed(0, real.count)
+    real.registry.handle_command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
+    if isinstance(action, Undo | TakeBack):
+        real.edit(Insert(t=1.0))
+    previewed = real.preview(action)
+    assert isinstance(previewed, Ack), previewed
+    before = snapshot_of(real.standing)
+    done = real.edit(action)
+    assert isinstance(done, Ack)
+    after = snapshot_of(real.standing)
+    assert previewed.revision == before.status.revision == done.revision - 1
+    effect = done.effect
+    assert effect is not None
+    assert effect == previewed.effect
+    rows = [(one.segments.segments, one.program.apps, one.segments.phases) for one in (before, after)]
+    for old, new, first, gone, come in (
+        (rows[0][0], rows[1][0], effect.first_segment, effect.segments_before, effect.segments_after),
+        (rows[0][1], rows[1][1], effect.first_app, effect.apps_before, effect.apps_after),
+        (rows[0][2], rows[1][2], effect.first_phase, effect.phases_before, effect.phases_after),
+    ):
+        behind = len(old) - first - len(gone)
+        assert [*map(outlined, old)] != [*map(outlined, new)] or not (gone or come)
+        assert [*map(outlined, new)] == [
+            *map(outlined, old[:first]),
+            *map(outlined, come),
+            *map(outlined, old[len(old) - behind :]),
+        ]
+    assert effect.segments_before or effect.apps_before or effect.phases_before
+
+
+def outlined(one: Any) -> tuple[object, ...]:
+    own = (one.target, one.force) if hasattr(one, "target") else (getattr(one, "name", None),)
+    return one.kind, one.t0, one.tn, *own
+
+
+def test_a_preview_is_refused_as_the_edit_would_be():
+    real = Previewed(MemoryJournal(), asks=False)
+    real.open()
+    real.feed(0, 100)
+    assert "nothing to undo" in str(real.preview(Undo()))
+    real.edit(Insert(t=1.0))
+    stale = Preview(session=NAME, revision=0, action=Insert(t=1.5))
+    assert "another operator" in str(answer(real.registry.handle_command(STATION, stale, 0.0)))
+
+
 # --- taken up from its outcome --------------------------------------------------------------------------
 
 
@@ -424,7 +561,7 @@ def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     assert refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0))).code == "overloaded"
     assert stepped(registry) == []
     said = registry.handle_command(STATION, edit(1, Undo()), 4.0)
-    assert answer(said) == Ack(session=NAME, next_seq=COUNT, state="closed", revision=2)
+    assert acknowledged(said) == Ack(session=NAME, next_seq=COUNT, state="closed", revision=2)
     (standing, _) = registry.index.all_states()
     assert T not in [one.t for one in standing.view.changepoints]
     assert [one.seq for one in published(said, Changepoints)] == [before.last_seq["changepoints"] + 1]
@@ -561,7 +698,9 @@ def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair):
 steps = st.lists(
     st.one_of(
         st.integers(0, COUNT - 1),
-        st.sampled_from([Insert(t=0.155), Insert(t=0.525), Insert(t=1.155), Undo(), Redo()]),
+        st.sampled_from(
+            [Insert(t=0.155), Insert(t=0.525), Insert(t=1.155), Undo(), Redo(), TakeBack(number=1)]
+        ),
         st.sampled_from(["commit", "hand", "kill", "freeze", "look", "close"]),
     ),
     max_size=30,
@@ -604,7 +743,9 @@ def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(ste
                     owner, other = other, owner
                     owner.take()
                 case action if edited(owner, action):
-                    model = model.after(action, lambda change: ResolvedEdit(inserted=change.t))
+                    model = model.after(
+                        edit(action=action), 0.0, lambda change: ResolvedEdit(inserted=change.t)
+                    )
                     expected += 1
             assert owner.standing.revision == expected
             shown = {one.t for one in owner.standing.view.changepoints}

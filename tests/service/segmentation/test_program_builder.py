@@ -57,6 +57,15 @@ def demonstration(rng: np.random.Generator, n: int, *, holes: bool = False) -> l
     return steps
 
 
+def rests(n: int) -> list[ProgramSegment]:
+    """Contacts at rest, one after the other, of half a second each."""
+    contact = {"kind": "contact", "contact": "contact", "motion": "steady"}
+    return [
+        replace(step, segment=step.segment.model_copy(update={**contact, "t0": 0.5 * i, "tn": 0.5 * (i + 1)}))
+        for i, step in enumerate(demonstration(np.random.default_rng(2), n))
+    ]
+
+
 def gaps_between(steps: list[ProgramSegment]) -> list[Gap]:
     """What was not observed, a little shorter than the time between the segments, as conditioning has it."""
     pairs = [(before.segment.tn, after.segment.t0) for before, after in pairwise(steps)]
@@ -81,12 +90,7 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
 
 
 def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_often_it_is_looked_at():
-    rng = np.random.default_rng(2)
-    contact = {"kind": "contact", "contact": "contact", "motion": "steady"}
-    steps = [
-        replace(step, segment=step.segment.model_copy(update={**contact, "t0": 0.5 * i, "tn": 0.5 * (i + 1)}))
-        for i, step in enumerate(demonstration(rng, 2 * MOST_UNQUIET + 50))
-    ]
+    steps = rests(2 * MOST_UNQUIET + 50)
     programs, left = [], []
     for every in (7, 97, len(steps)):
         growing = IncrementalProgramBuilder(moment_at, 0.3)
@@ -125,3 +129,19 @@ def test_only_what_follows_the_last_quiet_place_is_built_again():
         growing.apps(steps[growing.first : now], now, [])
         again.append(now - growing.first)
     assert max(again) < 100
+
+
+def test_a_row_of_rests_is_looked_at_in_proportion_to_its_length():
+    """The rests before each one were looked at again: 500 of them took half a second at every look."""
+
+    def looks(n: int) -> int:
+        times: list[float] = []
+
+        def counted(t: float) -> Moment:
+            times.append(t)
+            return moment_at(t)
+
+        task_program(rests(n), [], counted, least_s=0.3)
+        return len(times)
+
+    assert looks(80) < 2.5 * looks(40)

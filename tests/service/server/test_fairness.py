@@ -17,14 +17,14 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.publishing.events import PipelineFactory
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
-from caesura_service.segmentation.time_slices import give_way
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.server import result_publisher
 from caesura_service.server.lanes import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.token_bucket import Rate
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.sessions import batches, closing, opening
@@ -105,7 +105,7 @@ def open_again_and_again(peer: MemoryPeer) -> None:
 
 
 def test_a_station_that_has_used_up_its_work_is_refused_with_the_reason_and_another_goes_on(config, network):
-    rates = RateSettings(work=WORK)
+    rates = RateLimits(work=WORK)
     with (
         Service(
             replace(config, rates=rates), pipeline_factory=make_fake_pipeline, join=in_memory(network)

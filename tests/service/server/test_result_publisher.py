@@ -12,7 +12,7 @@ from caesura_service.publishing.events import RequestReplay
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, ReplayFinished
 from caesura_service.server.lanes import Lanes
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import REPLAYS, ResultPublisher
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.zenoh_network import ZenohNetwork
@@ -43,7 +43,7 @@ def closed() -> ZenohNetwork:
 def test_a_question_that_fails_ends_once_and_the_next_ones_go(network: Callable[[], Any]):
     inbox: WorkQueue[Arrival] = WorkQueue(QueueSettings())
     with Lanes() as lanes:
-        outgoing = ResultPublisher(network(), inbox, Budgets(RateSettings()), lanes)
+        outgoing = ResultPublisher(network(), inbox, Budgets(RateLimits()), lanes)
         for number in range(ASKED):
             outgoing.request_replay(RequestReplay(f"cell-{number}", "s1", 0, 9))
         ended: list[str] = []

@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 from nicegui.element import Element
+from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import SessionView, Tables
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
@@ -68,7 +69,7 @@ class _Half:
                 self._link = text("a", session).props(f'href="/sessions/{station}/{session}"')
             self._line = text("p", "").classes("state-line")
             self._view = SessionView(
-                station, editable=False, replay=True, on_edit=lambda _event: None, linked=True
+                station, editable=False, replay=True, on_edit=_ignore, on_preview=_ignore, linked=True
             )
         self._station, self._session = station, session
 
@@ -82,6 +83,10 @@ class _Half:
         if line != self._line.text:
             self._line.set_text(line)
         self._view.follow(update, {})
+
+
+def _ignore(_event: GenericEventArguments) -> None:
+    """Nothing is corrected here."""
 
 
 def _tables(first: Program, second: Program) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from nicegui.events import GenericEventArguments
 from caesura_clients.dashboard.apps import Timeline
 from caesura_clients.dashboard.demonstrations import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
-from caesura_clients.dashboard.editing import EditRefused, correct
+from caesura_clients.dashboard.editing import EditRefused, correct, preview
 from caesura_clients.dashboard.elements import (
     DescriptionForm,
     HintBanner,
@@ -55,6 +55,7 @@ class SessionPage:
                     editable=self._corrector is not None,
                     replay=session is not None,
                     on_edit=self._edit,
+                    on_preview=self._preview,
                 )
             self._program = ProgramTimeline(
                 self._edit_program,
@@ -152,6 +153,14 @@ class SessionPage:
             self._view.answered(str(refused), failed=True)
         else:
             self._view.answered(said or "", failed=False)
+
+    async def _preview(self, event: GenericEventArguments) -> None:
+        """Ask what a correction would change, without delaying any other page."""
+        if self._corrector is None or not isinstance(event.args, dict):
+            return
+        found = await run.io_bound(preview, self._corrector, self._station, event.args)
+        if found is not None and not self._view.is_deleted:  # else the dashboard, or the page, is ending
+            self._view.previewed(found)
 
     async def _edit_program(self, event: GenericEventArguments) -> None:
         """Pass an edit of the program on, without delaying any other page."""

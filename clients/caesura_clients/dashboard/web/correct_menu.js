@@ -1,29 +1,46 @@
 // What can be corrected at a time, beside that time. A right click, a long press, R or the menu key opens it.
+import { pointing } from "caesura-dashboard/effect.js";
+import EffectWords from "caesura-dashboard/effect_words.js";
+
 const WIDTH = 288, NEAR = 0.005; // pixels; [s] up to which a time is that of a changepoint
 
 export default {
-  props: { t: Number, selected: Number, segment: Object, kinds: Object, author: String, x: Number, y: Number, width: Number },
-  emits: ["edit", "close", "rename", "time"],
-  data: () => ({ newton: 10 }),
+  components: { EffectWords },
+  props: { t: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
+  emits: ["edit", "preview", "close", "rename", "time"],
+  data: () => ({ newton: 10, tapped: "", name: "" }),
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + t.toFixed(2) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input class="time" type="number" step="any" :value="t.toFixed(2)"
         @change="$event.target.value && $emit('time', Number($event.target.value))"></label>
-      <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" @click="$emit('edit', { do: 'remove', t: selected })">
+      <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" v-on="making({ do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
-      <button v-else class="insert" title="A segment ends here, and the next one begins" @click="$emit('edit', { do: 'insert', t })">
+      <button v-else class="insert" title="A segment ends here, and the next one begins" v-on="making({ do: 'insert', t })">
         Insert a changepoint <kbd>Enter</kbd></button>
-      <button v-if="selected !== null && !isAtPoint" class="move" title="A changepoint can be dragged too" @click="$emit('edit', { do: 'move', t: selected, to: t })">
+      <button v-if="selected !== null && !isAtPoint" class="move" title="A changepoint can be dragged too" v-on="making({ do: 'move', t: selected, to: t })">
         Move {{ selected.toFixed(2) }} s here <kbd>M</kbd></button>
       <fieldset v-if="segment"><legend>The segment is</legend>
         <button v-for="(look, name) in kinds" :key="name" class="is-kind" :aria-pressed="String(name === segment[2])"
-          @click="$emit('edit', { do: 'relabel', t, kind: name })"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</button></fieldset>
+          v-on="making({ do: 'relabel', t, kind: name })"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</button></fieldset>
       <form class="row" @submit.prevent="$emit('edit', { do: 'limit_force', t, newton })">
         <label>Force at most [N] <input class="newton" type="number" min="0" step="any" required v-model.number="newton"></label>
-        <button class="limit" title="The app here exerts no more than that">Limit</button>
-        <button type="button" class="unlimit" title="The app here exerts what was taught" @click="$emit('edit', { do: 'limit_force', t, newton: null })">No limit</button></form>
+        <button class="limit" title="The app here exerts no more than that" v-on="pointing({ do: 'limit_force', t, newton })">Limit</button>
+        <button type="button" class="unlimit" title="The app here exerts what was taught" v-on="making({ do: 'limit_force', t, newton: null })">No limit</button></form>
+      <form v-if="phase" class="row" @submit.prevent="$emit('edit', { do: 'name_phase', t, name })">
+        <label>Name the phase {{ phase[2] }} <input class="phase-name" maxlength="64" required v-model.trim="name"></label>
+        <button class="name-phase" title="Its apps are a group of this name; nothing else changes"
+          v-on="name ? pointing({ do: 'name_phase', t, name }) : {}">Name</button></form>
+      <effect-words :effect="effect" :more="tapped && 'Tap again to correct.'"></effect-words>
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>
     </div>`,
+  watch: {
+    phase: {
+      immediate: true,
+      handler(now, before) { // a phase that goes on is another row of the same beginning
+        if (!before || !now || now[0] !== before[0]) this.name = (now && now[6]) || "";
+      },
+    },
+  },
   mounted() {
     this.$el.querySelector("button").focus({ preventScroll: true });
     this.leave = (event) => this.$el.contains(event.target) || this.$emit("close");
@@ -31,6 +48,23 @@ export default {
   },
   unmounted() {
     window.removeEventListener("pointerdown", this.leave);
+  },
+  methods: {
+    pointing(action) { // listeners of a button: what it would change is shown while it is pointed at
+      return pointing(() => this.$emit("preview", action), () => {
+        this.tapped = "";
+        this.$emit("preview", null);
+      });
+    },
+    making(action) { // and it makes the correction: at the second tap of a finger, which points at nothing before
+      return { ...this.pointing(action), click: (event) => this.choose(event, action) };
+    },
+    choose(event, action) {
+      const tap = JSON.stringify(action);
+      if (event.pointerType !== "touch" || this.tapped === tap) return this.$emit("edit", action);
+      this.tapped = tap;
+      this.$emit("preview", action);
+    },
   },
   computed: {
     isAtPoint() {

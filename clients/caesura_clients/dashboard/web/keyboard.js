@@ -25,7 +25,10 @@ export const keyboard = {
         0: () => this.all(),
         ",": () => this.pan(-0.5),
         ".": () => this.pan(0.5),
-        Escape: () => Object.assign(this, { selected: null, ghost: null, marked: null, drag: null }),
+        Escape: () => {
+          Object.assign(this, { selected: null, ghost: null, marked: null, drag: null });
+          this.preview(null);
+        },
         "ctrl+z": () => this.undo(),
         "ctrl+y": () => this.redo(),
         "ctrl+shift+z": () => this.redo(),

@@ -110,7 +110,8 @@ function vertical(context, area, t) {
 
 export function drawBand(context, area, state, ink) {
   context.font = fontOf();
-  spans(state.segments, area, ([, , kind, probability, isFinal, corrected], x, width) => {
+  const preview = state.previewedSegments;
+  spans(preview || state.segments, area, ([, , kind, probability, isFinal, corrected], x, width) => {
     block(context, ROWS.kinds, x, width, KINDS[kind].colour, 0.25 + 0.6 * probability, patternOf(context, kind));
     write(context, [`${kind}${corrected ? " ✎" : ""}${isFinal ? "" : " ~"}`, KINDS[kind].letter], ROWS.kinds, x, width, ink);
   });
@@ -118,19 +119,30 @@ export function drawBand(context, area, state, ink) {
     block(context, ROWS.phases, x, width, KINDS[kindOfPhase(phase[2])].colour, 0.1 + 0.3 * phase[3], null);
     context.strokeStyle = ink.faint;
     context.strokeRect(x + 0.5, ROWS.phases[0] + 0.5, Math.max(width - 1, 1), ROWS.phases[1] - 1);
-    write(context, [`${phaseName(phase)}${phase[4] ? "" : " ~"}`, phase[2]], ROWS.phases, x, width, ink, false);
+    write(context, [`${phaseName(phase)}${phase[4] ? "" : " ~"}`, phase[6] || phase[2]], ROWS.phases, x, width, ink, false);
   });
+  if (preview) frame(context, area, state.effect.span, ink);
   context.textAlign = "right";
   context.textBaseline = "middle";
   context.fillStyle = ink.faint;
   for (const [name, [top, height]] of Object.entries(ROWS)) {
-    if (state[name === "kinds" ? "segments" : "phases"].length) context.fillText(name, area.left - 3, top + height / 2);
+    const words = preview && name === "kinds" ? "preview" : name;
+    if (state[name === "kinds" ? "segments" : "phases"].length) context.fillText(words, area.left - 3, top + height / 2);
   }
   const whole = { ...area, top: ROWS.phases[0], bottom: BAND_HEIGHT };
   before(context, whole, state, ink, 1);
   for (const [t, , , , , corrected] of within(state.changepoints, { from: area.from, to: Math.min(area.to, state.shownEnd) }, 0)) {
     if (corrected || t === state.selected) diamond(context, area.x(t), ROWS.kinds[0], t === state.selected ? ink.accent : ink.text);
   }
+}
+
+// Around what is not there yet.
+function frame(context, area, [from, to], ink) {
+  const [top, height] = ROWS.kinds, x0 = Math.max(area.x(from), area.left), x1 = Math.min(area.x(to), area.right);
+  context.strokeStyle = ink.accent;
+  context.lineWidth = 3;
+  context.strokeRect(x0, top + 1, x1 - x0, height - 2);
+  context.lineWidth = 1;
 }
 
 function block(context, [top, height], x, width, colour, alpha, pattern) {

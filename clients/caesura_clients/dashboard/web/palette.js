@@ -46,7 +46,10 @@ function tile({ colour, pattern }) {
 
 export const percent = (probability) => `${Math.round(100 * probability)} %`;
 
-// A phase has the colour of the segments that it is made of, and its name stands in it.
+// A phase has the colour of the segments that it is made of, and its name stands in it: its kind until it is given one.
 const KIND_OF_PHASE = { free: "motion", contact: "contact", transport: "transport", cycle: "motion" };
 export const kindOfPhase = (kind) => KIND_OF_PHASE[kind] || "steady";
-export const phaseName = ([, , kind, , , strokes]) => (strokes > 1 ? `${kind} × ${strokes}` : kind);
+export const phaseName = ([, , kind, , , strokes, name]) => {
+  const what = strokes > 1 ? `${kind} × ${strokes}` : kind;
+  return name ? `${name} (${what})` : what;
+};

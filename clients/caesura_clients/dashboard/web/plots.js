@@ -4,7 +4,7 @@ import { fontOf, Painter } from "caesura-dashboard/canvas.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
-export const LEFT = 56, RIGHT = 12; // beside the plots
+export const LEFT = 64, RIGHT = 12; // beside the plots
 const HEIGHT = 160, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3]];

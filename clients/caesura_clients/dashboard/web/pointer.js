@@ -56,7 +56,10 @@ export const pointer = {
       if (Math.abs(x - this.pressedAt) < MOVED && this.ghost === null && this.marked === null && !this.panned) return;
       clearTimeout(this.long);
       const scale = this.scale();
-      if (this.drag === "changepoint") this.ghost = this.within(scale.t(x));
+      if (this.drag === "changepoint") {
+        this.ghost = this.within(scale.t(x));
+        this.preview({ do: "move", t: this.selected, to: this.ghost }, "tip");
+      }
       if (this.drag === "mark") this.marked = [Math.min(x, this.pressedAt), Math.max(x, this.pressedAt)].map((at) => Math.min(Math.max(at, scale.x0), scale.x1));
       if (this.drag === "pan") {
         this.fingers.set(event.pointerId, x);
@@ -78,6 +81,7 @@ export const pointer = {
       this.fingers.delete(event.pointerId);
       const { drag, ghost, marked } = this, scale = this.scale();
       if (this.fingers.size === 0) Object.assign(this, { drag: null, ghost: null, marked: null, panned: false });
+      if (drag === "changepoint") this.preview(null);
       if (event.type === "pointercancel") return;
       if (drag === "changepoint" && ghost !== null) {
         this.cursor = ghost;

@@ -1,5 +1,5 @@
 // Where things lie in the plot: time to the right, panels one below the other. Pixels are those of CSS.
-export const MARGIN = { left: 56, right: 12, top: 46, bottom: 24 };
+export const MARGIN = { left: 64, right: 12, top: 46, bottom: 24 };
 export const BAND = { top: 3, height: 17 }; // of the phases
 export const GAP = 14; // between panels
 export const HANDLE = { mouse: 9, pen: 12, touch: 22 }; // how near a pointer must come to a changepoint

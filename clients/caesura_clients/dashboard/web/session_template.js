@@ -11,16 +11,19 @@ const correcting = `
     <p class="selection" role="status">{{ selection }}</p>
     <template v-if="editable">
       <button v-if="cursor !== null" class="correct" title="What can be corrected at this time (R, or a right click)" @click="openMenu()">Correct …</button>
-      <button v-if="undoable" class="undo" title="Take the last correction back (Ctrl Z)" @click="undo">Undo</button>
-      <button v-if="redoable" class="redo" title="Make it once more (Ctrl Y)" @click="redo">Redo</button>
+      <button v-if="undoable" class="undo" title="Take the last correction back (Ctrl Z)" v-on="pointing({ do: 'undo' })" @click="undo">Undo</button>
+      <button v-if="redoable" class="redo" title="Make it once more (Ctrl Y)" v-on="pointing({ do: 'redo' })" @click="redo">Redo</button>
     </template>
-    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ message }}<span v-if="doubt" class="doubt"> {{ doubt }}</span></p>
+    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ inList ? "" : message }}<span v-if="doubt" class="doubt"> {{ doubt }}</span></p>
   </div>
   <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
 
 const floating = `
-  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :selected="selected" :segment="segmentAtCursor" :kinds="kinds" :author="author"
-    @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="(at) => goto(at)"></correct-menu>
+  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
+    @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="(at) => goto(at)"
+    @preview="(action) => preview(action, 'menu')"></correct-menu>
+  <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"
+    :more="effect ? '' : dragWords"></effect-words>
   <form v-if="asked" class="who" aria-label="Who corrects" @submit.prevent="name" @keydown.esc.stop="asked = null">
     <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
     <button class="save-name">{{ asked.do ? "Correct" : "Save" }}</button><button type="button" @click="asked = null">Cancel</button>
@@ -45,6 +48,10 @@ const time = `
       <button @click="all">All</button>
       <button class="follow" :aria-pressed="String(end === null)" @click="follow">{{ closed ? "End" : "Live" }}</button></span>
   </div>`;
+
+const corrections = `
+  <corrections v-if="!linked && session" :rows="corrections" :editable="editable" :busy="busy" :message="inList ? message : ''" :failed="failed"
+    :effect="effectAt === 'list' ? effect : null" @edit="edit" @preview="(action) => preview(action, 'list')"></corrections>`;
 
 const table = `
   <details class="table" @toggle="listed = $event.target.open"><summary>Segments as a table</summary>
@@ -78,6 +85,7 @@ export const template = `
     </div>
     ${time}
     ${legend}
+    ${corrections}
     <details v-if="!linked" class="help"><summary>Keys and pointer</summary>
     <p id="plot-help">In the plot: ← → move the time (⇧ by 1 s), Page ↑ ↓ go from changepoint to changepoint,
       Enter inserts, Delete removes, M moves the selected one to the time, R or a right click shows what can be corrected there,

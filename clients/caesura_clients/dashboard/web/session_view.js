@@ -1,6 +1,9 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
+import { effect } from "caesura-dashboard/effect.js";
+import EffectWords from "caesura-dashboard/effect_words.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
@@ -16,6 +19,7 @@ import { view } from "caesura-dashboard/view.js";
 
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
 const AUTHOR = "caesura-author", SHOWN = "caesura-signals";
+const ROUNDED = 5e-4; // [s] by which the times of rows are off
 const PLAY_S = 0.1, LISTED = 30;
 // What a hint says where a finger points, and where a mouse does.
 const POINTING = matchMedia("(pointer: coarse)").matches
@@ -26,7 +30,14 @@ const SURE = 2; // standard deviations of a load that is there
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
   tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  corrections: [],
 });
+// The row at a time: at a changepoint the later one, as a correction there means it.
+const rowAt = (rows, t) => {
+  if (t === null) return null;
+  const last = rows[rows.length - 1];
+  return rows.find(([t0, tn]) => t0 <= t + ROUNDED && t + ROUNDED < tn) || (last && last[0] <= t && t <= last[1] + ROUNDED ? last : null);
+};
 const chosen = () => {
   try {
     return JSON.parse(localStorage.getItem(SHOWN)) || SHOWN_AT_FIRST;
@@ -36,17 +47,17 @@ const chosen = () => {
 };
 
 export default {
-  mixins: [live, keyboard, view, pair, pointer],
-  components: { CorrectMenu },
+  mixins: [live, keyboard, view, pair, pointer, effect],
+  components: { CorrectMenu, Corrections, EffectWords },
   props: { station: String, editable: Boolean, replay: Boolean },
-  emits: ["edit", "run-lengths"],
+  emits: ["edit", "preview", "run-lengths"],
   template,
   data() {
     return {
       ...empty(),
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
       author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false,
-      menu: null, canTake: false, relabelled: null,
+      menu: null, canTake: false, relabelled: null, inList: false,
       kinds: KINDS, chosen: chosen(), trouble: "",
     };
   },
@@ -88,6 +99,11 @@ export default {
     panels() {
       return this.offered.filter((one) => this.chosen.includes(one.name));
     },
+    tipStyle() { // beside what is dragged, or at the right
+      if (this.ghost === null) return { right: "0.5rem" };
+      const x = this.scale().x(this.ghost), width = this.$refs.plots.clientWidth;
+      return x < width / 2 ? { left: `${x + 12}px` } : { right: `${width - x + 12}px` };
+    },
     markedStyle() {
       return this.marked && { left: `${this.marked[0]}px`, width: `${this.marked[1] - this.marked[0]}px` };
     },
@@ -95,7 +111,10 @@ export default {
       return this.end ?? this.newest;
     },
     segmentAtCursor() {
-      return this.cursor === null ? null : this.segments.find(([t0, tn]) => t0 <= this.cursor && this.cursor <= tn);
+      return rowAt(this.segments, this.cursor);
+    },
+    phaseAtCursor() {
+      return rowAt(this.phases, this.cursor);
     },
     selection() {
       const segment = this.segmentAtCursor;
@@ -103,7 +122,7 @@ export default {
         ? `${segment[2]} ${percent(segment[3])}${segment[6] ? `, else ${segment[6]}` : ""}, ` +
           `${segment[0].toFixed(2)} to ${segment[1].toFixed(2)} s`
         : "no segment";
-      const phase = this.cursor === null ? null : this.phases.find(([t0, tn]) => t0 <= this.cursor && this.cursor <= tn);
+      const phase = this.phaseAtCursor;
       const within = phase ? `, in phase ${phaseName(phase)} ${percent(phase[3])}` : "";
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
@@ -124,8 +143,8 @@ export default {
   methods: {
     percent,
     apply(payload) {
-      if (payload.reset) Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30, busy: false, columns: this.columns && [], origin: null, fitted: false });
-      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "columns", "tare", "frame"]) {
+      if (payload.reset) this.restart();
+      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "phases", "changepoints"]) {
@@ -139,6 +158,11 @@ export default {
       if (payload.reset || this.closed) this.redraw();
       else this.goOn();
       this.want();
+    },
+    restart() { // with another session, or after the connection was lost
+      this.forgetEffect();
+      Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
+        busy: false, columns: this.columns && [], origin: null, fitted: false });
     },
     fit() { // a session of the past is shown as a whole
       if (this.fitted || !this.replay || this.session === "" || !(this.t > 0)) return;
@@ -190,6 +214,7 @@ export default {
     },
     arrange() { // other panels, or another width
       this.plots.show(this.panels);
+      if (this.menu) Object.assign(this.menu, { x: this.scale().x(this.cursor), width: this.$refs.plots.clientWidth });
       this.moved();
     },
 
@@ -265,7 +290,9 @@ export default {
     edit(action) {
       if (!this.editable || this.session === "" || this.busy) return;
       if (!this.author.trim()) return this.askName(action);
-      Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null });
+      this.preview(null);
+      Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null,
+        inList: action.do === "take_back" });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
     },
     askName(action) { // of who corrects, at the first correction; then it is made
@@ -291,6 +318,7 @@ export default {
     },
     closeMenu() {
       this.menu = null;
+      this.preview(null);
       this.$refs.plots.focus({ preventScroll: true });
     },
     chosenInMenu(action) {

@@ -9,8 +9,8 @@ from caesura_lab.evaluation.thesis.demonstrations import SuiteDemonstration
 from caesura_lab.evaluation.thesis.measure import RowOutcome, condition_demonstration, measure
 from caesura_lab.evaluation.thesis.rows import ROWS, ThesisRow
 from caesura_lab.teacher.motion_profiles import Profile
+from caesura_service.changepoint.channel_model import ChannelModel
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
-from caesura_service.changepoint.models import ChannelModel
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.signals import ConditioningParameters
 

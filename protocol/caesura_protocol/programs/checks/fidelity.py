@@ -23,8 +23,8 @@ from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.timing import ProgramTiming
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance

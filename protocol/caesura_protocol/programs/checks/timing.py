@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from caesura_protocol.messages import LEAST_SPEED, MOST_SPEED
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding
-from caesura_protocol.programs.timing import ProgramTiming
+from caesura_protocol.programs.program_timing import ProgramTiming
 
 
 def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:

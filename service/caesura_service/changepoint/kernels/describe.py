@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from caesura_service.changepoint.channel_model import AXES, Channel, ChannelModel, Noise, Origin
 from caesura_service.changepoint.constant_models import (
     ConstantLevel,
     FreeSpaceForce,
@@ -22,8 +23,8 @@ from caesura_service.changepoint.constant_models import (
 )
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
-from caesura_service.changepoint.contact_rise import NoContactRise
-from caesura_service.changepoint.corner_start import CornerStart
+from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.hazard import Hazard
@@ -42,7 +43,6 @@ from caesura_service.changepoint.kernels.layout import (
     Ints,
     Model,
 )
-from caesura_service.changepoint.models import AXES, Channel, ChannelModel, Noise, Origin
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.random_walk import StudentRandomWalk
@@ -67,7 +67,7 @@ def _fits(model: ChannelModel) -> bool:
     match model:
         case GuidedMotion():
             return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
-        case CornerStart():
+        case CornerWeight():
             return model.memory <= PAST and model.chord <= model.reach
         case _:
             return len(_noise(model).shares) <= MOST_SHARES
@@ -319,7 +319,7 @@ def _guided(model: GuidedMotion) -> Record:
     }
 
 
-def _corner(model: CornerStart) -> Record:
+def _corner(model: CornerWeight) -> Record:
     return {
         "model": layout.CORNER,
         "signal": SIGNALS[model.channel],
@@ -376,7 +376,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     ConstantVelocity: _velocity,
     FrictionConeWeight: _friction,
     GuidedMotion: _guided,
-    CornerStart: _corner,
+    CornerWeight: _corner,
     TurnInPlace: _pivot,
     TurnRate: _pace,
     NoContactRise: _no_rise,
@@ -395,7 +395,7 @@ _WIDTHS: Mapping[type, int] = {
     ConstantVelocity: 12,
     FrictionConeWeight: 1,
     GuidedMotion: 3,
-    CornerStart: 10,
+    CornerWeight: 10,
     TurnInPlace: 15,
     TurnRate: 1,
     NoContactRise: 2,

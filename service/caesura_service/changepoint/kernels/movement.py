@@ -1,4 +1,4 @@
-"""`GuidedMotion` and `CornerStart`: sums over steps, and what the path before a start and after it are like.
+"""`GuidedMotion` and `CornerWeight`: sums over steps, and what the path before a start and after it are like.
 
 The steps are the same for every hypothesis. Only the youngest differ: their velocity before the start is 0,
 their noise has a burst, and their corner may still change.
@@ -140,7 +140,7 @@ def add_up(evidence, work, sums, lanes):
 
 @compiled
 def corner(here, c):
-    """`CornerStart`. Fields: value at the start 3, path before it 3, step at it, peaks 2, log weight."""
+    """`CornerWeight`. Fields: value at the start 3, path before it 3, step at it, peaks 2, log weight."""
     model, state = model_at(here), state_at(here)
     channel, living, past = model.channels[c], state.counters[0].living, state.past
     sums = state.sums[channel.field : channel.field + 10]
@@ -183,7 +183,7 @@ def step_squared_at(past, back, first):
 
 @compiled
 def corner_weight(sums, past, place, channel):
-    """`CornerStart._log_weight`."""
+    """`CornerWeight._log_weight`."""
     last, first = past.shape[0] - 1, column(channel)
     before2 = after2 = product = 0.0
     for a in range(AXES):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
-from caesura_protocol.runs import RunSplitter, SampleRun, in_metres
+from caesura_protocol.sample_runs import RunSplitter, SampleRun, in_metres
 from caesura_service.journal import BatchRow
 from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 LIMITS = Limits()
 
 
-class Assembly:
+class BatchDecoder:
     """Batches in the order of their numbers to runs of samples: a fold."""
 
     def __init__(self, opening: Open) -> None:

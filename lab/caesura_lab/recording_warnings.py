@@ -1,4 +1,4 @@
-"""Notes on a recording and its preset that segment table and report show: units, contact models, gripper."""
+"""Warnings about a recording that segment table and report show: values that look wrong, a still gripper."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from caesura_service.offline_segmentation import capabilities_of
 from caesura_service.signals.gripper import GripperParameters
 
 
-def recording_notes(recording: Recording, preset: str) -> tuple[str, ...]:
+def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
     """What a reader must know of the recording beside its results, a sentence or two each."""
     return (
         *(f"Warning: {doubt}" for doubt in recording.doubts),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.changepoint.models import AXES, Channel, ModelInput, Rows, append, signal
+from caesura_service.changepoint.channel_model import AXES, Channel, ModelInput, Rows, append, signal
 
 Array = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ LENGTH_FLOOR = 1e-9  # below which a displacement has no direction
 
 
 @dataclass(frozen=True)
-class CornerStart:
+class CornerWeight:
     """A weight on the start of a movement, above 1 where the path has a corner.
 
     The log weight is γ(v) S((turn − 45°)/15°) S((0.6 − r)/0.08), with S the logistic function. `turn` is the

@@ -8,7 +8,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, AppPath, Gap, Program, ViaPoint
-from caesura_service.ownership.replacement import apps_for
+from caesura_service.program.taught_again import apps_for
 from harness.programs import app, pick_and_place
 
 MOST_VIA_POINTS = 64

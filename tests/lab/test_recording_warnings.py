@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.recording_notes import recording_notes
+from caesura_lab.recording_warnings import recording_warnings
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import segment_recording
 
@@ -18,11 +18,11 @@ def gripper(recording, values):
 
 
 def test_a_gripper_that_never_moved_is_named():
-    assert recording_notes(PICK_AND_PLACE, "default") == ()
+    assert recording_warnings(PICK_AND_PLACE, "default") == ()
     still = gripper(PICK_AND_PLACE, np.full((PICK_AND_PLACE.t.size, 1), 0.08))
-    (note,) = recording_notes(still, "default")
+    (note,) = recording_warnings(still, "default")
     assert note.startswith("The gripper never moved: it is taken to hold nothing")
-    assert recording_notes(replace(still, wrench_source="flange_sensor_with_hand"), "default") == ()
+    assert recording_warnings(replace(still, wrench_source="flange_sensor_with_hand"), "default") == ()
 
 
 @pytest.mark.parametrize(
@@ -43,4 +43,4 @@ def test_what_is_on_is_what_wrench_and_preset_have(preset, on, found):
     assert f"not the guiding hand; {found}" in view.wrench.note
     assert view.notes[0] in view.wrench.note
     assert (view.wrench.contact_models, view.wrench.transport_models) == on
-    assert recording_notes(PICK_AND_PLACE, preset) == ()
+    assert recording_warnings(PICK_AND_PLACE, preset) == ()

@@ -18,13 +18,13 @@ from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.memory_network import in_memory
-from caesura_service.server.rates import RateSettings
+from caesura_service.server.rate_limits import RateLimits
 from caesura_service.token_bucket import Rate, RateLimit
 from harness.peer import MemoryPeer
 from harness.sessions import batches, heartbeat, opening
 
 FEW = Rate(0.001, 20.0)
-TIGHT = RateSettings(samples=FEW, commands=FEW)
+TIGHT = RateLimits(samples=FEW, commands=FEW)
 
 
 class Clock:
@@ -92,7 +92,7 @@ def test_new_names_do_not_fill_the_memory_nor_give_new_bursts():
 
 
 @contextmanager
-def serving(rates: RateSettings) -> Iterator[MemoryPeer]:
+def serving(rates: RateLimits) -> Iterator[MemoryPeer]:
     config = ServiceConfig(instance="test-1", preset="fake", rates=rates)
     network = MemoryNetwork()
     with (
@@ -138,7 +138,7 @@ def test_a_flood_on_keys_that_name_no_station_is_one_senders_and_breaks_nothing(
 def test_what_was_above_the_rate_is_asked_for_again():
     sent = batches(60)
     slow = Rate(5.0, 20.0)  # eight seconds pass until 60 messages are within it
-    with serving(RateSettings(samples=slow)) as peer, peer.replaying(sent):
+    with serving(RateLimits(samples=slow)) as peer, peer.replaying(sent):
         peer.command(opening("s1"))
         for message in sent:
             peer.send(message)
@@ -153,7 +153,7 @@ def test_what_was_above_the_rate_is_asked_for_again():
 
 
 def test_bytes_above_the_rate_are_dropped_and_counted():
-    with serving(RateSettings(bytes=Rate(0.001, 5000.0))) as peer:
+    with serving(RateLimits(bytes=Rate(0.001, 5000.0))) as peer:
         peer.command(opening("s1"))
         for size in (4000, 4000, 1001):
             peer.put(station_key("cell-1", "samples"), bytes(size), "zenoh/bytes")
@@ -170,7 +170,7 @@ def test_commands_above_the_rate_are_refused_to_the_station_that_sends_them(tigh
 
 
 def test_questions_above_the_rate_are_refused():
-    with serving(RateSettings(queries=FEW)) as peer:
+    with serving(RateLimits(queries=FEW)) as peer:
         for _ in range(20):
             peer.ask(station_key("*", "program"), Program)
         (refusal,) = peer.get(station_key("*", "program")).refusals
@@ -211,7 +211,7 @@ def test_so_many_stations_are_remembered_and_no_more():
 def test_what_a_station_has_used_and_what_was_refused_for_it_is_known_by_budget():
     clock = Clock()
     budgets = Budgets(
-        RateSettings(samples=Rate(10.0, 4.0), commands=Rate(1.0, 2.0), work=Rate(0.5, 2.0)), clock=clock
+        RateLimits(samples=Rate(10.0, 4.0), commands=Rate(1.0, 2.0), work=Rate(0.5, 2.0)), clock=clock
     )
     assert [budgets.reject_put("a", 100) is None for _ in range(6)] == [True] * 4 + [False] * 2
     assert [budgets.reject_command("b") is None for _ in range(3)] == [True, True, False]
@@ -231,7 +231,7 @@ def test_what_a_station_has_used_and_what_was_refused_for_it_is_known_by_budget(
 
 
 def test_a_list_of_busy_stations_has_a_bound_and_no_names_that_are_none():
-    budgets = Budgets(RateSettings(), clock=Clock())
+    budgets = Budgets(RateLimits(), clock=Clock())
     for number in range(100):
         budgets.reject_put(f"cell-{number}", 10 * number)
     budgets.reject_put("?", 1_000_000)

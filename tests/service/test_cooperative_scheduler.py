@@ -16,12 +16,12 @@ from greenlet import getcurrent
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Edit, Insert, Open, SampleBatch
+from caesura_service.cooperative_scheduler import Slices, give_way
 from caesura_service.journal import MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.time_slices import Slices, give_way
 from caesura_service.sessions.limits import Limits
 from harness.demonstrations import taught
 from harness.sessions import answer

@@ -24,7 +24,7 @@ WORK_RATE = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
 
 
 @dataclass(frozen=True)
-class RateSettings:
+class RateLimits:
     """The rates of each kind of message, and of work."""
 
     samples: Rate = SAMPLE_RATE

@@ -1,4 +1,4 @@
-"""Neither free space nor a load begins with a rise of the force: that is how a contact begins."""
+"""A weight against a segment in free space, or with a load, that begins with a rise of the force."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_service.changepoint.channel_model import AXES, ModelInput, Rows, append
 from caesura_service.changepoint.constant_models import weightless
-from caesura_service.changepoint.models import AXES, ModelInput, Rows, append
 
 Array = NDArray[np.float64]
 

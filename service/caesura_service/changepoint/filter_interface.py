@@ -1,4 +1,4 @@
-"""What is asked of a filter, however it computes."""
+"""The interface of a changepoint filter, compiled or in NumPy."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.changepoint.best_path_window import PathSegment, Starts
+from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.hazard import Hazard
-from caesura_service.changepoint.models import ModelInput
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
 

@@ -1,0 +1,148 @@
+"""Corrections in words, the same on the command line and in the dashboard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from caesura_protocol.app_kinds import app_name
+from caesura_protocol.messages import (
+    Action,
+    AppOutline,
+    Correction,
+    EditEffect,
+    LimitForce,
+    Move,
+    PhaseOutline,
+    Remove,
+    SegmentOutline,
+)
+from caesura_protocol.number_words import fixed
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+
+_WORDS: Mapping[str, str] = {
+    "insert": "inserted a changepoint at {t} s",
+    "remove": "removed the changepoint at {t} s",
+    "move": "moved the changepoint at {t} s to {to} s",
+    "relabel": "named the segment at {t} s {kind}",
+    "limit_force": "limited the force at {t} s to {newton} N",
+    "name_phase": "named the phase at {t} s '{name}'",
+    "undo": "took the last correction back",
+    "redo": "made the correction that was taken back last once more",
+    "take_back": "took correction {number} back",
+}
+LEAST_MM = 0.1  # by which a target moves, to be stated
+LISTED = 3  # segments or apps that a sentence names, before and after
+_UNLIMITED = "lifted the limit of the force at {t} s"
+
+
+def in_words(action: Action, clock: SessionClock = NO_OFFSET) -> str:
+    """What a correction does, to stand behind the name of its author. clock: of its session.
+
+    >>> in_words(Move(t=4.2, to=4.55))
+    'moved the changepoint at 4.20 s to 4.55 s'
+    """
+    values = action.model_dump()
+    times = {name: clock.shown(values[name]) for name in ("t", "to") if name in values}
+    lifts = isinstance(action, LimitForce) and action.newton is None
+    newton = "" if values.get("newton") is None else f"{values['newton']:g}"
+    return (_UNLIMITED if lifts else _WORDS[action.do]).format(**(values | times | {"newton": newton}))
+
+
+def described(correction: Correction, clock: SessionClock = NO_OFFSET) -> str:
+    """A correction with its author.
+
+    >>> described(Correction(number=1, author="Maria", at=0.0, action=Move(t=4.2, to=4.55)))
+    'Maria moved the changepoint at 4.20 s to 4.55 s'
+    """
+    return f"{correction.author} {in_words(correction.action, clock)}"
+
+
+def meant(action: Action, effect: EditEffect) -> Action:
+    """The correction with the time of the changepoint that it removed or moved, which may lie beside."""
+    if not isinstance(action, Remove | Move):
+        return action
+    t, left = action.t, {one.t0 for one in effect.segments_after}
+    gone = [one.t0 for one in effect.segments_before[1:] if one.t0 not in left]
+    return action.model_copy(update={"t": min(gone, key=lambda place: abs(place - t), default=t)})
+
+
+def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[str]:
+    """What an edit changes, a sentence each for segments, apps and phases. clock: of its session."""
+    segments = _becomes(
+        [_segment(one, clock) for one in effect.segments_before],
+        [_segment(one, clock) for one in effect.segments_after],
+    )
+    said = [*segments, *_apps(effect, clock), *_phases(effect, clock)]
+    if effect.more:
+        said.append(f"{effect.more} segments, apps and phases are not listed")
+    return [f"{words[0].upper()}{words[1:]}." for words in said] or ["Nothing changes."]
+
+
+def _phases(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
+    """Phases of other kinds or names: where only their times differ, segments have said so."""
+    before, after = effect.phases_before, effect.phases_after
+    if [(one.kind, one.name) for one in before] != [(one.kind, one.name) for one in after]:
+        yield from _becomes([_phase(one, clock) for one in before], [_phase(one, clock) for one in after])
+
+
+def _apps(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
+    """What becomes of apps: of the same ones their values, else which take the place of which."""
+    before, after, first = effect.apps_before, effect.apps_after, effect.first_app
+    if [one.kind for one in before] == [one.kind for one in after]:
+        pairs = enumerate(zip(before, after, strict=True), first)
+        changed = ((app_name(i, new.kind), ", ".join(_values(old, new, clock))) for i, (old, new) in pairs)
+        found = [f"{name}: {values}" for name, values in changed if values]
+        yield from found[:LISTED]
+        if len(found) > LISTED:
+            yield f"values of {len(found) - LISTED} more apps change"
+        return
+    yield from _becomes(
+        [app_name(i, one.kind) for i, one in enumerate(before, first)],
+        [app_name(i, one.kind) for i, one in enumerate(after, first)],
+    )
+
+
+def _becomes(before: Sequence[str], after: Sequence[str]) -> Iterator[str]:
+    if before and after:
+        yield f"{_listed(before)} {'becomes' if len(before) == 1 else 'become'} {_listed(after)}"
+    elif before:
+        yield f"{_listed(before)} {'is' if len(before) == 1 else 'are'} left out"
+    elif after:
+        yield f"{_listed(after)} {'is' if len(after) == 1 else 'are'} added"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """A few names, and how many more there are."""
+    few = [*names] if len(names) <= LISTED + 1 else [*names[:LISTED], f"{len(names) - LISTED} more"]
+    return " and ".join([", ".join(few[:-1]), few[-1]]) if len(few) > 1 else few[0]
+
+
+def _phase(one: PhaseOutline, clock: SessionClock) -> str:
+    name = one.kind if one.name is None else f"{one.name} ({one.kind})"
+    return f"phase {name} {_span(one, clock)}"
+
+
+def _segment(one: SegmentOutline, clock: SessionClock) -> str:
+    return f"{one.kind} {_span(one, clock)}"
+
+
+def _span(one: SegmentOutline | AppOutline | PhaseOutline, clock: SessionClock) -> str:
+    return f"{clock.shown(one.t0)} to {clock.shown(one.tn)} s"
+
+
+def _values(old: AppOutline, new: AppOutline, clock: SessionClock) -> Iterator[str]:
+    """Values of an app that differ as people read them."""
+    if _span(old, clock) != _span(new, clock):
+        yield f"{_span(old, clock)} becomes {_span(new, clock)}"
+    if old.target and new.target and (moved := 1000 * math.dist(old.target, new.target)) >= LEAST_MM:
+        yield f"target moves by {moved:.1f} mm"
+    pairs = (
+        ("force", "N", 1, math.hypot(*(old.force or ())), math.hypot(*(new.force or ()))),
+        ("load", "kg", 2, old.load_kg or 0.0, new.load_kg or 0.0),
+        ("gripper width", "mm", 0, 1000 * (old.gripper_width or 0.0), 1000 * (new.gripper_width or 0.0)),
+    )
+    for name, unit, decimals, *both in pairs:
+        was, is_now = (fixed(value, decimals) for value in both)
+        if was != is_now:
+            yield f"{name} {was} {unit} becomes {is_now} {unit}"

@@ -1,0 +1,45 @@
+// All corrections of a session, the newest first, with an undo at each.
+import { pointing } from "caesura-dashboard/effect.js";
+import EffectWords from "caesura-dashboard/effect_words.js";
+
+const OPEN_UP_TO = 8; // corrections, of a list that shows itself
+
+export default {
+  components: { EffectWords },
+  props: { rows: Array, editable: Boolean, busy: Boolean, message: String, failed: Boolean, effect: Object },
+  emits: ["edit", "preview"],
+  data: () => ({ chosen: null }),
+  template: `
+    <details class="corrections" :open="isOpen" @toggle="chosen = $event.target.open"><summary>Corrections: {{ rows.length }}</summary>
+      <p v-if="!rows.length" class="empty">Nothing has been corrected.</p>
+      <ol v-if="rows.length" tabindex="0" aria-label="Corrections, the newest first">
+        <li v-for="[number, words, at, isUndone] in newestFirst" :key="number" :class="{ undone: isUndone }">
+          <span class="number">{{ number }}</span><span class="words">{{ words }}</span>
+          <time :datetime="date(at).toISOString()" :title="date(at).toLocaleString()">{{ clock(at) }}</time>
+          <span v-if="isUndone" class="state">undone</span>
+          <button v-else-if="editable" class="take-back" :disabled="busy" :aria-label="'Undo correction ' + number + ': ' + words"
+            title="Take this correction back; the others stay" v-on="pointing(number)"
+            @click="$emit('edit', { do: 'take_back', number })">Undo</button>
+        </li>
+      </ol>
+      <p v-if="message" class="message" role="status" :class="{ failed }">{{ message }}</p>
+      <effect-words v-if="rows.length" :effect="effect"></effect-words>
+    </details>`,
+  computed: {
+    newestFirst() {
+      return [...this.rows].reverse();
+    },
+    isOpen() {
+      return this.chosen ?? (this.rows.length > 0 && this.rows.length <= OPEN_UP_TO);
+    },
+  },
+  methods: {
+    pointing(number) {
+      return pointing(() => this.$emit("preview", { do: "take_back", number }), () => this.$emit("preview", null));
+    },
+    date: (at) => new Date(1000 * at),
+    clock(at) {
+      return this.date(at).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
+    },
+  },
+};

@@ -30,7 +30,7 @@ check: $(TESTED)
 	$(BIN)/python scripts/write_program_schema.py --check
 	scripts/lint_deploy.sh $(BIN)
 
-bench: $(STAMP)
+bench: $(TESTED)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	$(BIN)/python tests/bench/step_cost.py --json dist/bench $(ARGS)
 	$(BIN)/python tests/bench/offline_cost.py --json dist/bench
@@ -47,13 +47,13 @@ bench: $(STAMP)
 	$(BIN)/python tests/bench/service_load.py --json dist/bench
 	$(BIN)/python tests/bench/service_load.py --instances 2
 
-faults: $(STAMP)
+faults: $(TESTED)
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)
 
-mutations: $(STAMP)
+mutations: $(TESTED)
 	PYTHONPATH=tests $(BIN)/python -m mutations $(ARGS)
 
-hour: $(STAMP)
+hour: $(TESTED)
 	$(BIN)/python tests/bench/hour.py $(ARGS)
 
 thesis: $(STAMP)
@@ -63,7 +63,7 @@ $(STAMP): pyproject.toml constraints.txt
 	PYTHON="$(PYTHON)" scripts/setup.sh $(VENV)
 	touch $@
 
-# What tests need beyond the demo: the packages of exports and viewers, 230 MB installed.
+# What tests need beyond the demo: tools, a driver of browsers, the packages of exports and viewers. 600 MB installed.
 $(TESTED): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
 	touch $@

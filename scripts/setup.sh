@@ -12,9 +12,9 @@ fi
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 # The distribution was named `caesura` once: both together would give every command twice.
 "$venv/bin/pip" uninstall --quiet --yes caesura 2>/dev/null
-echo "installing what Caesura needs into $venv: a few minutes, 1.6 GB"
+echo "installing what Caesura needs into $venv: a few minutes, 1.2 GB"
 quiet=--quiet
 if [ -t 1 ]; then quiet=; fi # a person sees what is going on
-"$venv/bin/pip" install $quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+"$venv/bin/pip" install $quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 echo "compiling the filter: half a minute, once"
 "$venv/bin/python" -m caesura_service.prepare

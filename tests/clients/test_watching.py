@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -13,6 +14,7 @@ from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.following import ServiceAvailability, SessionRemoved
 from caesura_clients.results import SessionReader
+from caesura_protocol.messages import Hint
 from caesura_protocol.session_clock import SessionClock
 from clients.answering import Answering
 from clients.examples import snapshot
@@ -125,6 +127,34 @@ def test_a_short_terminal_shows_the_newest_rows_and_how_many_are_hidden(view, he
     assert (
         height - len(lines) < 3 * stations
     )  # a row more may take two lines, and one of each station's title
+
+
+@pytest.mark.parametrize("stations", [3, 6, 17, 40])
+def test_a_terminal_too_short_for_all_stations_shows_a_line_for_each(view, stations):
+    """Of six stations two were shown in 24 lines, and that the service is gone was cut off."""
+    for number in range(stations):
+        view.receive(update(*["motion"] * 9, "hold", station=f"cell-{number:02}", t=12.3))
+    view.receive(ServiceAvailability("gone"))
+    lines = drawn(view, height=24, width=80)
+    assert len(lines) <= 24
+    assert lines[-1] == "service gone, waiting"
+    shown = [row for line in lines if (row := line.split())[:1] and row[0].startswith("cell-")]
+    assert len(shown) == min(stations, 18)
+    assert all(len(row) >= 6 and row[2:5] == ["open", "12.3", "10"] for row in shown)
+    assert any("more: --station shows one" in line for line in lines) == (stations > 18)
+    assert not any("…" in line for line in lines)
+
+
+def test_hints_stand_below_the_lines_of_stations(view):
+    hint = Hint(
+        kind="too_fast", since=1.0, text="Too fast.", advice="Move more slowly, and pause at corners."
+    )
+    for number in range(6):
+        taught = update(*["motion"] * 9, station=f"cell-{number}")
+        view.receive(replace(taught, hints=(hint,)) if number == 4 else taught)
+    lines = drawn(view, height=24, width=80)
+    assert lines[-1] == "! cell-4: Move more slowly, and pause at corners."
+    assert sum("cell-" in line for line in lines) == 7
 
 
 def test_a_terminal_that_is_tall_enough_hides_nothing(view):

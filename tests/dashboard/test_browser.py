@@ -143,6 +143,20 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
     visitor.picture("scrubbed")
 
 
+def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stage: Stage, visitor: Visitor):
+    for path in ("/sessions/cell-2/done-1", "/sessions"):
+        link = goto(stage, visitor, path).locator("a.dataset")
+        expect(link).to_contain_text("LeRobot dataset")
+        answer = visitor.page.request.get(f"{stage.dashboard.url}{link.get_attribute('href')}")
+        assert (answer.status, answer.body()[:2]) == (200, b"PK"), answer.text()
+        assert 'filename="cell-2-done-1-lerobot.zip"' in answer.headers["content-disposition"]
+    refused = visitor.page.request.get(f"{stage.dashboard.url}/datasets?session=cell-2/none")
+    assert (refused.status, refused.text()) == (
+        409,
+        "no dataset was written: no session cell-2/none is known",
+    )
+
+
 def test_what_was_chosen_of_light_and_dark_is_kept(stage: Stage, visitor: Visitor):
     page = goto(stage, visitor, "/system")
     page.get_by_role("button", name="Light or dark").click()

@@ -184,6 +184,22 @@ def test_wheel_drag_buttons_and_keys_move_what_is_in_sight(visitor: Visitor):
     eventually(lambda: view(page)[1] - view(page)[0] > 0.99 * HOUR_S)
 
 
+def test_places_are_read_in_the_unit_of_the_program(visitor: Visitor, hour):
+    """The program has mm; the plots had m."""
+    page = visitor.page
+    panel = page.locator("[data-signal=position]")
+    expect(panel.locator("strong")).to_have_text("position from the start [mm]")
+    box = panel.locator(".u-over").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] * 1830 / HOUR_S, box["y"] + 60)
+    value = panel.locator("output").first
+    expect(value).to_have_text(re.compile(r"^-?\d+\.\d$"))
+    x = hour[:, COLUMNS.index("px")]
+    origin = page.evaluate("() => document.querySelector('.plots').plots.state.origin[0]")
+    near = 1000.0 * (x[np.abs(hour[:, 0] - 1830.0) < 12.0] - origin)
+    assert np.abs(near - float(value.inner_text())).min() < 0.06
+
+
 def test_signals_are_switched_and_values_read(visitor: Visitor, hour):
     page = visitor.page
     expect(page.locator(".panel[data-signal]")).to_have_count(3)

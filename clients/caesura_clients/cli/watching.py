@@ -2,7 +2,8 @@
 
 Which one that is the service is asked when a session is met for the first time; a session that goes on beside
 it, of a bridge that was left behind, does not take turns with it. A terminal that is too short shows the
-newest rows: the beginning of a demonstration does not change any more.
+newest rows: the beginning of a demonstration does not change any more. One that is too short for all stations
+shows a line for each.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.text import Text
 
 from caesura_clients.cli.result_tables import clock_lines, segment_line, segments_view
+from caesura_clients.cli.station_lines import station_lines
 from caesura_clients.following import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change
@@ -97,6 +99,9 @@ class LiveView:
             drawn = console.render_lines(Group(*self._views(updates, rows)), options, pad=False)
             return len(drawn) > console.height
 
+        if len(updates) > 1 and overflows(LEAST_ROWS):
+            said = [Text(self._service)] if self._service else []
+            return [station_lines(updates, console.height - len(said)), *said]
         fitting = bisect_left(range(LEAST_ROWS, most + 1), True, key=overflows)
         return self._views(updates, max(LEAST_ROWS, fitting))
 

@@ -90,6 +90,7 @@ def editing_of(program: Program) -> dict[str, Any]:
             [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
             for name in _formats_of(program.robot)
         ],
+        "dataset": f"/datasets?session={program.station}/{program.session}" if program.complete else "",
         "grippers": _grippers_of(program),
     }
 

@@ -17,6 +17,7 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.compression import FileCompression
+from caesura_clients.dashboard.datasets import MOST_SESSIONS, zipped_dataset
 from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.pages import lists, missing, overview, recordings
 from caesura_clients.dashboard.pages.compare import ComparePage
@@ -29,6 +30,7 @@ from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS
 from caesura_protocol.programs.gripping import with_gripper
 
+DATASETS = "/datasets"
 PROGRAMS = "/programs"
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
@@ -176,6 +178,12 @@ def declare_files(site: Site) -> None:
         named = _checked(station), _checked(session)
         return await asyncio.to_thread(_exported, site, *named, name, gripper)
 
+    @app.get(DATASETS)
+    async def _dataset(request: Request) -> Response:
+        named = [_named(one) for one in request.query_params.getlist("session")]
+        await _read(site, *named)
+        return await asyncio.to_thread(_zip_file, site, named)
+
     @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
     async def _upload(upload: str, name: str, request: Request) -> Response:
         return await recordings.received(site, upload, name, request)
@@ -184,7 +192,7 @@ def declare_files(site: Site) -> None:
 async def _not_found(request: Request, error: Exception) -> Response:
     """A page with the menu; for what pages read beside their own content, the reason alone."""
     assert isinstance(error, StarletteHTTPException)
-    if request.url.path.startswith((ASSETS, SAMPLES, PROGRAMS, recordings.UPLOADS)):
+    if request.url.path.startswith((ASSETS, DATASETS, SAMPLES, PROGRAMS, recordings.UPLOADS)):
         return await http_exception_handler(request, error)
     with Client(ui.page(""), request=request) as client:
         missing.build(request.url.path, error.detail)
@@ -216,6 +224,22 @@ def _exported(site: Site, station: str, session: str, name: str, gripper: str | 
         return PlainTextResponse(f"{station}/{session} cannot be written: {error}", status_code=409)
     file = f'attachment; filename="{station}-{session}{WRITERS[name].suffix}"'
     return Response(content, media_type="text/plain; charset=utf-8", headers={"content-disposition": file})
+
+
+def _zip_file(site: Site, named: list[tuple[str, str]]) -> Response:
+    """Sessions as a LeRobot dataset; a refusal as text that says why."""
+    if not 1 <= len(named) <= MOST_SESSIONS:
+        why = (
+            f"{len(named)} sessions for a dataset, expected 1 to {MOST_SESSIONS}: filter the list of sessions"
+        )
+        return PlainTextResponse(why, status_code=409)
+    try:
+        content = zipped_dataset(site.gateway, named)
+    except (CaesuraError, ProtocolError) as error:
+        return PlainTextResponse(f"no dataset was written: {error}", status_code=409)
+    name = "-".join(named[0]) if len(named) == 1 else f"{len(named)}-sessions"
+    headers = {"content-disposition": f'attachment; filename="{name}-lerobot.zip"'}
+    return Response(content, media_type="application/zip", headers=headers)
 
 
 async def _read(site: Site, *named: tuple[str, str]) -> None:

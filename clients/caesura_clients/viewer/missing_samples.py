@@ -13,17 +13,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from caesura_clients import query
+from caesura_clients.full_samples import read_range, width_of
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.extremes import unpack_points
 from caesura_protocol.formats.raw_recording import Array
-from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
-from caesura_protocol.messages import RecordedSamples
+from caesura_protocol.keys import SampleRange
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
 
 PATIENCE_S = 2.0  # for the service to receive and record what was lost
 ASK_EVERY_S = 0.1
 REST_S = 10.0  # after a hole that was not read: a service that is gone must not delay all later samples
-MOST_RANGES = 64  # that a hole is read in: 2 min at 1 kHz; a longer one stays
+MOST_QUERIES = 64  # for a hole: 2 min at 1 kHz; a longer one stays
 
 
 @dataclass(frozen=True)
@@ -70,41 +69,26 @@ class MissingSamples:
                 return None
             ends = self._ends(span)
         begin, end = ends
-        width = MAX_BINS * max(span.step_s / 2, MIN_BIN_S)  # at most one sample a bin: none is left out
-        starts = np.arange(begin, end, width)
-        if len(starts) > MOST_RANGES:
+        if (end - begin) / width_of(span.step_s) > MOST_QUERIES:
             return None
-        parts = [np.zeros((0, len(span.columns)))]
-        for t0 in starts.tolist():
-            recorded = self._ask(span, t0, t0 + width)
-            if any(hole.reason != "source" for hole in recorded.holes):
-                return None
-            parts.append(_rows(recorded, span))
-        rows = np.concatenate(parts)
-        _, first = np.unique(rows[:, 0], return_index=True)  # bins at both ends of a range are whole
-        rows = rows[first]
-        return rows[(rows[:, 0] > begin) & (rows[:, 0] < end)]
+        found = read_range(
+            self.transport, (self.station, span.session), span.columns, (begin, end), span.step_s
+        )
+        is_whole = all(hole.reason == "source" for hole in found.holes)
+        return found.rows if is_whole else None
 
     def _ends(self, span: MissingSpan) -> tuple[float, float] | None:
         """Return the times [s] between which the hole lies; None while the journal has not come so far."""
         near = span.after_s or span.before_s or 0.0
-        known = self._ask(span, near, near + span.step_s, bins=1)
+        known = query.samples(
+            self.transport,
+            self.station,
+            span.session,
+            SampleRange(near, near + span.step_s, 1),
+            timeout_s=QUERY_TIMEOUT_S,
+        )
         if known.first is None or known.last is None or known.last < (span.before_s or known.last):
             return None
         begin = np.nextafter(known.first, -np.inf) if span.after_s is None else span.after_s
         end = np.nextafter(known.last, np.inf) if span.before_s is None else span.before_s
         return float(begin), float(end)
-
-    def _ask(self, span: MissingSpan, t0: float, tn: float, bins: int = MAX_BINS) -> RecordedSamples:
-        wanted = SampleRange(t0, tn, bins, span.columns[1:])
-        return query.samples(self.transport, self.station, span.session, wanted, timeout_s=QUERY_TIMEOUT_S)
-
-
-def _rows(recorded: RecordedSamples, span: MissingSpan) -> Array:
-    """The samples (n, columns) of an answer. Raises ProtocolError where a column has not all of them."""
-    points = unpack_points(recorded)
-    found = [points[name] for name in span.columns[1:] if name in points]
-    alike = all(np.array_equal(one[:, 0], found[0][:, 0]) for one in found)
-    if len(found) < len(span.columns) - 1 or not alike:
-        raise ProtocolError("malformed", "samples: the columns have different times")
-    return np.column_stack([found[0][:, 0], *(one[:, 1] for one in found)])

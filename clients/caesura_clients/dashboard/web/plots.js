@@ -6,6 +6,7 @@ import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
 export const LEFT = 64, RIGHT = 12; // beside the plots
 const HEIGHT = 160, AXIS = 24;
+const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3]];
 const EMPTY = [[], []];
 
@@ -61,7 +62,7 @@ export class Plots {
       scales: { x: { time: false, range: () => this.state.view() }, y: { range: (u, low, high) => this.range(panel, low, high) } },
       axes: [
         { ...axis, show: isLast, size: AXIS, gap: 2, values: (u, ticks) => ticks.map((t, i) => `${+t.toFixed(6)}${i ? "" : " s"}`) },
-        { ...axis, size: LEFT, gap: 4, space: 28 },
+        { ...axis, size: LEFT, gap: 4, space: 28, values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`) },
       ],
       series: [{}, ...panel.columns.map((_, i) => ({
         stroke: line(i), width: 1.4, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
@@ -137,7 +138,7 @@ export class Plots {
       } else if (t !== null) {
         const reach = Math.max(2 * (data ? data.bin_s : 0), (to - from) / 400);
         const found = data && nearest(data.points[column], t, data.holes, reach);
-        words = found ? (found[1] - (off[i] || 0)).toFixed(panel.digits) : "missing";
+        words = found ? written(panel, found[1] - (off[i] || 0)).toFixed(panel.digits) : "missing";
       }
       values[i].textContent = words;
     });

@@ -28,7 +28,8 @@ export default {
         </template>
         <label v-if="program.grippers.length">Gripper <select class="gripper" v-model="gripper"><option value="">not stated</option>
           <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>
-        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a></span>
+        <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a>
+          <a v-if="program.dataset" class="dataset" :href="program.dataset">LeRobot dataset</a></span>
         <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
       </div>
       <details v-if="program && program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>

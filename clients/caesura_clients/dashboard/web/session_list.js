@@ -6,6 +6,7 @@ const COLUMNS = [
   ["length", "length"], ["segments", "segments"], ["apps", "apps"], ["gaps", "gaps"],
   ["version", "program"], ["edited", "corrected"], ["session", "session"], ["instance", "instance"],
 ];
+const MOST = 50; // sessions of a dataset
 const RESULTS = { true: "yes", false: "no", null: "–" };
 const order = (a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b)));
 
@@ -14,7 +15,7 @@ export default {
   emits: ["older"],
   data: () => ({
     asking: false, message: "", failed: false,
-    warning: "", sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS,
+    warning: "", sessions: null, words: "", chosen: [], station: "", success: "", deleted: false, by: "opened", falling: true, columns: COLUMNS, most: MOST,
   }),
   template: `
     <div>
@@ -29,7 +30,8 @@ export default {
       </div>
       <p class="summary" role="status">{{ summary }}</p>
       <p class="compare"><a v-if="chosen.length === 2" class="button" :href="'/compare?first=' + chosen[0] + '&second=' + chosen[1]">Compare these two</a>
-        <span v-else class="help">Choose two sessions to compare them.</span></p>
+        <span v-else class="help">Choose two sessions to compare them.</span>
+        <a v-if="closed.length && closed.length <= most" class="dataset" :href="dataset">LeRobot dataset of {{ closed.length === 1 ? "this session" : "these " + closed.length }}</a></p>
       <div v-if="found.length" class="scroll" tabindex="0" role="region" aria-label="All sessions">
         <table class="sessions"><thead><tr><th scope="col">compare</th><th v-for="[key, title] in columns" :key="key" scope="col" :aria-sort="sorted(key)">
           <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th></tr></thead>
@@ -58,6 +60,12 @@ export default {
       });
       const sign = this.falling ? -1 : 1;
       return rows.sort((a, b) => sign * order(a[this.by] ?? "", b[this.by] ?? ""));
+    },
+    closed() {
+      return this.found.filter((one) => one.closed);
+    },
+    dataset() {
+      return "/datasets?" + this.closed.map((one) => "session=" + this.nameOf(one)).join("&");
     },
     summary() {
       const all = (this.sessions || []).filter((one) => this.deleted || !one.deleted).length;

@@ -241,7 +241,7 @@ export default {
         const frame = this.frame === "flange" ? " at the flange" : "";
         return { ...panel, title: `${panel.title} ${this.tare ? "without its bias" : "as measured"}${frame}` };
       }
-      return panel.name === "speed" && !this.available.includes("px") ? { ...panel, title: "speed of the joints", unit: "rad/s" } : panel;
+      return panel.name === "speed" && !this.available.includes("px") ? { ...panel, title: "speed of the joints", unit: "rad/s", factor: 1, digits: 3 } : panel;
     },
     off(panel) { // what is taken off what was measured, as the title of the panel says
       return (panel.fromStart ? this.origin : panel.tared ? this.tare : null) || [];

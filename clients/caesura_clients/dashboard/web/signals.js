@@ -1,7 +1,7 @@
 // Which signals there are, and their points: fetched for a range of time at the width of the plots, and never made up.
 export const PANELS = [
-  { name: "position", title: "position from the start", unit: "m", columns: ["px", "py", "pz"], least: 0.02, fromStart: true, digits: 4 },
-  { name: "speed", title: "speed", unit: "m/s", columns: ["speed"], least: 0.05, zero: true, digits: 3 },
+  { name: "position", title: "position from the start", unit: "mm", factor: 1000, columns: ["px", "py", "pz"], least: 0.02, fromStart: true, digits: 1 },
+  { name: "speed", title: "speed", unit: "mm/s", factor: 1000, columns: ["speed"], least: 0.05, zero: true, digits: 0 },
   { name: "force", title: "force", unit: "N", columns: ["fx", "fy", "fz"], least: 2, tared: true, digits: 2 },
   { name: "torque", title: "torque as measured", unit: "Nm", columns: ["mx", "my", "mz"], least: 0.2, digits: 3 },
   { name: "orientation", title: "orientation", unit: "quaternion", columns: ["qx", "qy", "qz", "qw"], least: 0.1, digits: 4 },

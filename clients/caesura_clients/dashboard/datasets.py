@@ -1,0 +1,59 @@
+"""Sessions as a LeRobot dataset in a zip file. Samples come from the journal of the service."""
+
+from __future__ import annotations
+
+import io
+import threading
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from caesura_clients.dashboard.network_follower import NetworkFollower
+from caesura_clients.full_samples import read_recording
+from caesura_protocol.distribution import import_extra
+from caesura_protocol.errors import NotFound
+from caesura_protocol.formats.episodes import EpisodeSource, episodes_of
+
+FOLDER = "dataset"  # in the zip file
+MOST_SESSIONS = 50
+_ONE_AT_A_TIME = threading.Lock()  # each holds its samples in memory
+
+
+def zipped_dataset(gateway: NetworkFollower, named: Sequence[tuple[str, str]]) -> bytes:
+    """Return a dataset with an episode for each session.
+
+    named: station and session. Raises CaesuraError, which names the session that makes no episode, or
+    ProtocolError.
+    """
+    with import_extra("lerobot", "a LeRobot dataset"):
+        from caesura_protocol.formats.lerobot_write import write_lerobot  # noqa: PLC0415 - needs pyarrow
+    with _ONE_AT_A_TIME, TemporaryDirectory() as folder:
+        path = Path(folder) / FOLDER
+        write_lerobot(path, episodes_of([_source(gateway, *one) for one in named]))
+        return _zipped(path)
+
+
+def _source(gateway: NetworkFollower, station: str, session: str) -> EpisodeSource:
+    update = gateway.world.update(station, session)
+    if update is None:
+        raise NotFound(f"no session {station}/{session} is known")
+    return EpisodeSource(
+        station=station,
+        session=session,
+        task=update.status.description.task or session,
+        recording=read_recording(gateway.transport, update),
+        segments=tuple(update.segments),
+        phases=tuple(update.phases),
+        gaps=tuple(update.status.gaps),
+        began_s=update.status.opened or 0.0,
+        success=update.status.description.success,
+    )
+
+
+def _zipped(path: Path) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:  # parquet is compressed already
+        for file in sorted(path.rglob("*")):
+            archive.write(file, file.relative_to(path.parent))
+    return content.getvalue()

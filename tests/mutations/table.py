@@ -229,7 +229,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "an arc about a far centre is a turn in place",
-        f"{SEGMENTATION}/turning.py",
+        f"{SEGMENTATION}/turn_in_place_check.py",
         " or path > TOOL_M * angle",
         "",
         (
@@ -238,7 +238,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "a centre that goes along the axis is in place",
-        f"{SEGMENTATION}/turning.py",
+        f"{SEGMENTATION}/turn_in_place_check.py",
         "    return float((sway**2).sum()) <= share *",
         "    return 0.0 * float((sway**2).sum()) <= share *",
         (

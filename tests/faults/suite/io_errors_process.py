@@ -205,7 +205,9 @@ def shown(registry: Registry, station: str) -> object:
     snapshot = snapshot_of(unowned(session.state))
     status = snapshot.status
     counted = (status.state, status.samples, status.repeats, status.gaps, status.revision, status.batches)
-    program = snapshot.program.model_copy(update={"edited": None, "version": 0})
+    corrections = tuple(one.model_copy(update={"at": 0.0}) for one in snapshot.program.corrections)
+    changed = {"edited": None, "version": 0, "corrections": corrections}
+    program = snapshot.program.model_copy(update=changed)
     return snapshot.segments.segments, snapshot.changepoints.changepoints, program, counted
 
 

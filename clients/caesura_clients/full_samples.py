@@ -16,7 +16,7 @@ from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples
 from caesura_protocol.recording import Recording
-from caesura_protocol.runs import SPEED
+from caesura_protocol.sample_runs import SPEED
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
 
 MOST_VALUES = 20_000_000  # of a recording: half an hour at 1 kHz with ten columns

@@ -270,7 +270,7 @@ def _row(name: str, results: Sequence[RoundTripResult]) -> tuple[str, ...]:
     same = sum(result.taught == result.executed for result in results)
     return (
         name,
-        f"{holds} of {len(results)}",
+        f"{holds}/{len(results)}",
         str(same),
         *_spread([1000 * error for result in results for error in result.target_m]),
         *_spread([100 * abs(error) for result in results for error in result.force]),

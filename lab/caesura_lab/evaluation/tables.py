@@ -206,7 +206,7 @@ def rich_grid(grid: Grid) -> list[RenderableType]:
     """A grid for a terminal: its title, and the table."""
     table = Table(padding=(0, 1, 0, 0), box=None)
     for i, heading in enumerate(grid.headings):
-        table.add_column(Text(heading), justify="right" if i else "left")
+        table.add_column(Text(heading), justify="right" if i else "left", no_wrap=not i)
     for row in grid.rows:
         table.add_row(*map(Text, row))  # as text: brackets are no markup here
     return [Text(f"\n{grid.title}", style="italic"), table]

@@ -77,7 +77,7 @@ def test_the_table_counts_what_holds_and_says_why_the_others_do_not() -> None:
     console = Console(width=90, record=True, file=StringIO())
     console.print(program_round_trip.as_text(summarise([bad, good]), "title"))
     text = console.export_text()
-    assert "1 of 2" in text
+    assert "1/2" in text
     assert "app 1 is b, taught was a" in text
 
 

@@ -5,12 +5,12 @@ from contextlib import nullcontext
 import pytest
 
 from caesura_clients.client import Caesura
-from caesura_clients.query import QUERY_ATTEMPTS, current_sessions, samples
+from caesura_clients.query import QUERY_ATTEMPTS, SAMPLES_TIMEOUT_S, current_sessions, samples
 from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
 from caesura_protocol.messages import Program, RecordedSamples, ServiceStatus
-from caesura_protocol.transport.network import QueryReplies
+from caesura_protocol.transport.network import QUERY_TIMEOUT_S, QueryReplies, unanswered
 from clients.answering import Answering
 from clients.examples import example, snapshot
 
@@ -89,6 +89,25 @@ def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, ne
         assert caesura.stations() == ["cell-8"]
     with pytest.raises(NotFound, match="no session nothing"):
         caesura.snapshot("cell-7", "nothing")
+
+
+def test_a_lost_answer_with_samples_is_not_waited_for_as_long_as_a_slow_one(caesura, service, monkeypatch):
+    """A zoom once took 20 s under load, the time of a query that reads a whole session."""
+    known, found = snapshot(0), example(RecordedSamples)
+    key = session_key(known.status.station, known.status.session, "samples")
+    service.answers[key] = encode(found)
+    waited, query = [], caesura.transport.query
+
+    def losing(asked, *arguments, timeout_s, **options):
+        waited.append(timeout_s)
+        if len(waited) == 1:
+            return QueryReplies((), (unanswered(),))
+        return query(asked, *arguments, timeout_s=timeout_s, **options)
+
+    monkeypatch.setattr(caesura.transport, "query", losing)
+    wanted = SampleRange(0.0, 1.0, 5)
+    assert samples(caesura.transport, known.status.station, known.status.session, wanted) == found
+    assert waited == [QUERY_TIMEOUT_S, SAMPLES_TIMEOUT_S]
 
 
 @pytest.mark.parametrize("lost", [1, QUERY_ATTEMPTS])

@@ -34,6 +34,13 @@ def test_a_station_has_its_owner(update):
     assert (row["station"], row["owner"], row["epoch"], row["bridge"]) == ("cell-3", "west", "4", "gone")
 
 
+@pytest.mark.parametrize(("state", "words"), [("open", "gone"), ("closed", "not connected")])
+def test_a_bridge_that_left_after_a_normal_end_is_not_missing(update, state, words):
+    one = update("motion", station="cell-3", state=state)
+    (row,) = system(DashboardState(updates={("cell-3", one.session): one})).stations
+    assert row["bridge"] == words
+
+
 def test_what_is_wrong_is_said():
     trouble = example(JournalReport).model_copy(update={"trouble": "disk full"})
     world = DashboardState(

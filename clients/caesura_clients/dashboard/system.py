@@ -10,6 +10,7 @@ from caesura_protocol.messages import JournalReport, ServiceStatus
 
 if TYPE_CHECKING:
     from caesura_clients.dashboard.station_summary import DashboardState
+    from caesura_clients.results import Update
 
 Table = list[dict[str, Any]]
 
@@ -74,7 +75,7 @@ def _stations(world: DashboardState) -> Table:
                 "station": station,
                 "owner": status.instance if status else "–",
                 "epoch": str(status.epoch) if status else "–",
-                "bridge": "connected" if station in world.bridges else "gone",
+                "bridge": _bridge(world, station, update),
                 "session": f"{status.session} ({status.state})" if status else "–",
                 "samples": str(status.samples) if status else "0",
                 "gaps": str(len(status.gaps) + status.gaps_before) if status else "0",
@@ -84,6 +85,13 @@ def _stations(world: DashboardState) -> Table:
             }
         )
     return rows
+
+
+def _bridge(world: DashboardState, station: str, update: Update | None) -> str:
+    """Whether the bridge is there; one that left after a normal end is not missing."""
+    if station in world.bridges:
+        return "connected"
+    return "not connected" if update is None or update.closed else "gone"
 
 
 def _warnings(world: DashboardState, silent: frozenset[str]) -> list[str]:

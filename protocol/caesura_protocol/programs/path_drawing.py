@@ -19,6 +19,7 @@ from caesura_protocol.rotations import matrices_of
 Array = NDArray[np.float64]
 
 SIZE, MARGIN, GAP = 100.0, 12.0, 16.0  # [px] of a view; inside of it; between the two
+LINE, WORDS = 16.0, 38.0  # [px] of a line of text below a view; of both lines
 DRAWN = 12  # places of a leg
 LEAST_SPAN_MM = 20.0  # what is smaller is not blown up
 STROKE = 11.0  # [px] of such a stroke, in its plane
@@ -51,7 +52,7 @@ def path_svg(app: App) -> str:
     label = f"path of {path_in_words(app)}, from above and from the side"
     bar = next((mm for mm in BARS_MM if mm * scale <= BAR_SHARE * SIZE), BARS_MM[-1])
     return (
-        f'<svg class="way" role="img" aria-label="{label}" viewBox="0 0 {2 * SIZE + GAP:g} {SIZE + 26.0:g}">'
+        f'<svg class="way" role="img" aria-label="{label}" viewBox="0 0 {2 * SIZE + GAP:g} {SIZE + WORDS:g}">'
         f"{''.join(parts)}{_bar(bar, scale)}</svg>"
     )
 
@@ -81,7 +82,7 @@ def _drawn(view: _View, way: Array, poses: Array, scale: float, middle: Array, *
     return (
         f'<rect class="frame" x="{view.left:g}" y="0" width="{SIZE:g}" height="{SIZE:g}" rx="3" fill="none"/>'
         f'{"".join(strokes)}<polyline points="{line}" fill="none" stroke="currentColor"/>{"".join(marks)}'
-        f'<text x="{view.left:g}" y="{SIZE + 11.0:g}">{view.name}</text>'
+        f'<text x="{view.left:g}" y="{SIZE + LINE:g}">{view.name}</text>'
     )
 
 
@@ -93,9 +94,9 @@ def _tool(poses: Array, axes: list[int]) -> list[tuple[float, float]]:
 
 def _bar(millimetres: float, scale: float) -> str:
     """A scale bar under the drawing."""
-    end, y = 2.0 * SIZE + GAP, SIZE + 20.0
+    end, y = 2.0 * SIZE + GAP, SIZE + 2.0 * LINE - 1.0
     begin = end - millimetres * scale
     return (
         f'<path class="scale" d="M{begin:.1f} {y - 2:g}v4M{begin:.1f} {y:g}H{end:g}M{end:g} {y - 2:g}v4"/>'
-        f'<text x="{begin - 4:.1f}" y="{y + 3:g}" text-anchor="end">{millimetres:g} mm</text>'
+        f'<text x="{begin - 4:.1f}" y="{y + 5:g}" text-anchor="end">{millimetres:g} mm</text>'
     )

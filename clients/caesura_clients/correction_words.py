@@ -58,6 +58,17 @@ def described(correction: Correction, clock: SessionClock = NO_OFFSET) -> str:
     return f"{correction.author} {in_words(correction.action, clock)}"
 
 
+def no_corrections(revision: int) -> str:
+    """Why a session lists none: a later revision than 0 states that it has been corrected.
+
+    >>> no_corrections(0)
+    'no corrections'
+    """
+    if not revision:
+        return "no corrections"
+    return f"revision {revision}: its corrections, made under an older version of the service, are not listed"
+
+
 def meant(action: Action, effect: EditEffect) -> Action:
     """The correction with the time of the changepoint that it removed or moved, which may lie beside."""
     if not isinstance(action, Remove | Move):

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from caesura_clients.cli.edit import _print_corrections
 from caesura_clients.correction_words import described, effect_words, in_words, meant
 from caesura_protocol.messages import (
     Action,
@@ -25,6 +26,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.session_clock import SessionClock
+from clients.examples import snapshot
 
 
 @pytest.mark.parametrize(
@@ -128,3 +130,15 @@ def test_a_changepoint_is_named_where_it_was():
     assert meant(Move(t=1.8, to=1.5), found) == Move(t=2.0, to=1.5)
     assert meant(Insert(t=1.3), found) == Insert(t=1.3)
     assert meant(Remove(t=1.3), effect()) == Remove(t=1.3)
+
+
+def test_a_session_whose_corrections_are_not_listed_is_not_called_uncorrected(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    """As one that an older version of the service closed."""
+    monkeypatch.setenv("COLUMNS", "120")
+    whole = snapshot(0, "motion", corrections=())
+    _print_corrections(whole.model_copy(update={"status": whole.status.model_copy(update={"revision": 2})}))
+    assert "revision 2: its corrections, made under an older version" in capsys.readouterr().out
+    _print_corrections(whole.model_copy(update={"status": whole.status.model_copy(update={"revision": 0})}))
+    assert "no corrections" in capsys.readouterr().out

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from caesura_clients.results import SessionReader
 from caesura_clients.viewer.feed import StationFeed
 from caesura_clients.viewer.foxglove_server import BACKLOG, FoxgloveServer
-from caesura_clients.viewer.live_messages import PATH_POINTS
+from caesura_clients.viewer.live_messages import PATH_POINTS, LiveStation
 from caesura_protocol.codec import Encoded, encode, pack_samples
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.channels import CHANNELS, schema_of
@@ -192,3 +193,20 @@ def test_every_panel_of_the_layout_is_placed():
         return [node] if isinstance(node, str) else placed(node["first"]) + placed(node["second"])
 
     assert sorted(placed(layout()["layout"])) == sorted(layout()["configById"])
+
+
+def test_the_end_of_a_session_does_not_come_back_after_the_next_one_has_begun():
+    """The journal is read for seconds. Meanwhile the station's next session may begin."""
+    station, first, second = LiveStation(), SessionReader(), SessionReader()
+    station.sampled(pack_samples(rows_of(BATCH), COLUMNS, session="first", epoch=0, seq=0), BEGAN)
+    first.restart(snapshot(0, "motion", station=STATION, session="first", state="closed"))
+    second.restart(snapshot(0, "motion", station=STATION, session="second"))
+    assert first.update is not None
+    assert second.update is not None
+    station.updated(first.update, BEGAN)
+    end = station.unreceived_end()
+    assert end is not None
+    station.updated(second.update, BEGAN)
+    assert station.recovered(end, rows_of(2 * BATCH)[BATCH:], BEGAN) == []
+    assert station.live is not None
+    assert station.live.name == "second"

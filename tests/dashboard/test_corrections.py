@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import pytest
@@ -17,11 +17,14 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Remove
+from clients.answering import Answering
+from clients.conftest import RouterNetwork
+from clients.examples import snapshot
 from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
-from dashboard.stage import KINDS, Stage, patient, staged
+from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
-from harness.processes import eventually
+from harness.processes import eventually, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -630,3 +633,19 @@ def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, browser: B
         assert caesura.snapshot("cell-again", "first").program.apps == taught
     assert visitor.errors == []
     visitor.close()
+
+
+def test_a_session_whose_corrections_are_not_listed_is_not_called_uncorrected(browser: Browser):
+    """As one that an older version of the service closed."""
+    with RouterNetwork() as router, Answering(router.transport()) as service, ExitStack() as stack:
+        whole = snapshot(0, "motion", station="cell-1", session="s1", state="closed")
+        status = whole.status.model_copy(update={"revision": 2})
+        program = whole.program.model_copy(update={"corrections": ()})
+        service.snapshots = [whole.model_copy(update={"status": status, "program": program})]
+        dashboard = stack.enter_context(running(Dashboard(router.endpoint)))
+        visitor = stack.enter_context(closing(Visitor(browser)))
+        visitor.page.goto(f"{dashboard.url}/sessions/cell-1/s1")
+        listed = visitor.page.locator(".corrections")
+        expect(listed.locator("summary")).to_have_text("Corrections: not listed")
+        listed.locator("summary").click()
+        expect(listed.locator(".empty")).to_contain_text("made under an older version of the service")

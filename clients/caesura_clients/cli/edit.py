@@ -17,7 +17,7 @@ from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.client import Caesura
-from caesura_clients.correction_words import described, effect_words, in_words, meant
+from caesura_clients.correction_words import described, effect_words, in_words, meant, no_corrections
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.messages import (
@@ -135,7 +135,7 @@ def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
 
 def _print_corrections(found: Snapshot) -> None:
     clock, corrections = clock_of(found.segments.segments), found.program.corrections
-    listed = corrections_table(corrections, clock) if corrections else "no corrections"
+    listed = corrections_table(corrections, clock) if corrections else no_corrections(found.status.revision)
     Console().print(*clock_lines(clock), listed, sep="\n")
 
 

@@ -92,8 +92,11 @@ class LiveStation:
     def recovered(self, span: MissingSpan, rows: Array, now_s: float) -> list[LiveMessage]:
         """Return the messages of samples (n, columns) that a hole had, positions in metres.
 
+        None of the end of a session after which another one has begun: the viewer shows that one.
         now_s: time of day at which the batch behind the hole was received.
         """
+        if span.before_s is None and (self.live is None or self.live.name != span.session):
+            return []
         live, started = self._shown(span.session, now_s)
         return [*started, *live.recovered(span, rows, self._updates.get(span.session), now_s)]
 

@@ -6,12 +6,12 @@ const OPEN_UP_TO = 8; // corrections, of a list that shows itself
 
 export default {
   components: { EffectWords },
-  props: { rows: Array, editable: Boolean, busy: Boolean, message: String, failed: Boolean, effect: Object },
+  props: { rows: Array, revision: Number, editable: Boolean, busy: Boolean, message: String, failed: Boolean, effect: Object },
   emits: ["edit", "preview"],
   data: () => ({ chosen: null }),
   template: `
-    <details class="corrections" :open="isOpen" @toggle="chosen = $event.target.open"><summary>Corrections: {{ rows.length }}</summary>
-      <p v-if="!rows.length" class="empty">Nothing has been corrected.</p>
+    <details class="corrections" :open="isOpen" @toggle="chosen = $event.target.open"><summary>Corrections: {{ rows.length || !revision ? rows.length : "not listed" }}</summary>
+      <p v-if="!rows.length" class="empty">{{ revision ? unlisted : "Nothing has been corrected." }}</p>
       <ol v-if="rows.length" tabindex="0" aria-label="Corrections, the newest first">
         <li v-for="[number, words, at, isUndone] in newestFirst" :key="number" :class="{ undone: isUndone }">
           <span class="number">{{ number }}</span><span class="words">{{ words }}</span>
@@ -26,6 +26,9 @@ export default {
       <effect-words v-if="rows.length" :effect="effect"></effect-words>
     </details>`,
   computed: {
+    unlisted() { // as `no_corrections` of the command line
+      return `Revision ${this.revision}: its corrections, made under an older version of the service, are not listed.`;
+    },
     newestFirst() {
       return [...this.rows].reverse();
     },

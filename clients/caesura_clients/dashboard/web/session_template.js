@@ -50,7 +50,7 @@ const time = `
   </div>`;
 
 const corrections = `
-  <corrections v-if="!linked && session" :rows="corrections" :editable="editable" :busy="busy" :message="inList ? message : ''" :failed="failed"
+  <corrections v-if="!linked && session" :rows="corrections" :revision="revision" :editable="editable" :busy="busy" :message="inList ? message : ''" :failed="failed"
     :effect="effectAt === 'list' ? effect : null" @edit="edit" @preview="(action) => preview(action, 'list')"></corrections>`;
 
 const table = `

@@ -349,7 +349,7 @@ def contact(here, c):
     counts = state.sums[channel.field + 2 : channel.field + 2 + STATES]
     sideways2, down = z[signal] ** 2 + z[signal + 1] ** 2, z[signal + 2]
     for place in range(me.living):
-        n = me.count - state.starts[place]
+        n = int(state.ages[place]) - 1
         weight = min(totals[place] / n if n else 0.0, -channel.lightest)
         total = 0.0
         for k in range(STATES):
@@ -378,7 +378,7 @@ def velocity(here, c):
     for i in range(AXES):
         sums[i, me.living - 1] = state.now[signal + i]
     for place in range(me.living):
-        before = me.count - state.starts[place]
+        before = int(state.ages[place]) - 1
         t, n = step * before, before + 1
         b = step * 0.5 * n * (n - 1)
         k = step**2 * n * (n - 1) * (2 * n - 1) / 6.0 + kappa0

@@ -54,8 +54,9 @@ class Update:
 
     @property
     def t(self) -> float:
-        """The last observation that the status speaks of [s]."""
-        return self.status.t
+        """The last observation that results speak of [s]; a status comes less often than the posterior."""
+        posterior_s = self.status.t if self.posterior is None else self.posterior.t
+        return max(self.status.t, posterior_s, self.program.t)
 
     @property
     def closed(self) -> bool:

@@ -37,6 +37,16 @@ def test_without_a_snapshot_every_message_is_a_hole():
     assert SessionReader().receive(segments(0, 0, "motion")) == "hole"
 
 
+@pytest.mark.parametrize("model", [Posterior, SessionStatus, Program])
+def test_the_time_of_an_update_is_that_of_the_newest_result(model):
+    """A status comes once in a while, and `update.t` stood still meanwhile."""
+    following = reader("motion", seq=4)
+    newest = following.update.t + 1.5
+    number = {"version": following.update.program.version + 1} if model is Program else {"seq": 5}
+    assert following.receive(example(model).model_copy(update={"t": newest, **number})) == "changed"
+    assert following.update.t == newest
+
+
 def test_a_list_replaces_everything_from_its_first_on():
     following = reader("motion", "contact", "steady", seq=4)
     assert following.receive(segments(5, 1, "transport")) == "changed"

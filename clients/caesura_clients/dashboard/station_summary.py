@@ -169,9 +169,8 @@ def stale(
 
 def reached(update: Update) -> float:
     """[s] Up to where there are results. A status is published once a second, and lags behind the others."""
-    posterior = update.posterior.t if update.posterior else update.t
     last = update.segments[-1].tn if update.segments else update.t
-    return max(update.t, posterior, last)
+    return max(update.t, last)
 
 
 def lasted(update: Update) -> float:

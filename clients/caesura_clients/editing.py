@@ -52,7 +52,7 @@ def edit(
     """
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision
-    made = Edit(session=session, revision=revision, author=author, action=action)
+    made = Edit(session=session, revision=revision, author=author, action=action, with_effect=True)
     return send(transport, station, made)
 
 

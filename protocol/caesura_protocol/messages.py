@@ -285,6 +285,7 @@ class Edit(Message):
     revision: Count  # of the session, as the editor has seen it; every edit makes it one more
     author: Author
     action: Action
+    with_effect: bool = False  # requested in the Ack; an older editor reads at most 256 items of one
 
 
 class Preview(Message):
@@ -480,7 +481,7 @@ class Ack(Message):
     next_seq: Count  # the batch that the service waits for
     state: Literal["open", "closed"]
     revision: Count = 0  # how many edits the session has had; undo and redo count
-    effect: EditEffect | None = None  # of an edit, or of its preview; None from an older service
+    effect: EditEffect | None = None  # of a preview, or of an edit `with_effect`; None from an older service
 
 
 # --- operator to bridge ---------------------------------------------------------------------------------

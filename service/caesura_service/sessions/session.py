@@ -321,7 +321,7 @@ class Session:
         self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)
         outputs = self._host.apply_edit(prepared.outcome, prepared.pipeline)
         self._store_outcome()
-        return [*outputs, self._ack(prepared.effect)]
+        return [*outputs, self._ack(prepared.effect if edit.with_effect else None)]
 
     def _receive_preview(self, preview: Preview, now: float) -> list[Output]:
         """Answer what an edit would change. Nothing is recorded, kept or published."""
@@ -374,7 +374,7 @@ class Session:
         """Return the record of an edit with its resolved form, which a replay uses."""
         is_news = not isinstance(edit.action, Undo | Redo | TakeBack)
         return AppliedEdit(
-            **vars(edit),
+            **vars(edit) | {"with_effect": False},
             resolution=corrections.active[-1].recorded() if is_news else None,
             version=self.last_published_state.program_header.version + 1,
         )

@@ -281,7 +281,8 @@ class Real:
                 self.registry.handle_samples(STATION, batch, 0.01 * seq)
 
     def edit(self, action: Any, at: float = 0.0) -> Ack | ProtocolError:
-        return answer(self.registry.handle_command(STATION, edit(self.standing.revision, action), at))
+        made = edit(self.standing.revision, action).model_copy(update={"with_effect": True})
+        return answer(self.registry.handle_command(STATION, made, at))
 
     @property
     def standing(self) -> SessionState:
@@ -511,6 +512,22 @@ def test_the_effect_of_a_preview_is_that_of_the_edit_and_what_snapshots_differ_i
 def outlined(one: Any) -> tuple[object, ...]:
     own = (one.target, one.force) if hasattr(one, "target") else (getattr(one, "name", None),)
     return one.kind, one.t0, one.tn, *own
+
+
+def test_the_effect_is_stated_only_where_it_is_requested_and_that_is_not_recorded():
+    """An older editor refuses an acknowledgement of more than 256 items, after the edit was made."""
+    journal = MemoryJournal()
+    real = Previewed(journal, asks=False)
+    real.open()
+    real.feed(0, 100)
+    plain = answer(real.registry.handle_command(STATION, edit(0, Insert(t=1.0)), 0.0))
+    assert isinstance(plain, Ack)
+    assert (plain.revision, plain.effect) == (1, None)
+    wanted = real.edit(Undo())
+    assert isinstance(wanted, Ack)
+    assert wanted.effect is not None
+    recorded = [one.message for one in journal._records[STATION, NAME]]
+    assert [one.with_effect for one in recorded if isinstance(one, AppliedEdit)] == [False, False]
 
 
 def test_a_preview_is_refused_as_the_edit_would_be():

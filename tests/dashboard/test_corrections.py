@@ -244,6 +244,21 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
     operator.wire.until(limited)
 
 
+def test_a_time_that_is_being_typed_stays_while_the_menu_is_drawn_anew(operator: Operator):
+    page, time = operator.page, operator.page.get_by_label("Time [s]")
+    operator.plot.focus()
+    page.keyboard.press("r")
+    time.select_text()
+    page.keyboard.type(str(T))
+    page.locator(".correct-menu .insert").hover()
+    expect(page.locator(".correct-menu")).to_contain_text("Preview")
+    expect(time).to_have_value(str(T))
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("dialog", name=f"Correct at {T:.2f} s")).to_be_visible()
+    expect(time).to_have_value(f"{T:.2f}")
+    page.keyboard.press("Escape")
+
+
 def test_everything_goes_without_a_mouse(operator: Operator):
     before = operator.wire.taught()
     keyboard = operator.page.keyboard

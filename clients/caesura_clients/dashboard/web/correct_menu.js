@@ -11,8 +11,7 @@ export default {
   data: () => ({ newton: 10, tapped: "", name: "" }),
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + t.toFixed(2) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
-      <label class="menu-time">Time [s] <input class="time" type="number" step="any" :value="t.toFixed(2)"
-        @change="$event.target.value && $emit('time', Number($event.target.value))"></label>
+      <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
       <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" v-on="making({ do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
       <button v-else class="insert" title="A segment ends here, and the next one begins" v-on="making({ do: 'insert', t })">
@@ -34,6 +33,9 @@ export default {
       <p v-if="author" class="by">by {{ author }} <button class="rename" @click="$emit('rename')">Another name</button></p>
     </div>`,
   watch: {
+    t() {
+      if (document.activeElement !== this.$refs.time) this.writeTime();
+    },
     phase: {
       immediate: true,
       handler(now, before) { // a phase that goes on is another row of the same beginning
@@ -42,6 +44,7 @@ export default {
     },
   },
   mounted() {
+    this.writeTime();
     this.$el.querySelector("button").focus({ preventScroll: true });
     this.leave = (event) => this.$el.contains(event.target) || this.$emit("close");
     window.addEventListener("pointerdown", this.leave);
@@ -50,6 +53,13 @@ export default {
     window.removeEventListener("pointerdown", this.leave);
   },
   methods: {
+    writeTime() { // once: a binding would undo what is being typed whenever the menu is drawn anew
+      if (this.$refs.time) this.$refs.time.value = this.t.toFixed(2);
+    },
+    setTime(typed) {
+      if (typed) this.$emit("time", Number(typed));
+      this.$nextTick(this.writeTime); // within the session
+    },
     pointing(action) { // listeners of a button: what it would change is shown while it is pointed at
       return pointing(() => this.$emit("preview", action), () => {
         this.tapped = "";

@@ -246,6 +246,7 @@ class FilterConstraints:
         self._known = known
         self._inserted = sorted(inserted, reverse=True)
         self._certain: set[int] = set()
+        self._placed: set[int] = set()
         self.anew = sum(one.anew for one in corrections)  # corrections that were resolved once more
         self._labels = [one.label for one in corrections if one.label is not None]
         self._forces = [one.force for one in corrections if one.force is not None]
@@ -261,10 +262,15 @@ class FilterConstraints:
         said = [self._known[index]] if index in self._known else []
         while self._inserted and self._inserted[-1][0] < until:
             said.append((self._inserted.pop()[1], True))
+            self._placed.add(index)
         answer = max(said)[1] if said else None
         if answer:
             self._certain.add(index)
         return answer
+
+    def is_placed(self, index: int) -> bool:
+        """Return whether a correction states the time of a start there."""
+        return index in self._placed
 
     def is_certain(self, index: int) -> bool:
         """Return whether a correction sets a start there."""

@@ -106,8 +106,7 @@ SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 AppField = Literal["name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"]
 ChangedField = AppField | Literal["place", "added", "taught_again"]
-EditState = Literal["applied", "not_applied", "undone"]
-CorrectionState = Literal["applied", "undone"]
+EditState = Literal["applied", "not_applied", "undone"]  # of a correction, or of an edit of a program
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
@@ -824,7 +823,8 @@ class Correction(Message):
     author: Author
     at: Seconds  # [s] time of day (UTC)
     action: Annotated[Change, Field(discriminator="do")]
-    state: CorrectionState = "applied"
+    state: EditState = "applied"
+    reason: str | None = None  # why it is not applied
 
 
 class ProgramEdit(Message):

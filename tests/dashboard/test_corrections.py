@@ -395,10 +395,28 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, brow
         assert kept == [pytest.approx(1.6, abs=NEAR_S)]
         looks_right(visitor, "corrections")
 
-        page.get_by_role("button", name="Redo", exact=True).click()
+        def states() -> list[str]:
+            return [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
+
+        expect(page.get_by_role("button", name="Redo", exact=True)).to_have_count(0)
+        page.locator(".plots").press("Control+z")
+        expect(page.locator(".message").first, "the taking back is undone").to_have_text(
+            "Correction 2 counts again."
+        )
         expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
-        states = [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
-        assert states == ["applied"] * 3
+        assert states() == ["applied"] * 3
+        page.locator(".plots").press("Control+y")
+        expect(rows.nth(1)).to_contain_text("undone")
+        assert states() == ["applied", "undone", "applied"]
+        page.get_by_role("button", name="Undo", exact=True).click()
+        expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
+        page.locator(".plots").press("Control+z")
+        expect(rows.first, "then the newest correction").to_contain_text("undone")
+        assert states() == ["applied", "applied", "undone"]
+        caesura.redo("cell-list", "over", author="Bo")
+        expect(rows.first.get_by_role("button", name="Undo")).to_be_visible()
+        page.locator(".plots").press("Control+z")
+        expect(rows.first, "another editor was first: the newest one").to_contain_text("undone")
     assert visitor.errors == []
     visitor.close()
 

@@ -125,7 +125,7 @@ NOT_SEEN = _SessionSeen(NO_OFFSET, None)
 
 def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
     """What was done; of an undo, what it took back, where that is known."""
-    applied = [one for one in seen.corrections if one.state == "applied"]
+    applied = [one for one in seen.corrections if one.state != "undone"]
     if isinstance(action, TakeBack):
         applied = [one for one in applied if one.number == action.number]
     if isinstance(action, Undo | TakeBack) and applied:
@@ -209,6 +209,7 @@ def corrections_table(corrections: Sequence[Correction], clock: SessionClock) ->
     """The corrections of a session, one a line."""
     table = Table("#", "correction", "at [UTC]", "state", title="corrections", **PLAIN)
     for one in corrections:
-        words = map(Text, (described(one, clock), moment(one.at), one.state))
+        state = one.state.replace("_", " ") + (f": {one.reason}" if one.reason else "")
+        words = map(Text, (described(one, clock), moment(one.at), state))
         table.add_row(str(one.number), *words)
     return table

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
@@ -16,7 +14,6 @@ pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros2)")
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
-from caesura_protocol.recording import Recording
 from dashboard.browser import PATIENCE_MS, Visitor, needs_chromium
 from dashboard.stage import Stage, staged
 from harness import ros
@@ -25,8 +22,6 @@ from harness.demonstrations import guided
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 TAUGHT = guided()
-# What the page received, besides what it was asked: the bytes of an upload are not looked at here.
-WITH_ANSWERS = {"wrench_source": "flange_sensor", "hand_on_robot": "yes", "robot": "panda"}
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +104,8 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
     visitor.picture(f"dropped-{name}")
     assert visitor.barriers() == []
     form.locator(".play-recording").click()
-    expect(page.locator(".play-state").first).to_have_text("done")
+    played_here = page.locator(".plays li", has=page.get_by_role("link", name=f"cell-files/{name}", exact=True))
+    expect(played_here.locator(".play-state")).to_have_text("done")
     with stage.reader() as caesura:
         played = caesura.snapshot("cell-files", name)
         opened = played.status
@@ -119,7 +115,7 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
         assert played.program.robot == "panda"
         kinds = [one.kind for one in played.segments.segments]
         assert kinds[:3] == ["steady", "motion", "contact"]
-    page.get_by_role("link", name=f"cell-files/{name}").click()
+    played_here.get_by_role("link").click()
     expect(page.locator(".app").first).to_contain_text("move to contact")
     assert visitor.errors == []
 

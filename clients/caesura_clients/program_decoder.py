@@ -1,8 +1,9 @@
 """Decodes the versions of a program; apps whose bytes are as before are not read again.
 
-A program is published whole at each version. While a demonstration goes on, most of its apps are those of the
-version before: a program of 2000 apps has 2 MB, and reading all of them takes a tenth of a second. So the payload is
-cut where the bytes begin to differ. What remains is decoded as any other message, with the same checks.
+A program is published whole at each version. While a demonstration goes on, most of its apps are those of
+the version before: a program of 2000 apps has 2 MB, and reading all of them takes a tenth of a second. So the
+payload is cut where the bytes begin to differ. What remains is decoded as any other message, with the same
+checks.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 
-import msgpack
+import msgpack  # type: ignore[import-untyped]
 
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import MAX_WHOLE_BYTES, App, Program
@@ -35,7 +36,8 @@ class ProgramDecoder:
         except (ValueError, msgpack.UnpackException):  # no such map: the codec names what is wrong
             self._list, self._ends, self._apps = b"", (), ()
             return decode(payload, encoding, Program, limit=MAX_WHOLE_BYTES)
-        self._list, self._ends, self._apps = payload[begin : begin + ends[-1]] if ends else b"", ends, program.apps
+        self._list = payload[begin : begin + ends[-1]] if ends else b""
+        self._ends, self._apps = ends, program.apps
         return program
 
     def _decoded(self, payload: bytes, encoding: str) -> tuple[Program, int, Sequence[int]]:

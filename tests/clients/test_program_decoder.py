@@ -62,7 +62,9 @@ def test_a_program_that_is_none_is_refused_as_the_codec_refuses_it_and_the_next_
     assert decoder.decode(good.payload) == decode(*good, Program)
 
 
-@pytest.mark.parametrize("payload", [b"", b"\xc1", b"\x81", b"\x81\xa4apps\xdd\xff\xff\xff\xff", b"\xdf" * 40])
+@pytest.mark.parametrize(
+    "payload", [b"", b"\xc1", b"\x81", b"\x81\xa4apps\xdd\xff\xff\xff\xff", b"\xdf" * 40]
+)
 def test_bytes_that_are_no_message_are_refused(payload: bytes):
     with pytest.raises(ProtocolError):
         ProgramDecoder().decode(payload)

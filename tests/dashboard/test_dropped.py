@@ -104,7 +104,9 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
     visitor.picture(f"dropped-{name}")
     assert visitor.barriers() == []
     form.locator(".play-recording").click()
-    played_here = page.locator(".plays li", has=page.get_by_role("link", name=f"cell-files/{name}", exact=True))
+    played_here = page.locator(
+        ".plays li", has=page.get_by_role("link", name=f"cell-files/{name}", exact=True)
+    )
     expect(played_here.locator(".play-state")).to_have_text("done")
     with stage.reader() as caesura:
         played = caesura.snapshot("cell-files", name)

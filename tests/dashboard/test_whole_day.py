@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
@@ -97,9 +96,7 @@ def teach(visitor: Visitor) -> str:
     desk.get_by_role("button", name="Start").click()
     expect(desk).to_contain_text("Teaching")
     shown = page.locator(".scrub output")
-    page.wait_for_function(
-        f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}", arg=shown.element_handle()
-    )
+    page.wait_for_function(f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}", arg=shown.element_handle())
     visitor.picture("day-teaching-desktop")
     desk.get_by_role("button", name="Stop").click()
     expect(desk).to_contain_text("Ready")
@@ -174,7 +171,9 @@ def check_signals(page: Page, sent: Recording, count: int) -> None:
     for _ in range(3):
         page.get_by_role("button", name="Zoom in").click()
     page.wait_for_function(LOADED)
-    start, end = (float(page.locator(".plots").get_attribute(f"data-{one}") or "nan") for one in ("from", "to"))
+    start, end = (
+        float(page.locator(".plots").get_attribute(f"data-{one}") or "nan") for one in ("from", "to")
+    )
     assert end - start < 1.5
     drawn_as_sent(page, sent, start, end, every=True)
 

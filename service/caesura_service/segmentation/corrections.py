@@ -328,7 +328,7 @@ def with_states(corrections: Sequence[Correction], unapplied: Mapping[int, str])
 
 
 def _is_exerted(t: float, apps: Sequence[App]) -> bool:
-    """Does an app exert a force at a time [s]? An hour has thousands: those that begin long before are not read."""
+    """Does an app exert a force at a time [s]? Of the thousands of an hour only the nearest are read."""
     behind = bisect_right(apps, t, key=lambda app: app.t0)
     near = (apps[index] for index in range(max(0, behind - OVERLAP), behind))
     return any(app.force is not None and t <= app.tn for app in near)

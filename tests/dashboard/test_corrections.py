@@ -421,6 +421,31 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, brow
     visitor.close()
 
 
+def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage, browser: Browser):
+    stage.teach("cell-gone", guided(), session="over", pace="fast")
+    stage.wait("cell-gone")
+    visitor = Visitor(browser)
+    page = visitor.page
+    with stage.reader() as caesura:
+        (pressing,) = [one for one in caesura.snapshot("cell-gone", "over").program.apps if one.force]
+        middle = 0.5 * (pressing.t0 + pressing.tn)
+        caesura.limit_force("cell-gone", "over", middle, 4.0, author="Ann")
+        page.goto(f"{stage.dashboard.url}/sessions/cell-gone/over")
+        row = page.locator(".corrections li").last
+        expect(row).to_contain_text("Ann limited the force")
+        expect(row).not_to_contain_text("Not applied")
+        caesura.relabel("cell-gone", "over", middle, "motion", author="Bo")
+        expect(row).to_contain_text(f"Not applied: no app exerts a force at {middle:.2f} s any more")
+        looks_right(visitor, "correction-gone")
+        page.locator(".corrections li").first.get_by_role("button", name="Undo").click()
+        expect(page.locator(".who")).to_be_visible()
+        page.locator(".who .author").fill("Cem")
+        page.locator(".who .save-name").click()
+        expect(row, "its app is back").not_to_contain_text("Not applied")
+    assert visitor.errors == []
+    visitor.close()
+
+
 def test_a_phase_is_named(stage: Stage, browser: Browser):
     stage.teach("cell-phase", guided(), session="over", pace="fast")
     stage.wait("cell-phase")

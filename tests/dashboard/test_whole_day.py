@@ -146,7 +146,7 @@ def simulate(visitor: Visitor) -> None:
     path.get_by_role("slider").press("Home")
     path.get_by_role("button", name="Play").click()
     expect(path.get_by_role("button", name="Pause")).to_be_visible()
-    looks_right(visitor, "simulated")
+    visitor.picture("day-simulated-desktop")
 
 
 def export(visitor: Visitor) -> dict[str, object]:

@@ -1,8 +1,8 @@
 """How many long answers Zenoh loses on a machine under load, by how the asker wants them sent.
 
-A router answers queries with so many bytes. Counted are answers that came, queries that ended without one, and
-queries that ended at their timeout. With DROP, which all clients ask with, Zenoh drops a piece of an answer
-where its queue towards the asker (two batches of 64 KiB) stays full, and with it the end of the query.
+A router answers queries with so many bytes. Counted are answers that came, queries that ended without one,
+and queries that ended at their timeout. With DROP, which all clients ask with, Zenoh drops a piece of an
+answer where its queue towards the asker (two batches of 64 KiB) stays full, and with it the end of the query.
 Prints; asserts nothing. The load is that of the machine, or of --hogs processes.
 Usage: python tests/bench/answer_loss.py [--kib 4 250 900] [--queries 300] [--hogs 0]
 """

@@ -424,6 +424,9 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     assert (beneath.apps, beneath.edit_revision) == (inferred.apps, 2)
     assert "undone: 'move to contact'" in edit("undo")
     assert "undone" in edit()
+    assert "position name set" in edit("change", "1", "position=above the part")
+    assert "above the part" in run("program", "--station", "cell-9", "--session", session)
+    assert "position name as taught" in edit("change", "1", "as-taught=position")
     wrong = ["edit-program", "cell-9", session, "change", "1", "width=3", "--connect", endpoint]
     refused = CliRunner().invoke(app, wrong)
     assert refused.exit_code == 1

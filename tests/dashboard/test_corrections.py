@@ -603,12 +603,15 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         card.get_by_text("Edit", exact=True).click()
         card.locator(".app-name").fill("Press the pump")
         card.locator(".app-force_n").fill("4")
+        card.locator(".app-target_name").fill("pump head")
         card.locator(".save").click()
-        expect(said).to_contain_text("name set, force set")
+        expect(said).to_contain_text("name set, position name set, force set")
+        expect(card.locator("dl")).to_contain_text("pump head")
         expect(card.locator("h3")).to_contain_text("Press the pump")
         expect(card.locator(".marks")).to_contain_text("force by Ann (taught")
         edited = caesura.snapshot("cell-program", "over").program
         assert edited.apps[pressing].name == "Press the pump"
+        assert edited.apps[pressing].target_name == "pump head"
         assert max(map(abs, edited.apps[pressing].force or ())) <= 4.01
 
         apps.first.get_by_text("Edit", exact=True).focus()

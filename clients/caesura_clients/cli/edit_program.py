@@ -48,6 +48,7 @@ CHANGES: Mapping[str, _Value] = {
     "name": _Value("name", str),
     "note": _Value("note", str),
     "target": _TARGET,
+    "position": _Value("target_name", str),
     "speed": _Value("speed", float),
     "force": _Value("force_n", float),
     "tolerance": _Value("tolerance_m", _length),

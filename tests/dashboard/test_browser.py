@@ -179,8 +179,11 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
 
 def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stage: Stage, visitor: Visitor):
     for path in ("/sessions/cell-2/done-1", "/sessions"):
-        link = goto(stage, visitor, path).locator("a.dataset")
-        expect(link).to_contain_text("LeRobot dataset")
+        page = goto(stage, visitor, path)
+        if path == "/sessions":
+            page.locator(".by-station").select_option("cell-2")
+        link = page.locator("a.dataset")
+        expect(link).to_contain_text(re.compile("LeRobot dataset$|of this session"))
         answer = visitor.page.request.get(f"{stage.dashboard.url}{link.get_attribute('href')}")
         assert (answer.status, answer.body()[:2]) == (200, b"PK"), answer.text()
         assert 'filename="cell-2-done-1-lerobot.zip"' in answer.headers["content-disposition"]

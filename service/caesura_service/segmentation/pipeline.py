@@ -443,12 +443,13 @@ class SegmentationPipeline:
         give_way()
         phases = self._phases_with(parts) if before is None else before.phases
         give_way()
+        unapplied = self._heeded.unapplied(apps, self._is_beyond)
         return PipelineView(
             **self._newest(),
             changepoints=division.settled.changepoints(parts),
             segments=division.settled.segments(parts),
             apps=apps,
-            notes=self._notes(),
+            notes=(*self._notes(), *self._heeded.notes(unapplied)),
             gaps=self._gaps.all,
             wrench=_wrench_report(
                 self._opening,
@@ -462,6 +463,7 @@ class SegmentationPipeline:
             force_limit_n=self._opening.force_limit_n,
             robot=self._opening.robot,
             phases=phases,
+            unapplied=unapplied,
         )
 
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
@@ -484,6 +486,10 @@ class SegmentationPipeline:
             growing = bool(steps) and not self._finished
             self._program.paths.settled_until = steps[-1].segment.t0 if growing else math.inf
         return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
+
+    def _is_beyond(self, t: float) -> bool:
+        """Has the session ended before a changepoint at this time [s]?"""
+        return self._finished and self.observation_at(t) >= self._division.online.count
 
     def _limited(self, app: App) -> App:
         limit_n = self._heeded.force_limit(app)

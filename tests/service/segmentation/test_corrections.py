@@ -487,6 +487,30 @@ def test_what_lies_beside_does_not_refer_to_a_correction(shown: Pipeline, later:
     assert pipeline.corrected(without.active).view.segments == alone.view.segments
 
 
+def test_a_force_limit_whose_app_is_gone_is_not_applied_until_the_app_is_back():
+    wiped = whole("wiping")
+    app = max((one for one in wiped.view.apps if one.force), key=lambda one: one.tn - one.t0)
+    middle = 0.5 * (app.t0 + app.tn)
+    limited = LimitForce(t=app.t0 + 0.01, newton=2.0)
+    pipeline, history = history_of(wiped, limited)
+    assert pipeline.view.unapplied == {}
+    moved, history = history_of(wiped, limited, Relabel(t=middle, kind="motion"))
+    assert moved.view.unapplied == {1: f"no app exerts a force at {middle:.2f} s any more"}
+    assert [one for one in moved.view.notes if "Correction 1 by Ann (limit_force) is not applied" in one]
+    history = history.after(edit(TakeBack(number=2)), 0.0, pytest.fail)
+    back = moved.corrected(history.active).view
+    assert (back.unapplied, back.apps) == ({}, pipeline.view.apps)
+
+
+def test_a_changepoint_that_was_to_come_after_the_end_is_not_applied():
+    growing = fed(begun(), range(SHORT))
+    t = growing.view.t + 2.0
+    pipeline, _ = history_of(growing, Insert(t=t))
+    assert pipeline.view.unapplied == {}, "it may still come"
+    pipeline.finish()
+    assert pipeline.view.unapplied == {1: f"the session ended before {t:.2f} s"}
+
+
 @pytest.mark.parametrize("t", [0.2, 1.0, 3.0, 3.04, 7.25, 12.3])
 def test_an_inserted_changepoint_is_at_the_observation_that_it_is_looked_up_at(shown: Pipeline, t: float):
     index = shown.observation_at(t)

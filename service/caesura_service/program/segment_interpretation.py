@@ -6,7 +6,8 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
-- what is held keeps its weight: where its force changes and stays so, it touches;
+- what is held keeps its weight: where its force changes and stays so, it touches. So does a movement before a
+  contact that is pushed back all the way;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
   gripped is not held yet;
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import takewhile
+from itertools import groupby, takewhile
 from statistics import median
 
 import numpy as np
@@ -26,7 +27,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_service.constants import GRAVITY
+from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     UNLIKE_N,
@@ -38,6 +39,7 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
+from caesura_service.program.sensor_bias import bias_between
 from caesura_service.program.strokes import (
     DECAY_REACH_M,
     OUT_M,
@@ -52,6 +54,7 @@ LASTING = 5  # observations over which a force is averaged
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
+MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -72,7 +75,8 @@ def kept_steps(
     kept: list[ProgramSegment] = []
     before: ProgramSegment | None = None
     touched = -1  # the last step in contact, however short
-    for behind, beside, step in zip([None, None, *steps], [None, *steps], steps, strict=False):
+    around = zip([None, None, *steps], [None, *steps], steps, [*steps[1:], None], strict=False)
+    for behind, beside, step, ahead in around:
         touched = beside.index if beside is not None and beside.touches else touched
         if not step.lasts(least_s):
             continue
@@ -84,11 +88,39 @@ def kept_steps(
             if last is not None and not read.touches:
                 if contact is not None:
                     read = _still_touching(contact, _base(last, moment_at), read, moment_at)
-                elif last.segment.contact == read.segment.contact == "transport":
+                elif last.segment.contact == read.segment.contact and (
+                    read.segment.contact == "transport" or _arrives_at(read, ahead)
+                ):
                     read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
         before = step
-    return with_rests(with_ends(with_approaches(kept, grips), grips, moment_at), grips, moment_at)
+    based = _with_bases(kept, grips, moment_at)
+    return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
+
+
+def _with_bases(
+    kept: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
+) -> list[ProgramSegment]:
+    """The same steps; of contacts, the force that the sensor makes up is read on both sides of them.
+
+    Where the fingers move, or more has changed than a sensor makes up, something else did change it.
+    """
+    based: list[ProgramSegment] = []
+    for touches, run in groupby(kept, key=lambda step: step.touches):
+        steps, place = list(run), len(based)
+        based += steps
+        if not touches or place == 0 or len(based) == len(kept):
+            continue
+        before, after = kept[place - 1].segment, kept[len(based)].segment
+        changed = np.subtract(_force_at_start(after, moment_at), steps[0].base)
+        if before.contact != after.contact or length(changed) >= MOST_WANDER_N:
+            continue
+        if any(grip.is_near(before.tn, after.t0) for grip in grips):
+            continue
+        bias = bias_between(before, after, steps[0].base, moment_at)
+        for k, step in enumerate(steps, start=place):
+            based[k] = replace(step, base=bias(0.5 * (step.segment.t0 + step.segment.tn)))
+    return based
 
 
 def _hangs(segment: Segment) -> bool:
@@ -145,8 +177,16 @@ def _still_touching(
     return _touching(direction(replace(contact, base=base).force), PUSHES_BACK_N, base, step, moment_at)
 
 
+def _arrives_at(step: ProgramSegment, ahead: ProgramSegment | None) -> bool:
+    """Is it a movement with nothing in hand, directly before a contact?"""
+    return step.segment.kind == "motion" and ahead is not None and ahead.touches
+
+
 def _set_down(base: Vector, step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
-    """A load keeps its weight: where its force changes by more than a bias can and stays so, it touches."""
+    """A load keeps its weight, and in the air nothing resists.
+
+    Where the force changes by more than a bias can and stays so, it touches.
+    """
     forces = _forces(observed(step.segment.t0, step.segment.tn), moment_at)
     changed = np.median(forces, axis=0) - base if len(forces) else np.zeros(3)
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, moment_at)
@@ -182,6 +222,13 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
     """[N] median of its last second, for its very end may lie in the contact; 0 where there is no force."""
     forces = _forces(observed(max(segment.t0, segment.tn - BASE_S), segment.tn), moment_at)
+    x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
+    return x, y, z
+
+
+def _force_at_start(segment: Segment, moment_at: MomentAt) -> Vector:
+    """[N] median of its first second; 0 where there is no force."""
+    forces = _forces(observed(segment.t0, min(segment.t0 + BASE_S, segment.tn)), moment_at)
     x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
     return x, y, z
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import App, ScrewMotion, Segment
+from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
@@ -588,16 +589,95 @@ def test_a_load_that_weighs_something_else_is_set_down() -> None:
     assert kinds(carried(-1.0)) == ["grasp", "transport", "hold", "transport", "hold", "transport"]
 
 
-def test_a_rest_between_a_soft_and_a_hard_stroke_ends_the_soft_one() -> None:
+@pytest.mark.parametrize(
+    ("rest_n", "parts"), [(5.0, [(2.0, 6.0), (6.0, 8.0)]), (19.0, [(2.0, 4.0), (4.0, 8.0)])]
+)
+def test_a_rest_between_two_strokes_belongs_to_the_one_that_is_pressed_as_it_is(
+    rest_n: float, parts: list[tuple[float, float]]
+) -> None:
+    """The end of a soft stroke was said to be pressed with the force of the hard one that followed."""
     made = program(
         segment("motion", 0.0, 2.0),
         segment("sliding", 2.0, 4.0, **held(4.0), **ACROSS),
-        segment("contact", 4.0, 6.0, **held(19.0)),
+        segment("contact", 4.0, 6.0, **held(rest_n)),
         segment("sliding", 6.0, 8.0, **held(20.0), **ACROSS),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 4.0 else 20.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 4.0 else rest_n if t < 6.0 else 20.0),
     )
-    assert [(app.t0, app.tn, app.segments) for app in made[1:]] == [(2.0, 6.0, (1, 2)), (6.0, 8.0, (3,))]
-    assert [forces_of(app) for app in made[1:]] == [pytest.approx([4.0, 20.0]), pytest.approx([20.0])]
+    assert [(app.t0, app.tn) for app in made[1:]] == parts
+    soft, hard = made[1:]
+    rest = soft.rest_after if rest_n < 10.0 else hard.rest_before
+    assert rest is not None
+    assert rest.newton_taught == pytest.approx(rest_n)
+    assert (hard.rest_before if rest_n < 10.0 else soft.rest_after) is None
+
+
+def test_the_bias_of_a_sensor_is_read_on_both_sides_of_a_contact() -> None:
+    """It wandered by 3 N over a stroke, whose force was said to be 1.5 N too large."""
+
+    def wandering(t: float) -> Moment:
+        pushed_n = 10.0 if 2.0 < t < 6.0 else 0.0
+        return drifted(t, pushed_n=pushed_n + min(max(0.75 * (t - 2.0), 0.0), 3.0))
+
+    stroke, rest = (
+        segment("sliding", 2.0, 5.0, **held(11.1), **ACROSS),
+        segment("contact", 5.0, 6.0, **held(12.6)),
+    )
+    off = segment("motion", 6.0, 8.0, **OFF)
+    apps = program(segment("motion", 0.0, 2.0), stroke, rest, off, at=wandering)
+    assert forces_of(apps[1]) == pytest.approx([10.0, 10.0], abs=0.5)
+    held_until = program(segment("motion", 0.0, 2.0), stroke, rest, at=wandering)  # not yet let go
+    assert forces_of(held_until[1]) == pytest.approx([11.1, 12.6], abs=0.1)
+
+
+@pytest.mark.parametrize("grips", [(), (GripperAction(5.2, "open", 0.08),)])
+def test_what_is_in_the_air_after_a_contact_is_no_bias_where_it_is_more_than_that(
+    grips: tuple[GripperAction, ...],
+) -> None:
+    left_n = 2.0 if grips else 9.0
+    stroke, off = segment("sliding", 2.0, 5.0, **held(20.0), **ACROSS), segment("motion", 5.0, 8.0, **OFF)
+    at = lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 20.0 if t < 5.0 else left_n)  # noqa: E731
+    apps = program(segment("motion", 0.0, 2.0), stroke, off, at=at, grips=grips)
+    assert forces_of(apps[1]) == pytest.approx([20.0], abs=1e-6)
+
+
+def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> None:
+    """Its segment began on the way down: the path of a stroke began 9 mm above the surface."""
+
+    def down_then_across(t: float) -> Moment:
+        x, z = (0.0, 0.1 + 0.05 * (3.0 - t)) if t < 3.0 else (0.1 * (t - 3.0), 0.1)
+        return replace(drifted(t, pushed_n=8.0 if t > 3.0 else 0.0), position=(x, 0.0, z))
+
+    def poses(t0: float, tn: float) -> tuple[Any, Any]:
+        times = np.arange(t0, tn + 1e-9, 0.05)
+        return times, np.array([down_then_across(t).position for t in times])
+
+    begun = {"position_start": (0.0, 0.0, 0.12), "position_end": (0.2, 0.0, 0.1)}
+    steps = [
+        ProgramSegment(0, segment("motion", 0.0, 2.6), 1.0),
+        ProgramSegment(1, segment("sliding", 2.6, 5.0, **held(8.0), **begun), 1.0),
+    ]
+    _, stroke = task_program(steps, (), down_then_across, paths=Paths(poses))
+    assert stroke.path is not None
+    assert stroke.path.start.position == pytest.approx((0.0, 0.0, 0.1), abs=0.006)
+    assert stroke.t0 == stroke.path.start.t == pytest.approx(3.05)
+
+
+@pytest.mark.parametrize(("resists_n", "becomes"), [(7.0, ["apply_force"]), (2.0, ["move_to_contact"])])
+def test_a_movement_that_is_pushed_back_all_the_way_to_a_contact_is_part_of_the_press(
+    resists_n: float, becomes: list[str]
+) -> None:
+    """A pump that sank slowly was a movement in the air, and its bottom the only press."""
+    down: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.178)}
+    bottom: dict[str, Any] = {"position_start": (0.0, 0.0, 0.178), "position_end": (0.0, 0.0, 0.178)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 2.2),
+        segment("motion", 2.2, 2.8, **down),
+        segment("contact", 2.8, 5.0, **bottom, **held(12.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.2 else resists_n if t < 2.8 else 12.0),
+    )
+    assert kinds(made)[1:] == [*([] if resists_n > 3.0 else becomes), "apply_force"]
+    assert made[-1].segments == ((2, 3) if resists_n > 3.0 else (3,))
 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.5])
@@ -792,6 +872,21 @@ def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> 
     assert kinds(made) == ["move_to_contact", "apply_force"]
 
 
+def test_a_press_after_a_rest_in_which_the_fingers_move_was_touched_after_they_moved() -> None:
+    """No app made its contact, so the program's own check refused the press."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 4.0),
+        segment("contact", 4.0, 6.0, **held(9.0)),
+        grips=(GripperAction(2.8, "open", 0.08),),
+        at=lambda t: drifted(t, pushed_n=9.0 if t > 4.0 else 0.0),
+    )
+    assert kinds(made) == ["cartesian_motion", "gripper_move", "move_to_contact", "apply_force"]
+    assert made[2].target == pytest.approx((0.0, 0.0, 0.405))
+    assert made[1].tn < made[2].t0 < made[2].tn <= made[3].t0
+    assert not [one for one in order_findings(made) if one.kind == "apply_force"]
+
+
 def test_the_path_to_a_contact_ends_before_the_rest_that_follows() -> None:
     """The rest was a pause after the contact, and its three seconds were in the path of 2 s too."""
 
@@ -824,7 +919,7 @@ def test_fingers_that_open_in_a_rest_open_before_what_is_pressed_after_it(
     assert made[0].kind == becomes
     assert "gripper_move" in kinds(made)
     if becomes == "cartesian_motion":
-        assert kinds(made)[1:] == ["gripper_move", "apply_force"]
+        assert kinds(made)[1:] == ["gripper_move", "move_to_contact", "apply_force"]
         assert made[0].target == pytest.approx(moment_at(2.0).position)
 
 

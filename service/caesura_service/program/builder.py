@@ -38,7 +38,7 @@ from caesura_service.program.program_segment import (
     observed,
 )
 from caesura_service.program.segment_interpretation import ARRIVES_M, kept_steps, pushes_back
-from caesura_service.program.strokes import INSERTED_M, rest_force_n, stroke_force
+from caesura_service.program.strokes import INSERTED_M, rest_force_n, stands, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
@@ -366,6 +366,8 @@ def _average(steps: Sequence[ProgramSegment], value: Callable[[Segment], float])
 def _group_key(step: ProgramSegment) -> str:
     """Transport and hold are one carry; pushing in what gives way is part of the press."""
     kind, contact = step.segment.kind, step.segment.contact
+    if stands(step) and not step.segment.corrected and not step.rests_before and not step.rests_after:
+        return "contact"
     if kind == "turning":
         return TURNS_AS[contact]
     if kind == "sliding" and step.gives_way:

@@ -178,8 +178,13 @@ def _still_touching(
 
 
 def _arrives_at(step: ProgramSegment, ahead: ProgramSegment | None) -> bool:
-    """Is it a movement with nothing in hand, directly before a contact?"""
-    return step.segment.kind == "motion" and ahead is not None and ahead.touches
+    """Is it a short movement with nothing in hand, directly before a contact?"""
+    return step.segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
+
+
+def may_press_in(step: ProgramSegment) -> bool:
+    """Is a movement so short that it may press something in? Then it depends on the force before it."""
+    return length(step.moved) < ARRIVES_M
 
 
 def _set_down(base: Vector, step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:

@@ -144,6 +144,13 @@ def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float 
     return _rest_force_n(rests, _felt(rests, moment_at))
 
 
+def stands(step: ProgramSegment) -> bool:
+    """Is a turn in contact so small that it is a rest?"""
+    segment = step.segment
+    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
+    return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
+
+
 def may_end_movement(step: ProgramSegment) -> bool:
     """Is a movement so short that it is the end of the one before it, where a contact follows?"""
     return length(step.moved) < DECAY_REACH_M
@@ -234,9 +241,7 @@ def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
     """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
     segment = step.segment
     pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
-    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
-    stands = segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
-    if segment.corrected or not (segment.kind == "contact" or pushes or stands):
+    if segment.corrected or not (segment.kind == "contact" or pushes or stands(step)):
         return False
     return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
 

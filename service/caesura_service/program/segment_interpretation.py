@@ -11,7 +11,8 @@ A segment is judged by itself. Here it is seen that
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
   gripped is not held yet;
-- a movement far out of what was pressed goes on in the air.
+- a movement far out of what was pressed goes on in the air;
+- a carry, or a turn in the air, that leads nowhere is a rest.
 What an operator has named is what it is.
 """
 
@@ -27,6 +28,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
+from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
@@ -42,6 +44,7 @@ from caesura_service.program.program_segment import (
 from caesura_service.program.sensor_bias import bias_between
 from caesura_service.program.strokes import (
     DECAY_REACH_M,
+    LEAST_TURN_RAD,
     OUT_M,
     OUT_SHARE,
     with_approaches,
@@ -83,7 +86,7 @@ def kept_steps(
         last = kept[-1] if kept else None
         if not _lets_go(before, kept, step, moment_at):
             read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
-            read = _leaving(_as_touching(last, read, grips, moment_at))
+            read = _resting(_leaving(_as_touching(last, read, grips, moment_at)), moment_at)
             contact = _contact_before(behind, beside, last, grips, least_s)
             if last is not None and not read.touches:
                 if contact is not None:
@@ -293,6 +296,22 @@ def _leaving(step: ProgramSegment) -> ProgramSegment:
     segment = step.segment
     leaves = segment.kind == "sliding" and step.gives_way and -step.pushed_in >= ARRIVES_M
     return _as(step, "free") if leaves else step
+
+
+def _resting(step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
+    """A carry, or a turn in the air, that leads nowhere is a rest: a person and a robot differ in it."""
+    segment = step.segment
+    named = segment.kind == "turning" or segment.contact == "transport"
+    if segment.corrected or step.touches or segment.motion == "steady" or not named:
+        return step
+    seen = [moment_at(t) for t in observed(segment.t0, segment.tn)]
+    way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
+    turns = [one.orientation for one in seen if one.orientation is not None]
+    if way >= OUT_M or (turns and max(angle_between(one, turns[0]) for one in turns) >= LEAST_TURN_RAD):
+        return step
+    kind = KINDS["steady", segment.contact]
+    still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}
+    return replace(step, segment=segment.model_copy(update=still))
 
 
 def _lets_go(

@@ -662,6 +662,40 @@ def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> Non
     assert stroke.t0 == stroke.path.start.t == pytest.approx(3.05)
 
 
+@pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.02, "transport")])
+def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
+    """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""
+
+    def there_and_back(t: float) -> Moment:
+        x = way_m * (1.0 - abs(t - 2.5) / 0.5) if 2.0 < t < 3.0 else 0.0
+        return replace(moment_at(0.0), position=(x, 0.0, 0.0))
+
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.0), "position_end": (0.0, 0.0, 0.0)}
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01}
+    made = program(
+        segment("transport", 0.0, 2.0, **load, **ACROSS),
+        segment("transport", 2.0, 3.0, **load, **here),
+        segment("transport", 3.0, 5.0, **load, **ACROSS),
+        grips=(GripperAction(-1.0, "grasp", 0.05),),
+        at=lambda t: there_and_back(t) if 2.0 < t < 3.0 else replace(moment_at(t), position=(t, 0.0, 0.0)),
+    )
+    assert [app.kind for app in made if app.segments] == ["transport", becomes, "transport"]
+
+
+@pytest.mark.parametrize(("turned_rad", "becomes"), [(0.01, []), (0.5, ["cartesian_motion"])])
+def test_a_turn_in_the_air_by_next_to_nothing_is_a_rest(turned_rad: float, becomes: list[str]) -> None:
+    """Beside a turn of 127 degrees stood a movement of 1.5 mm and 0.4 degrees."""
+
+    def turning(t: float) -> Moment:
+        half = 0.5 * turned_rad * min(max(t - 2.0, 0.0), 1.0)
+        return replace(moment_at(0.0), orientation=(0.0, 0.0, math.sin(half), math.cos(half)))
+
+    turn = segment("motion", 2.0, 3.0, position_start=(0.0, 0.0, 0.2), position_end=(0.0, 0.0, 0.2))
+    turn = turn.model_copy(update={"kind": "turning", "turn": (0.0, 0.0, turned_rad)})
+    made = program(segment("motion", 0.0, 2.0), turn, segment("motion", 3.0, 5.0), at=turning)
+    assert kinds(made) == ["cartesian_motion", *becomes, "cartesian_motion"]
+
+
 @pytest.mark.parametrize(("resists_n", "becomes"), [(7.0, ["apply_force"]), (2.0, ["move_to_contact"])])
 def test_a_movement_that_is_pushed_back_all_the_way_to_a_contact_is_part_of_the_press(
     resists_n: float, becomes: list[str]

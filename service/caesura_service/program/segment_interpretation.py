@@ -77,6 +77,7 @@ def kept_steps(
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
     kept: list[ProgramSegment] = []
     before: ProgramSegment | None = None
+    earlier: ProgramSegment | None = None  # the one before that: both last for the minimum time
     touched = -1  # the last step in contact, however short
     around = zip([None, None, *steps], [None, *steps], steps, [*steps[1:], None], strict=False)
     for behind, beside, step, ahead in around:
@@ -87,7 +88,7 @@ def kept_steps(
         if not _lets_go(before, kept, step, moment_at):
             read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
             read = _resting(_leaving(_as_touching(last, read, grips, moment_at)), moment_at)
-            contact = _contact_before(behind, beside, last, grips, least_s)
+            contact = _contact_before(behind, beside, earlier, last, grips, least_s)
             if last is not None and not read.touches:
                 if contact is not None:
                     read = _still_touching(contact, _base(last, moment_at), read, moment_at)
@@ -96,7 +97,7 @@ def kept_steps(
                 ):
                     read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
-        before = step
+        earlier, before = before, step
     based = _with_bases(kept, grips, moment_at)
     return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
 
@@ -154,6 +155,7 @@ def _base(before: ProgramSegment, moment_at: MomentAt) -> Vector:
 def _contact_before(
     behind: ProgramSegment | None,
     beside: ProgramSegment | None,
+    earlier: ProgramSegment | None,
     last: ProgramSegment | None,
     grips: Sequence[GripperAction],
     least_s: float,
@@ -162,15 +164,16 @@ def _contact_before(
 
     That one was read as a contact itself, or is shorter than the minimum time [s]. With something between the
     fingers there may be more of them: what it weighs is known.
-    behind, beside: the last but one and the last step before it, however short; last: the last one kept.
+    behind, beside: the last but one and the last step before it, however short; earlier: the last but one
+    that lasts; last: the last one kept.
     """
     if beside is None or beside.touches:
         return beside
     if not beside.lasts(least_s) and behind is not None and behind.touches:
         return behind
     read = last is not None and last.touches and last.index == beside.index
-    known = (behind is not None and behind.touches) or holds(beside, grips)
-    return last if read and known else None
+    after_contact = any(one is not None and one.touches for one in (behind, earlier))
+    return last if read and (after_contact or holds(beside, grips)) else None
 
 
 def _still_touching(

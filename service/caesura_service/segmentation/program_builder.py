@@ -125,7 +125,7 @@ class IncrementalProgramBuilder:
         for i in range(last, begin, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
-            touched = before.touches or (i > 1 and steps[i - 2].touches)
+            touched = before.touches or (i > 1 and steps[i - 2].touches) or self._touched_earlier(steps, i)
             touched = touched or (may_press_in(step) and (i + 1 >= settled or steps[i + 1].touches))
             moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
@@ -134,6 +134,11 @@ class IncrementalProgramBuilder:
         if last < begin + MOST_UNQUIET:
             return 0
         return next((i for i in range(last, begin, -1) if not steps[i].touches), last)
+
+    def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
+        """Was the last step but one that lasts, before a place, in contact?"""
+        earlier = next((steps[k] for k in range(i - 2, -1, -1) if self._lasts(steps[k])), None)
+        return earlier is not None and earlier.touches
 
     def _lasts(self, step: ProgramSegment) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""

@@ -121,6 +121,20 @@ def test_between_fingers_that_are_shut_there_is_nothing() -> None:
         assert app.kind == becomes
 
 
+def test_a_rest_after_a_soft_stroke_is_in_contact_though_something_short_was_before_the_stroke() -> None:
+    """The stroke after that rest began without a contact, and was said to be 6 N softer than it was."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(13.0)),
+        segment("motion", 3.0, 3.1, **ACROSS),
+        segment("motion", 3.1, 5.0, **ACROSS),
+        segment("steady", 5.0, 6.0, position_start=(0.1, 0.0, 0.2), position_end=(0.1, 0.0, 0.2)),
+        segment("sliding", 6.0, 8.0, **held(16.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 13.0 if t < 3.0 else 6.0 if t < 6.0 else 16.0),
+    )
+    assert math.hypot(*(made[-1].force_taught or ())) == pytest.approx(16.0)
+
+
 @pytest.mark.parametrize("rest", ["contact", "steady"])
 @pytest.mark.parametrize("turns", [False, True])
 def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, rest: str) -> None:

@@ -58,6 +58,7 @@ HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what 
 SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
+HELD_M = 0.01  # what is carried by less is held: its hold has the path
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -98,8 +99,22 @@ def kept_steps(
                     read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
         earlier, before = before, step
-    based = _with_bases(kept, grips, moment_at)
+    based = _with_bases(_as_one_hold(kept), grips, moment_at)
     return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
+
+
+def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:
+    """The same steps; holds that follow each other at once are one."""
+    joined: list[ProgramSegment] = []
+    for step in kept:
+        last = joined[-1] if joined else None
+        holds_on = last is not None and last.segment.kind == step.segment.kind == "hold"
+        if last is None or not holds_on or last.segment.corrected or step.segment.corrected:
+            joined.append(step)
+            continue
+        whole = {"t0": last.segment.t0, "position_start": last.segment.position_start}
+        joined[-1] = replace(step, approach=(*last.parts,), segment=step.segment.model_copy(update=whole))
+    return joined
 
 
 def _with_bases(
@@ -310,7 +325,8 @@ def _resting(step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
     seen = [moment_at(t) for t in observed(segment.t0, segment.tn)]
     way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
     turns = [one.orientation for one in seen if one.orientation is not None]
-    if way >= OUT_M or (turns and max(angle_between(one, turns[0]) for one in turns) >= LEAST_TURN_RAD):
+    nowhere_m = HELD_M if segment.contact == "transport" else OUT_M
+    if way >= nowhere_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= LEAST_TURN_RAD):
         return step
     kind = KINDS["steady", segment.contact]
     still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}

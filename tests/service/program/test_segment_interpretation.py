@@ -676,7 +676,7 @@ def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> Non
     assert stroke.t0 == stroke.path.start.t == pytest.approx(3.05)
 
 
-@pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.02, "transport")])
+@pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.008, "hold"), (0.02, "transport")])
 def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
     """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""
 
@@ -694,6 +694,27 @@ def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> Non
         at=lambda t: there_and_back(t) if 2.0 < t < 3.0 else replace(moment_at(t), position=(t, 0.0, 0.0)),
     )
     assert [app.kind for app in made if app.segments] == ["transport", becomes, "transport"]
+
+
+def test_holds_that_follow_each_other_are_one() -> None:
+    """The robot stood for 0.3 s before and after 6 mm that the person had moved in one hold."""
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01}
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.0), "position_end": (0.0, 0.0, 0.0)}
+    made = program(
+        segment("transport", 0.0, 2.0, **load, **ACROSS),
+        segment("hold", 2.0, 2.4, **load, **here),
+        segment("transport", 2.4, 3.0, **load, **here),
+        segment("hold", 3.0, 3.4, **load, **here),
+        segment("transport", 3.4, 5.0, **load, **ACROSS),
+        grips=(GripperAction(-1.0, "grasp", 0.05),),
+        at=lambda t: replace(moment_at(t), position=(0.0 if 2.0 < t < 3.4 else t, 0.0, 0.0)),
+    )
+    carried = [(app.kind, app.t0, app.tn, app.segments) for app in made if app.segments]
+    assert carried == [
+        ("transport", 0.0, 2.0, (0,)),
+        ("hold", 2.0, 3.4, (1, 2, 3)),
+        ("transport", 3.4, 5.0, (4,)),
+    ]
 
 
 @pytest.mark.parametrize(("turned_rad", "becomes"), [(0.01, []), (0.5, ["cartesian_motion"])])

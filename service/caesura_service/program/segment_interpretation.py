@@ -18,6 +18,7 @@ What an operator has named is what it is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby, takewhile
@@ -58,6 +59,7 @@ HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what 
 SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
+NOWHERE_RAD = math.radians(3.0)  # of a turn in the air: a check names what is more
 HELD_M = 0.01  # what is carried by less is held: its hold has the path
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
@@ -88,7 +90,7 @@ def kept_steps(
         last = kept[-1] if kept else None
         if not _lets_go(before, kept, step, moment_at):
             read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
-            read = _resting(_leaving(_as_touching(last, read, grips, moment_at)), moment_at)
+            read = _resting(_leaving(_as_touching(last, read, grips, moment_at)), grips, moment_at)
             contact = _contact_before(behind, beside, earlier, last, grips, least_s)
             if last is not None and not read.touches:
                 if contact is not None:
@@ -316,17 +318,21 @@ def _leaving(step: ProgramSegment) -> ProgramSegment:
     return _as(step, "free") if leaves else step
 
 
-def _resting(step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
-    """A carry, or a turn in the air, that leads nowhere is a rest: a person and a robot differ in it."""
+def _resting(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt) -> ProgramSegment:
+    """A carry, or a turn in the air, that leads nowhere is a rest: a person and a robot differ in it.
+
+    The path of what the fingers hold is kept; of a turn in the air, only what is less than a check names.
+    """
     segment = step.segment
-    named = segment.kind == "turning" or segment.contact == "transport"
-    if segment.corrected or step.touches or segment.motion == "steady" or not named:
+    carried = segment.contact == "transport" and holds(step, grips)
+    turned = segment.contact == "free" and segment.kind == "turning"
+    if segment.corrected or segment.motion == "steady" or not (carried or turned):
         return step
     seen = [moment_at(t) for t in observed(segment.t0, segment.tn)]
     way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
     turns = [one.orientation for one in seen if one.orientation is not None]
-    nowhere_m = HELD_M if segment.contact == "transport" else OUT_M
-    if way >= nowhere_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= LEAST_TURN_RAD):
+    most_m, most_rad = (HELD_M, LEAST_TURN_RAD) if carried else (OUT_M, NOWHERE_RAD)
+    if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
         return step
     kind = KINDS["steady", segment.contact]
     still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}

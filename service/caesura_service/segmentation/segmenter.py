@@ -210,10 +210,13 @@ class Segmenter:
         """Does it begin where what was seen does, for all that is known?"""
         before, shown = seen.stretch, seen.changepoint
         known = before.start_probability, before.start_interval, before.start_final
-        places = self._starts_t[stretch.start], *(self._starts_t[index] for index in stretch.start_interval)
-        return known == (stretch.start_probability, stretch.start_interval, stretch.start_final) and (
-            places == (shown.t, shown.t_low, shown.t_high)
-        )
+        now = stretch.start_probability, stretch.start_interval, stretch.start_final
+        return known == now and (shown.t, shown.t_low, shown.t_high) == self._start_times(stretch)
+
+    def _start_times(self, stretch: InferredSegment) -> tuple[float, float, float]:
+        """[s] where a segment begins, and between which middles that lies with probability 0.9."""
+        t, (low, high) = self._starts_t[stretch.start], stretch.start_interval
+        return t, min(t, self.places[low]), max(t, self.places[high])
 
     def _segment(self, stretch: InferredSegment, load: Load | None) -> Segment:
         found, history = stretch.verdict, self._history
@@ -278,12 +281,13 @@ class Segmenter:
 
     def _changepoint(self, stretch: InferredSegment) -> Changepoint:
         final = stretch.start_final or self._finished
+        t, t_low, t_high = self._start_times(stretch)
         return Changepoint(
-            t=self._starts_t[stretch.start],
+            t=t,
             probability=stretch.start_probability,
             certainty="final" if final else "provisional",
-            t_low=self._starts_t[stretch.start_interval[0]],
-            t_high=self._starts_t[stretch.start_interval[1]],
+            t_low=t_low,
+            t_high=t_high,
             corrected=self._heeded.is_certain(stretch.start),
         )
 

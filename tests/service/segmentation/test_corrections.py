@@ -129,7 +129,7 @@ def test_forbidding_its_interval_only_would_put_a_removed_changepoint_right_besi
         low, high = (round((t - first) / STEP_S + 0.5) for t in (one.t_low, one.t_high))
         view = shown.corrected([ResolvedEdit(none=tuple(range(low, high + 1)))]).view
         back += any(abs(t - one.t) < 0.35 for t in times(view))
-    assert (back, len(shown.view.changepoints)) == (5, 8)
+    assert (back, len(shown.view.changepoints)) == (4, 8)
 
 
 def test_a_changepoint_is_meant_from_half_a_second_away_and_the_nearest_of_all(shown: Pipeline):
@@ -178,7 +178,7 @@ def test_a_limited_force_is_found_again_by_its_time_and_its_direction_stays():
     app = max((one for one in wiped.view.apps if one.force), key=lambda one: one.tn - one.t0)
     limited = wiped.resolve(LimitForce(t=app.t0 + 0.01, newton=2.0))
     inside = 0.5 * (app.t0 + app.tn) - 0.4
-    for corrections in ([limited], [wiped.resolve(Insert(t=app.t0 - 1.0)), limited]):
+    for corrections in ([limited], [wiped.resolve(Insert(t=0.4)), limited]):
         view = wiped.corrected(corrections).view
         (found,) = [one for one in view.apps if one.t0 <= inside <= one.tn and one.force]
         np.testing.assert_allclose(np.linalg.norm(found.force), 2.0)

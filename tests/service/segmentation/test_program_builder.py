@@ -14,7 +14,7 @@ from caesura_protocol.messages import Gap, Segment
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
 from caesura_service.segmentation import program_builder
-from caesura_service.segmentation.program_builder import MOST_UNQUIET, IncrementalProgramBuilder
+from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 
 KINDS = {kind.name: kind for kind in PRESETS["default"].kinds}
 LENGTHS = (0.1, 0.3, 0.4, 2.0)
@@ -89,17 +89,21 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
         assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
 
 
-def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_often_it_is_looked_at():
-    steps = rests(2 * MOST_UNQUIET + 50)
+def test_where_nothing_is_quiet_the_program_is_cut_at_the_same_places_however_often_it_is_looked_at(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    most = 40
+    monkeypatch.setattr(program_builder, "MOST_UNQUIET", most)
+    steps = rests(2 * most + 10)
     programs, left = [], []
-    for every in (7, 97, len(steps)):
+    for every in (3, 19, len(steps)):
         growing = IncrementalProgramBuilder(moment_at, 0.3)
         for now in (*range(every, len(steps), every), len(steps)):
             apps = growing.apps(steps[growing.first : now], now, [])
         programs.append(list(apps))
         left.append(growing.first)
     assert programs[0] == programs[1] == programs[2]
-    assert left == [2 * MOST_UNQUIET] * 3
+    assert left == [2 * most] * 3
 
 
 def test_a_cut_divides_no_stroke_from_its_rests(monkeypatch: pytest.MonkeyPatch):

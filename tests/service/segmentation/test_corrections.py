@@ -45,7 +45,7 @@ from caesura_service.segmentation.view import Pipeline, PipelineView
 
 DATA = Path(__file__).parents[3] / "data"
 LOST = range(200, 212)  # batches that never come, in the demonstration with a hole
-SHORT = 340  # batches of a demonstration that is edited at random
+SHORT = 400  # batches of a demonstration that is edited at random
 KINDS = ("motion", "contact", "transport", "steady", "hold", "sliding")
 
 

@@ -1,8 +1,8 @@
 """What the tests cost: `make test ARGS="-p harness.processor_time"` lists the processor time of each module.
 
 A line has the seconds of the test process and of the processes that it started. Those that `Forked` starts
-count for the test that asked for them, others for the test in which they end. `CAESURA_TEST_TIMES` names a file for
-the time of each test.
+count for the test that asked for them, others for the test in which they end. `CAESURA_TEST_TIMES` names a
+file for the time of each test.
 """
 
 from __future__ import annotations
@@ -78,4 +78,6 @@ def _noted() -> Iterator[tuple[str, float, float]]:
     with (Path(os.environ[RUN]) / TIMES).open() as file:
         for line in file:
             test, own, children = json.loads(line)
-            yield test.removesuffix(" (setup)").removesuffix(" (call)").removesuffix(" (teardown)"), own, children
+            for phase in ("setup", "call", "teardown"):
+                test = test.removesuffix(f" ({phase})")
+            yield test, own, children

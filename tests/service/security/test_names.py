@@ -99,7 +99,8 @@ def test_a_message_with_such_a_name_is_refused(kind, field):
         try:
             taken.append(decode(content.payload, content.encoding, kind))
         except ProtocolError as error:
-            assert error.code == "malformed", name
+            if error.code != "malformed":
+                taken.append(error)
     assert taken == []
 
 

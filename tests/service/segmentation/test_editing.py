@@ -312,7 +312,7 @@ def test_a_correction_without_a_place_is_listed_with_its_reason_also_when_the_se
     assert stored.view.unapplied == {1: reason}
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=4, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1))
 def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):
     rng = np.random.default_rng(seed)

@@ -114,8 +114,7 @@ def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:
         if last is None or not holds_on or last.segment.corrected or step.segment.corrected:
             joined.append(step)
             continue
-        whole = {"t0": last.segment.t0, "position_start": last.segment.position_start}
-        joined[-1] = replace(step, approach=(*last.parts,), segment=step.segment.model_copy(update=whole))
+        joined[-1] = step.joined_to(last)
     return joined
 
 

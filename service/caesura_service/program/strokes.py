@@ -54,8 +54,7 @@ def with_approaches(steps: Sequence[ProgramSegment], grips: Sequence[GripperActi
         if last is None or not touched or not _ends(last, step) or _fingers_move(last.tn, step, grips):
             joined.append(step)
             continue
-        whole = {"t0": last.segment.t0, "position_start": last.segment.position_start}
-        joined[-1] = replace(step, approach=(*last.parts,), segment=step.segment.model_copy(update=whole))
+        joined[-1] = step.joined_to(last)
     return joined
 
 

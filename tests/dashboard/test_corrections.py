@@ -21,7 +21,7 @@ from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import snapshot
 from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
-from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
+from dashboard.stage import KINDS, Dashboard, Stage, patient
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -34,12 +34,6 @@ T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoi
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
-
-
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(tmp_path_factory.mktemp("stage")) as stage:
-        yield stage
 
 
 class Operator:

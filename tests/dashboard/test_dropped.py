@@ -15,19 +15,13 @@ from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
 from dashboard.browser import PATIENCE_MS, Visitor, needs_chromium
-from dashboard.stage import Stage, staged
+from dashboard.stage import Stage
 from harness import ros
 from harness.demonstrations import guided
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 TAUGHT = guided()
-
-
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(tmp_path_factory.mktemp("stage")) as stage:
-        yield stage
 
 
 @pytest.fixture

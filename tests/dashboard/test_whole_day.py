@@ -18,7 +18,7 @@ from caesura_clients import Caesura
 from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
 from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
-from dashboard.stage import Stage, patient, staged
+from dashboard.stage import Stage, patient
 from dashboard.test_corrections import Operator
 from dashboard.test_start_stop import StandbyBridge, session_of
 
@@ -41,12 +41,6 @@ LOADED = """() => {
   const plots = document.querySelector(".plots").plots;
   return plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading;
 }"""
-
-
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(tmp_path_factory.mktemp("stage")) as stage:
-        yield stage
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from caesura_protocol.messages import Remove
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import snapshot
-from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium, settled
 from dashboard.stage import KINDS, Dashboard, Stage, patient
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
@@ -46,9 +46,10 @@ class Operator:
 
     @classmethod
     def at(cls, page: Page, visitor: Visitor) -> Operator:
-        """Somebody at a page that is open already, without the wire."""
+        """Somebody at a page that is open already and has its samples, without the wire."""
         operator = cls.__new__(cls)
         operator.page, operator.visitor = page, visitor
+        settled(page)
         return operator
 
     def wait_for_three_segments(self) -> None:
@@ -494,6 +495,7 @@ def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage,
         page.goto(f"{stage.dashboard.url}/sessions/cell-preview/over")
         expect(page.locator(".app").first).to_be_visible()
         operator = Operator.at(page, visitor)
+        expect(operator.plot, "the last samples push nothing out").to_have_attribute("data-from", "0")
 
         page.mouse.click(*operator.place(first.tn), button="right")
         menu = page.locator(".correct-menu")

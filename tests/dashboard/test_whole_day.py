@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium, settled
 from dashboard.stage import Stage, patient
 from dashboard.test_corrections import Operator
 from dashboard.test_start_stop import StandbyBridge, session_of
@@ -36,10 +36,6 @@ DRAWN = """([name, from, to]) => {
   const points = columns.map((values) => [...times].map((t, i) => [t, values[i]])
     .filter(([t, value]) => value !== undefined && value !== null && t >= from && t <= to));
   return { off: columns.map((_, k) => off[k] ?? 0), points };
-}"""
-LOADED = """() => {
-  const plots = document.querySelector(".plots").plots;
-  return plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading;
 }"""
 
 
@@ -107,7 +103,7 @@ def correct(visitor: Visitor) -> None:
     page = visitor.page
     page.locator(".plots").press("0")
     page.locator("canvas.band").scroll_into_view_if_needed()
-    page.wait_for_function(LOADED)
+    settled(page)
     x, _ = Operator.at(page, visitor).place(INSERTED_S)
     band = page.locator("canvas.band").bounding_box()
     assert band is not None
@@ -160,11 +156,11 @@ def pressing_of(taught: Snapshot) -> int:
 def check_signals(page: Page, sent: Recording, count: int) -> None:
     """Within a second every sample that the bridge sent is drawn, and nothing else; likewise at the whole."""
     page.locator(".plots").press("0")
-    page.wait_for_function(LOADED)
+    settled(page)
     drawn_as_sent(page, sent, 0.0, float(sent.t[count - 1]), every=False)
     for _ in range(3):
         page.get_by_role("button", name="Zoom in").click()
-    page.wait_for_function(LOADED)
+    settled(page)
     start, end = (
         float(page.locator(".plots").get_attribute(f"data-{one}") or "nan") for one in ("from", "to")
     )

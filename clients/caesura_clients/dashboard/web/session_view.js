@@ -224,7 +224,9 @@ export default {
 
     // --- signals ---
     take_data(data) {
+      const isWhole = this.replay && this.end === null && this.span >= this.longest();
       this.data = Object.freeze(data);
+      if (isWhole) this.span = this.longest(); // the last samples are later than what was found
       if (data.available.join() !== this.available.join()) this.available = data.available;
       if (!this.origin && data.points.px && data.points.px.length) {
         this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);

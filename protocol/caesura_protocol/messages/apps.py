@@ -41,8 +41,8 @@ class ViaPoint(Message):
 class AppPath(Message):
     """The way from the start of an app to its target, as it was taught.
 
-    The reproduced path leads through its start, the via points and the app's target; `caesura_protocol.paths`
-    has the curve between them. Without a via point it is the straight line.
+    The reproduced path leads through its start, the via points and the app's target. The curve between them
+    is that of `caesura_protocol.reproduced_path`; without a via point it is the straight line.
     """
 
     start: ViaPoint  # where the demonstration was; the robot may begin elsewhere

@@ -71,24 +71,23 @@ class DriftTracker:
 
     def wait(self, state: DriftState, dt: float) -> DriftState:
         """Let a time [s] pass of which no force is known to be free."""
-        gained = self.walk_n2_per_s * dt
-        return DriftState(
-            tuple(one._replace(variance=min(one.variance + gained, self.most_n2)) for one in state.hypotheses)
-        )
+        gained, most = self.walk_n2_per_s * dt, self.most_n2
+        waited = [BiasHypothesis(m, min(v + gained, most), w, f) for m, v, w, f in state.hypotheses]
+        return DriftState(tuple(waited))
 
     def advance(self, state: DriftState, force: Vector, dt: float) -> DriftState:
         """Take a force [N], dt [s] after the one before."""
         found: list[BiasHypothesis] = []
         for one in self.wait(state, dt).hypotheses:
             found += self._branches(one, force)
-        found.sort(key=lambda one: -one.log_weight)
+        found.sort(key=_log_weight, reverse=True)
         best = found[0].log_weight
         kept: list[BiasHypothesis] = []
         for one in found:
             if one.log_weight - best < -LOG_LEAST or len(kept) == MOST_HYPOTHESES:
                 break
             if not any(_is_like(one, other) for other in kept):
-                kept.append(one._replace(log_weight=one.log_weight - best))
+                kept.append(BiasHypothesis(one.mean, one.variance, one.log_weight - best, one.contact))
         return DriftState(tuple(kept))
 
     def _branches(self, one: BiasHypothesis, force: Vector) -> tuple[BiasHypothesis, BiasHypothesis]:
@@ -99,11 +98,14 @@ class DriftTracker:
         spread = variance + self.noise_n * self.noise_n
         gain = variance / spread
         lasts, changes = math.log(self.lasting_share), math.log(1.0 - self.lasting_share)
-        free = (lasts if one.contact is None else changes) + _log_normal(off2, spread)
+        free = _log_normal(off2, spread)
         if one.contact is None:
+            free += lasts
             contact = changes + _log_normal(off2, max(self.contact_n * self.contact_n, spread))
         else:
-            step2 = sum((a - b) ** 2 for a, b in zip(force, one.contact, strict=True))
+            free += changes
+            cx, cy, cz = one.contact
+            step2 = (x - cx) * (x - cx) + (y - cy) * (y - cy) + (z - cz) * (z - cz)
             contact = lasts + _log_normal(step2, self.contact_step_n * self.contact_step_n)
         moved = (mx + gain * dx, my + gain * dy, mz + gain * dz)
         return (
@@ -112,14 +114,19 @@ class DriftTracker:
         )
 
 
+def _log_weight(one: BiasHypothesis) -> float:
+    return one.log_weight
+
+
 def _log_normal(off2: float, variance: float) -> float:
     """Log density of a force off2 [N²] from its mean, but for a constant."""
     return -0.5 * (off2 / variance + AXES * math.log(variance))
 
 
 def _is_like(one: BiasHypothesis, other: BiasHypothesis) -> bool:
-    """Are two so near that the next forces do not tell them apart?"""
+    """Are two so near that the next forces do not distinguish them?"""
     if (one.contact is None) != (other.contact is None):
         return False
-    apart2 = sum((a - b) ** 2 for a, b in zip(one.mean, other.mean, strict=True))
+    (ax, ay, az), (bx, by, bz) = one.mean, other.mean
+    apart2 = (ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz)
     return apart2 < min(one.variance, other.variance) + LIKE_N2

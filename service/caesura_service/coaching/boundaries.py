@@ -81,7 +81,7 @@ class BoundaryCoach:
             self._follow(posterior.changepoint_probabilities, boundary, newest, t)
 
     def _may_hint(self, index: int) -> bool:
-        """Is this another boundary than the last one, and was that one's hint to be read long enough?"""
+        """Is this another boundary than the last one, whose hint was there long enough to be read?"""
         return self._hinted is None or index > self._hinted.start + LEAST
 
     def _watch(self, boundary: Boundary, t: float, probability: float) -> None:

@@ -101,7 +101,7 @@ def bridge(
         typer.Option(
             min=0.2,
             max=30.0,
-            metavar="SECONDS",
+            metavar="S",
             help=f"Released for so long, the button ends it. By default {RELEASED_S:g}.",
         ),
     ] = None,

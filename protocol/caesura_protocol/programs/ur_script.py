@@ -134,7 +134,7 @@ class _Writer:
             lines += self._watched(planned.place, moves, self._tightness(app))
             if planned.hold_s >= LEAST_PAUSE_S:
                 lines += [f"begin_force({frame}, {planned.hold_n:.3f})"] if planned.hold_n != newtons else []
-                lines.append(f"sleep({planned.hold_s:.3f})")
+                lines += [f"{began} = get_actual_tcp_pose()", *_held(name, planned.hold_s, depth)]
         else:
             lines += _held(name, max(planned.hold_s, PERIOD_S), depth)
         return [*lines, "end_force_mode()", "stopl(2.0)"]

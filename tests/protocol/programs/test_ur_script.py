@@ -244,6 +244,40 @@ def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught()
     assert sum(holds) == pytest.approx(0.5)
 
 
+class EndsBeyondAnEdge(Controller):
+    """Past its path a stroke has no surface below it: force mode moves the flange at its full speed."""
+
+    def __init__(self, **world: Any) -> None:
+        super().__init__(**world)
+        self.is_pressed_after_its_way = False
+
+    def movep(self, pose: list[float], a: float = 1.2, v: float = 0.25, r: float = 0) -> None:
+        super().movep(pose, a, v, r)
+        self.is_pressed_after_its_way = True
+
+    def end_force_mode(self) -> None:
+        self.is_pressed_after_its_way = False
+
+    def sleep(self, t: float) -> None:
+        if self.is_pressed_after_its_way:
+            self.pose[2] -= 0.03 * t
+
+
+def test_a_rest_after_a_way_that_has_lost_its_surface_stops_the_program():
+    # The rest was one sleep: without a surface the flange went on at 30 mm/s for as long as it lasted.
+    stroke = wiped()
+    at = next(i for i, one in enumerate(stroke) if one.kind == "apply_force")
+    long_rest = stroke[at].model_copy(update={"tn": stroke[at].tn + 4.0})
+    later = [
+        one.model_copy(update={"t0": one.t0 + 4.0, "tn": one.tn + 4.0, "path": None})
+        for one in stroke[at + 1 :]
+    ]
+    controller = EndsBeyondAnEdge(table_m=0.19)
+    with pytest.raises(Halted):
+        controller.play(ur_script(on_ur((*stroke[:at], long_rest, *later))))
+    assert controller.named("popup")[0]["s"] == "pushed in too deep"
+
+
 def test_a_rest_beside_a_way_is_pressed_with_its_own_force():
     controller = played(on_ur(pressed_harder_before()), table_m=0.19)
     newtons = [call["wrench"][2] for call in controller.named("force_mode")]

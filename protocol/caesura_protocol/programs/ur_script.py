@@ -88,7 +88,10 @@ class _Writer:
             return [*lines, f"sleep({planned.hold_s:.3f})"]
         if planned.contact is None:
             return lines + self._watched(planned.place, moves, self._tightness(app))
-        lines += ["zero_wrench()", *self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")]
+        if planned.clear_legs is not None:
+            lines += [*moves[: planned.clear_legs], "zero_wrench()"]
+            moves = moves[planned.clear_legs :]
+        lines += self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")
         return [*lines, f"search_contact({_list(planned.contact)})"]
 
     def _tightness(self, app: App) -> str | None:

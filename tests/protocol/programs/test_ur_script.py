@@ -15,7 +15,16 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import CHORD_M
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.reproduced_path import curve_of
-from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
+from harness.programs import (
+    DOWN,
+    app,
+    as_file,
+    pick_and_place,
+    press,
+    pressed_harder_before,
+    set_down_at_once,
+    wiped,
+)
 
 from .fake_ur_controller import Controller, Halted, as_python
 
@@ -242,6 +251,23 @@ def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught()
         one["t"] for name, one in controller.calls[last : names.index("end_force_mode")] if name == "sleep"
     ]
     assert sum(holds) == pytest.approx(0.5)
+
+
+def test_the_sensor_is_zeroed_where_nothing_is_touched():
+    # At the start of a carry the tool still pressed on the table: the force that ended passed for a contact.
+    class NotesZeros(Controller):
+        zeroed_m: tuple[float, ...] = ()
+
+        def zero_ftsensor(self) -> None:
+            self.zeroed_m += (self.pose[2],)
+
+    controller = NotesZeros(table_m=0.11)
+    controller.play(ur_script(on_ur(set_down_at_once())))
+    assert len(controller.zeroed_m) == 3
+    assert min(controller.zeroed_m) > 0.11
+    searches = [i for i, (name, _) in enumerate(controller.calls) if name == "speedl"]
+    grasps = [i for i, (name, _) in enumerate(controller.calls) if name == "set_payload"]
+    assert searches[-1] > grasps[0]  # it looks for the table again
 
 
 class EndsBeyondAnEdge(Controller):

@@ -1,23 +1,88 @@
-"""Warnings about a recording that segment table and report show: values that look wrong, a still gripper."""
+"""Warnings about a recording that segment table and report show: what is assumed, and what looks wrong.
+
+The order of a quaternion cannot be told from quaternions alone: both orders turn by the same angles. Joints
+of a known arm tell it. The sign of a force cannot be told from forces alone: a reversed press is a pull. A
+load that pulls upwards while it is lifted tells it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from caesura_protocol.recording import Recording
+from caesura_protocol.plausibility import METRES
+from caesura_protocol.recording import ASSUMED_ORDER, QUATERNION_ORDERS, Recording
+from caesura_protocol.rotations import matrices_of
+from caesura_protocol.wrench_reading import TARE_S
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.offline_segmentation import capabilities_of
+from caesura_service.robot import load_robot
 from caesura_service.signals.gripper import GripperParameters
+
+Array = NDArray[np.float64]
+
+COMPARED = 200  # samples whose orientation is compared with the joints
+AGREES_RAD, DIFFERS_RAD = 0.1, 0.3
+ASSUMED_ARM = "panda"  # of seven joints, as the service reads them
+CELL_S = 0.1
+RISING_M_PER_S = 0.01
+LIFT_M = 0.03  # by which something held must be lifted in all
+UPWARD_N = 2.0  # the bias of a sensor wanders by as much within a recording
 
 
 def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
     """What a reader must know of the recording beside its results, a sentence or two each."""
     return (
-        *(f"Warning: {doubt}" for doubt in recording.doubts),
+        *(f"Warning: {one}" for one in (*recording.cautions, *recording.doubts)),
+        *_of_assumptions(recording),
         *_of_models(recording, PRESETS.get(preset)),
     )
+
+
+def _of_assumptions(recording: Recording) -> Iterator[str]:
+    """What the reader assumed; where the joints tell the order of the quaternions, what they tell."""
+    order = order_of_quaternions(recording)
+    yield from (one for one in recording.assumed if one != ASSUMED_ORDER or order is None)
+    if order == "wxyz":
+        yield (
+            "Warning: the quaternions agree with the joints in the order w, x, y, z and not in x, y, z, w, in which "
+            "they are read: reorder them, or state quaternion_order wxyz in the npz file."
+        )
+
+
+def order_of_quaternions(recording: Recording) -> str | None:
+    """`xyzw` or `wxyz` where the joints of the arm fit one order and not the other; None where they tell nothing."""
+    signals, name = recording.signals, recording.setting.robot or ASSUMED_ARM
+    if not {"quat", "q"} <= set(signals):
+        return None
+    arm = load_robot(name)
+    if signals["q"].shape[1] != arm.joints:
+        return None
+    chosen = np.linspace(0, recording.t.size - 1, min(COMPARED, recording.t.size)).astype(int)
+    expected = matrices_of(arm.flange_poses(signals["q"][chosen])[1])
+    read = signals["quat"][chosen]
+    errors = {
+        order: _disagreements(expected, read[:, [order.index(axis) for axis in "xyzw"]])
+        for order in QUATERNION_ORDERS
+    }
+    for one, other in (QUATERNION_ORDERS, QUATERNION_ORDERS[::-1]):
+        pairs = zip(errors[one], errors[other], strict=True)
+        if any(fits < AGREES_RAD and differs > DIFFERS_RAD for fits, differs in pairs):
+            return one
+    return None
+
+
+def _disagreements(expected: Array, quaternions: Array) -> tuple[float, float]:
+    """Largest angles [rad] between rotations (n, 3, 3) and quaternions (n, 4): as they are, and but for a tool."""
+    tools = np.swapaxes(expected, 1, 2) @ matrices_of(quaternions)
+    return _largest_angle(tools), _largest_angle(np.swapaxes(tools[:1], 1, 2) @ tools)
+
+
+def _largest_angle(rotations: Array) -> float:
+    cosines = 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1.0)
+    return float(np.arccos(np.clip(cosines, -1.0, 1.0)).max())
 
 
 def _of_models(recording: Recording, preset: Preset | None) -> Iterator[str]:
@@ -31,3 +96,42 @@ def _of_models(recording: Recording, preset: Preset | None) -> Iterator[str]:
             "The gripper never moved: it is taken to hold nothing, and a load must weigh more to be shown. "
             "Leave out the column gripper where something was held from the start."
         )
+    upward = upward_force_of_load(recording)
+    if upward > UPWARD_N:
+        yield (
+            f"Warning: while something held is lifted, the force points upwards by {upward:.1f} N, at most "
+            f"{UPWARD_N:g} N are plausible: a load pulls down. The force is taken as that of the environment on the "
+            "robot. Negate force and torque where they are the robot's on the environment."
+        )
+
+
+def upward_force_of_load(recording: Recording) -> float:
+    """Median force upwards [N], base frame, without its zero, while the gripper lifts what it holds; else 0."""
+    signals = recording.signals
+    if not {"pos", "force", "gripper"} <= set(signals):
+        return 0.0
+    force = signals["force"]
+    if recording.force_frame == "flange":
+        if "quat" not in signals:
+            return 0.0
+        force = np.einsum("nij,nj->ni", matrices_of(signals["quat"]), force)
+    t = recording.t
+    cells = np.floor((t - t[0]) / CELL_S).astype(np.int64)
+    starts = np.flatnonzero(np.diff(cells, prepend=-1))
+    counts = np.diff(starts, append=t.size)
+    height = np.add.reduceat(signals["pos"][:, 2], starts) / counts * METRES[recording.length_unit]
+    upwards = np.add.reduceat(force[:, 2] - force[t <= t[0] + TARE_S, 2].mean(), starts) / counts
+    held = _holds(signals["gripper"][starts, 0])
+    rises = np.diff(height, prepend=height[0])
+    lifted = held & (rises > RISING_M_PER_S * CELL_S) & (np.diff(cells[starts], prepend=0) == 1)
+    return float(np.median(upwards[lifted])) if rises[lifted].sum() > LIFT_M else 0.0
+
+
+def _holds(gripper: Array) -> NDArray[np.bool_]:
+    """Whether the fingers are between open and closed, or their flag is set."""
+    if set(np.unique(gripper)) <= {0.0, 1.0}:
+        return gripper == 1.0
+    held: NDArray[np.bool_] = (gripper > GripperParameters.empty_m) & (
+        gripper < gripper.max() - GripperParameters.travel_m
+    )
+    return held

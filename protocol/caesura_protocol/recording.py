@@ -69,7 +69,9 @@ class Recording:
     t: (n,) [s], in the order of arrival; signals: name → (n, width), names as in the module's table.
     wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
     ignored: what else the file holds. declared_units: quantities whose unit a person declared, so that values
-    which no robot reports are believed. setting: what its cell asks of the program.
+    which no robot reports are believed. setting: what its cell asks of the program. assumed: what the reader
+    assumes where the file leaves it open; cautions: why a wrench is not used, or is suspect; a sentence each.
+    lines: of the samples in the file, where it is a text.
     Raises RecordingError where a shape, a name, a unit or a time is off.
     """
 
@@ -83,6 +85,9 @@ class Recording:
     hand_on_robot: HandOnRobot = "unknown"
     declared_units: tuple[Quantity, ...] = field(default=(), compare=False)
     setting: CellSettings = UNSET
+    assumed: tuple[str, ...] = field(default=(), compare=False)
+    cautions: tuple[str, ...] = field(default=(), compare=False)
+    lines: tuple[int, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -91,7 +96,7 @@ class Recording:
         if not np.isfinite(self.t).all():
             first = int(np.flatnonzero(~np.isfinite(self.t))[0])
             raise RecordingError(
-                f"{self.name}: sample {first}: t is {self.t[first]}, expected a finite number"
+                f"{self.name}: {self.place(first)}: t is {self.t[first]}, expected a finite number: {LEAVE_OUT}"
             )
         if not {"pos", "q"} & set(self.signals):
             raise RecordingError(
@@ -106,12 +111,16 @@ class Recording:
             widths = range(1, width + 1) if signal in JOINT_SIGNALS else (width,)
             if values.ndim != 2 or len(values) != self.t.size or values.shape[1] not in widths:
                 expected = f"({self.t.size}, {'1 to ' * (len(widths) > 1)}{width})"
-                raise RecordingError(f"{self.name}: {signal} has shape {values.shape}, expected {expected}")
+                raise RecordingError(
+                    f"{self.name}: {signal} has shape {values.shape}, expected {expected}"
+                    f"{_shape_remedy(signal, values.shape, self.t.size)}"
+                )
             if not np.isfinite(values).all():
                 row, column = np.argwhere(~np.isfinite(values))[0]
                 name = COLUMNS_OF_SIGNAL[signal][column]
                 raise RecordingError(
-                    f"{self.name}: sample {row}: {name} is {values[row, column]}, expected a finite number"
+                    f"{self.name}: {self.place(int(row))}: {name} is {values[row, column]}, expected a finite "
+                    f"number: {LEAVE_OUT}"
                 )
         self._check_options()
 
@@ -123,6 +132,14 @@ class Recording:
                 )
         if (wrong := contradiction(self.wrench_source, self.hand_on_robot)) is not None:
             raise RecordingError(f"{self.name}: {wrong}")
+
+    def place(self, row: int) -> str:
+        """The name of a sample in errors, with its line where the file is a text.
+
+        >>> Recording(np.zeros(2), {"q": np.zeros((2, 7))}, lines=(2, 5)).place(1)
+        'sample 1 (line 5)'
+        """
+        return f"sample {row} (line {self.lines[row]})" if row < len(self.lines) else f"sample {row}"
 
     @property
     def has_wrench(self) -> bool:
@@ -165,7 +182,36 @@ class Recording:
         """Write the recording as npz."""
         arrays = {s: v[:, 0] if v.shape[1] == 1 else v for s, v in self.signals.items()}
         options = {key: np.array(value) for key, value in self.stated_options.items()}
+        if "quat" in arrays:
+            options[QUATERNION_ORDER] = np.array("xyzw")
         np.savez_compressed(path, t=self.t, **arrays, **options)  # type: ignore[arg-type]
+
+
+LEAVE_OUT = "leave out the samples that have none, or the whole signal"
+
+
+def _shape_remedy(signal: str, shape: tuple[int, ...], samples: int) -> str:
+    """What to do about an array of a wrong shape, where its shape shows it.
+
+    >>> _shape_remedy("force", (3, 500), 500), _shape_remedy("pos", (2, 2), 500)
+    (': it is transposed, write force.T', '')
+    """
+    if len(shape) != 2:
+        return ""
+    width = len(COLUMNS_OF_SIGNAL[signal])
+    turned = shape[1] == samples != shape[0]
+    columns = shape[0] if turned else shape[1]
+    if signal == "force" and columns == 6 and samples in shape:
+        wrench = "wrench.T" if turned else "wrench"
+        return f": a wrench is two arrays, force = {wrench}[:, :3] and torque = {wrench}[:, 3:]"
+    if turned and (columns == width or signal in JOINT_SIGNALS):
+        return f": it is transposed, write {signal}.T"
+    if signal == "pos" and columns == 7 and samples in shape:
+        pose = "pose.T" if turned else "pose"
+        return f": a pose is two arrays, pos = {pose}[:, :3] and quat = {pose}[:, 3:] in the order x y z w"
+    if samples not in shape:
+        return f": one row for each of the {samples} times in t"
+    return ""
 
 
 OPTIONS: Mapping[str, tuple[str, ...]] = {
@@ -175,6 +221,11 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "length_unit": LENGTH_UNITS,
 }
 STATED = (*OPTIONS, *CellSettings._fields)  # all that a file may state
+#: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
+QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")
+ASSUMED_ORDER = (
+    "Quaternion order x, y, z, w: assumed. State quaternion_order in the file: xyzw, or wxyz to have it reordered."
+)
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

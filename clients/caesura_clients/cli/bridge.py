@@ -209,7 +209,12 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
     """The source, closed in the end where it can be; says what of a file it does not read."""
     source = open_source(name, options)
     if isinstance(source, FileSource):
-        said = (ignored_line(source.recording), *(f"warning: {one}" for one in source.recording.doubts))
+        recording = source.recording
+        said = (
+            ignored_line(recording),
+            *(f"note: {one}" for one in recording.assumed),
+            *(f"warning: {one}" for one in (*recording.cautions, *recording.doubts)),
+        )
         for line in filter(None, said):
             typer.echo(line, err=True)
     with ExitStack() as stack:

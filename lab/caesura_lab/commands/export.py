@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
+from caesura_clients.cli.result_tables import ignored_line
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import segmented
 from caesura_protocol.distribution import import_extra
@@ -40,7 +41,11 @@ def export_recording(
     """
     with reported():
         check_writable(out, ".mcap")
-        recording = load_recording(file, **reading._asdict(), mapping=mapping)
+        copied = out.suffix != ".mcap"  # without results, which a wrench that cannot be used would spoil
+        recording = load_recording(file, **reading._asdict(), mapping=mapping, as_stated=copied)
+        for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
+            if line:
+                typer.echo(line, err=True)
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
         try:
             if out.suffix == ".mcap":

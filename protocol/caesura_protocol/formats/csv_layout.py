@@ -9,19 +9,20 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from caesura_protocol.columns import signal_columns
+from caesura_protocol.formats.csv_text import encoding_of, read_lines, stated_in_comments
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS, implausible
-from caesura_protocol.recording import RecordingError
+from caesura_protocol.recording import STATED, RecordingError
 
 DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal mark
 MOST_ROWS = 2000  # that are looked at
@@ -33,18 +34,22 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """The form of a csv file. rows: the first samples, as text; header: numbers from 1 where it has none."""
+    """The form of a csv file. rows: the first samples, as text; header: numbers from 1 where it has none.
+
+    stated: options in the file's comments, such as `# wrench_source: flange_sensor`.
+    """
 
     name: str
     delimiter: str
     decimal: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    stated: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_own(self) -> bool:
         """Whether it is Caesura's own form, which needs no mapping."""
-        return self.delimiter == "," and has_own_columns(self.header)
+        return has_own_columns(self.header)
 
     def numbers(self, column: str) -> Array:
         """Return the values of a column among `rows`; NaN where one is no number."""
@@ -60,11 +65,13 @@ def has_own_columns(header: Collection[str]) -> bool:
 def read_layout(path: Path) -> CsvLayout:
     """Look at the beginning of a csv file. Raises RecordingError where it holds no table."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            kept = (line for line in file if line.strip() and not line.startswith("#"))
-            lines = list(islice(kept, MOST_ROWS))
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open(encoding=encoding_of(path), newline="") as file:
+            first = list(islice((line for line in file if line.strip()), MOST_ROWS))
+    except OSError as error:
         raise RecordingError(f"{path.name}: not a readable csv file ({error})") from error
+    except UnicodeDecodeError:
+        first = read_lines(path)  # raises, with the line
+    lines = [line for line in first if not line.lstrip().startswith("#")]
     if len(lines) < 2:
         raise RecordingError(f"{path.name}: {len(lines)} rows, expected a header and at least one sample")
     delimiter = next((one for one in DELIMITERS if _columns_by(lines[:20], one) > 1), ",")
@@ -76,9 +83,10 @@ def read_layout(path: Path) -> CsvLayout:
         )
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for row in rows[:20] for cell in row)
     decimal = "," if commas and delimiter != "," else "."
+    stated = {key: value for key, value in stated_in_comments(first).items() if key in STATED}
     if all(np.isfinite(_number(cell, decimal)) for cell in rows[0]):
-        return CsvLayout(path.name, delimiter, decimal, _numbered(len(rows[0])), tuple(rows))
-    return CsvLayout(path.name, delimiter, decimal, rows[0], tuple(rows[1:]))
+        return CsvLayout(path.name, delimiter, decimal, _numbered(len(rows[0])), tuple(rows), stated)
+    return CsvLayout(path.name, delimiter, decimal, rows[0], tuple(rows[1:]), stated)
 
 
 def guessed(layout: CsvLayout) -> MappingAnswers:

@@ -27,11 +27,13 @@ import numpy as np
 
 from caesura_protocol import plausibility
 from caesura_protocol.columns import missing_columns, signal_columns
+from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.csv_text import read_lines, stated_in_comments
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS
-from caesura_protocol.recording import RecordingError
+from caesura_protocol.recording import STATED, RecordingError
 
 #: A unit in Caesura's, by signal; positions keep the file's own `length_unit` where no unit is said.
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -61,34 +63,72 @@ class CsvTable(NamedTuple):
     header: list[str]
     rows: list[list[str]]
     numbers: list[int]  # of the rows, as an editor counts lines
+    stated: dict[str, str]  # by the comments
 
 
 def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     """The signals that the mapping names. Raises RecordingError, which names the column and what there is."""
-    rules = rules_of(mapped)
     table = _table(path, mapped)
-    column = {rule.column: _numbers(path, mapped, table, rule) * rule.factor for rule in rules}
+    options, contradicted = _options(table, mapped)
+    rules = rules_of(mapped, options.get("length_unit", "m"))
+    assumed: list[str] = []
+    column: dict[str, Array] = {}
+    if is_dated := _is_dated(table, rules[0]):
+        index = table.header.index(rules[0].source_column)
+        if "unit" in mapped.section("time"):
+            raise mapped.error("[time] has a unit, and the file has times of day: leave out the unit")
+        cells = [row[index] if index < len(row) else "" for row in table.rows]
+        times = seconds_of(cells, [f"{path}, line {number}" for number in table.numbers])
+        column["t"] = times.t
+        assumed.append(CALENDAR.format(times.first))
+        rules = rules[1:]
+    column |= {rule.column: _numbers(path, mapped, table, rule) * rule.factor for rule in rules}
     arrays = {"t": column["t"]}
     for signal, names in COLUMNS_OF_SIGNAL.items():
         if missing := missing_columns(signal, column):
             raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
     for signal, names in signal_columns(column).items():
         arrays[signal] = np.column_stack([column[name] for name in names])
-    used = {rule.source_column for rule in rules}
-    return RawRecording(arrays, mapped.options, [name for name in table.header if name not in used])
+    used = {rule.source_column for rule in rules} | ({str(mapped.section("time")["column"])} if is_dated else set())
+    ignored = [*contradicted, *(name for name in table.header if name not in used)]
+    return RawRecording(
+        arrays, options, ignored, tuple(assumed), tuple(table.numbers), has_calendar_time=is_dated
+    )
 
 
-def rules_of(mapped: ColumnMapping) -> list[ColumnRule]:
-    """Return the rule of each mapped column. Raises RecordingError."""
+def _options(table: CsvTable, mapped: ColumnMapping) -> tuple[dict[str, str], list[str]]:
+    """What the file's comments state, and the mapping, which goes before; the comments that it contradicts."""
+    stated = {key: value for key, value in table.stated.items() if key in STATED}
+    contradicted = [
+        f"# {key}: {value}, because {mapped.name} states {mapped.options[key]}"
+        for key, value in stated.items()
+        if mapped.options.get(key, value) != value
+    ]
+    return {**stated, **mapped.options}, contradicted
+
+
+def _is_dated(table: CsvTable, rule: ColumnRule) -> bool:
+    """Whether the times are dates."""
+    if rule.source_column not in table.header or not table.rows:
+        return False
+    index = table.header.index(rule.source_column)
+    return index < len(table.rows[0]) and is_calendar_time(table.rows[0][index])
+
+
+def rules_of(mapped: ColumnMapping, length_unit: str = "m") -> list[ColumnRule]:
+    """Return the rule of each mapped column, that of `t` first. Raises RecordingError.
+
+    length_unit: of the recording, in which positions are kept.
+    """
     time = mapped.section("time")
     if not time:
         raise mapped.error('has no [time], expected for example [time] with column = "t"')
     columns = mapped.section("columns")
     mapped.check_keys("[columns]", columns, [name for name in SIGNAL_OF_COLUMN if name != "t"])
-    return [_rule(mapped, "t", time), *(_rule(mapped, column, entry) for column, entry in columns.items())]
+    return [_rule(mapped, column, entry, length_unit) for column, entry in (("t", time), *columns.items())]
 
 
-def _rule(mapped: ColumnMapping, column: str, entry: Any) -> ColumnRule:
+def _rule(mapped: ColumnMapping, column: str, entry: Any, length_unit: str) -> ColumnRule:
     where = "[time]" if column == "t" else f"[columns] {column}"
     if isinstance(entry, str | int) and not isinstance(entry, bool):
         return ColumnRule(column, str(entry), 1.0)
@@ -101,7 +141,7 @@ def _rule(mapped: ColumnMapping, column: str, entry: Any) -> ColumnRule:
         raise mapped.error(f"{where}: unit {unit!r}, expected one of {', '.join(units)}")
     factor = units[unit]
     if "unit" in entry and SIGNAL_OF_COLUMN[column] == "pos":  # the rest of pos may be in another unit
-        factor /= METRES[mapped.options.get("length_unit", "m")]
+        factor /= METRES[length_unit]
     return ColumnRule(column, str(entry["column"]), factor * _scale(mapped, where, entry.get("scale", 1.0)))
 
 
@@ -115,17 +155,17 @@ def _table(path: Path, mapped: ColumnMapping) -> CsvTable:
     delimiter = str(mapped.table.get("delimiter", ","))
     if len(delimiter) != 1:
         raise mapped.error(f"delimiter is {delimiter!r}, expected one character")
-    text = path.read_text(encoding="utf-8-sig").splitlines()
-    kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#")]
+    text = read_lines(path)
+    kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = list(csv.reader((line for _, line in kept), delimiter=delimiter))
     if not rows:
-        raise RecordingError(f"{path}: no rows")
+        raise RecordingError(f"{path}: 0 rows, expected at least one sample")
     rows = [[cell.strip() for cell in row] for row in rows]
-    numbers = [n for n, _ in kept]
+    numbers, stated = [n for n, _ in kept], stated_in_comments(text)
     decimal = str(mapped.table.get("decimal", "."))
     if all(_is_number(cell, decimal) for cell in rows[0]):
-        return CsvTable([str(i + 1) for i in range(len(rows[0]))], rows, numbers)
-    return CsvTable(rows[0], rows[1:], numbers[1:])
+        return CsvTable([str(i + 1) for i in range(len(rows[0]))], rows, numbers, stated)
+    return CsvTable(rows[0], rows[1:], numbers[1:], stated)
 
 
 def _is_number(cell: str, decimal: str) -> bool:

@@ -5,27 +5,36 @@ from __future__ import annotations
 import csv
 import re
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.distribution import import_extra
+from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of, seconds_of_array
 from caesura_protocol.formats.column_mapping import load_mapping
-from caesura_protocol.formats.csv_layout import PLACES, guessed, has_own_columns, read_layout
+from caesura_protocol.formats.csv_layout import DELIMITERS, PLACES, guessed, has_own_columns, read_layout
+from caesura_protocol.formats.csv_text import read_lines, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.formats.sample_checks import check_clock, check_values
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ARRAYS,
+    ASSUMED_ORDER,
     OPTIONS,
+    QUATERNION_ORDER,
+    QUATERNION_ORDERS,
     STATED,
     Recording,
     RecordingError,
@@ -37,6 +46,7 @@ from caesura_protocol.recording import (
     unit_remedy,
     wrong_option,
 )
+from caesura_protocol.wrench_reading import read_wrench
 
 # What a file that is no recording makes numpy, zipfile and csv raise.
 _UNREADABLE = (ValueError, TypeError, OSError, EOFError, RuntimeError, BadZipFile, zlib.error, csv.Error)
@@ -53,6 +63,7 @@ def load_recording(
     force_unit: str | None = None,
     mapping: Path | None = None,
     check_units: bool = True,
+    as_stated: bool = False,
 ) -> Recording:
     """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
 
@@ -61,7 +72,9 @@ def load_recording(
     a csv or a rosbag2 of other software (`formats.mapping`).
     time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
     A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
-    another unit (`caesura_protocol.plausibility`).
+    another unit (`caesura_protocol.plausibility`), and times that go back.
+    as_stated: keep the wrench source of a wrench that cannot be used (`caesura_protocol.wrench_reading`), for
+    a copy of the file; else it is `none`, and `Recording.cautions` has the reason.
     Raises RecordingError for anything that is not a recording, SourceError where an extra is missing.
     """
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
@@ -73,7 +86,8 @@ def load_recording(
     for key, value in overrides.items():
         if value is not None and not is_option(key, value):
             raise RecordingError(wrong_option(key, value, OPTIONS[key]))
-    arrays, options, ignored = _read(path, mapping, wrench_source)
+    raw = _read(path, mapping, wrench_source)
+    arrays, options, ignored = raw.arrays, raw.options, raw.ignored
     if "t" not in arrays or not {"pos", "q"} & set(arrays):
         names = ", ".join([*arrays, *ignored]) or "no arrays"
         raise RecordingError(f"{path}: has {names}; expected t, and pos (n, 3) or q with a column a joint")
@@ -84,6 +98,11 @@ def load_recording(
     _check_overrides(path, options, overrides)
     options |= {key: value for key, value in overrides.items() if value is not None}
     ignored = [*ignored, *_without_wrench(arrays, options)]
+    if raw.has_calendar_time and "time" in stated:
+        raise RecordingError(
+            f"{path}: --time-unit {stated['time']} is for times that are numbers, and this file has times of "
+            "day: leave it out"
+        )
     for quantity, name in _CONVERTED.items():
         if quantity in stated and name in arrays:
             arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
@@ -96,11 +115,31 @@ def load_recording(
         ignored=tuple(ignored),
         declared_units=tuple(stated),
         setting=CellSettings(**asked),
+        assumed=raw.assumed,
+        lines=raw.lines,
         **options,  # type: ignore[arg-type]
     )
     if check_units and (found := recording.implausible) is not None:
         raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
-    return recording
+    check_values(recording)
+    if check_units:
+        check_clock(recording)
+    return recording if as_stated else _with_usable_wrench(recording)
+
+
+def _with_usable_wrench(recording: Recording) -> Recording:
+    """The recording without the source of a wrench that is frozen, all zero or has no zero; with the reason."""
+    reading = read_wrench(
+        recording.t,
+        recording.signals,
+        recording.wrench_source,
+        length_unit=recording.length_unit,
+        believed="force" in recording.declared_units,
+    )
+    if not reading.found:
+        return recording
+    return replace(
+recording, wrench_source=reading.source, cautions=reading.found)
 
 
 def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> list[str]:
@@ -148,17 +187,44 @@ def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRec
     if path.is_dir():
         reader = _read_rosbag if (path / "metadata.yaml").exists() else None
     if reader is None:
-        found = "a directory without metadata.yaml" if path.is_dir() else f"suffix {path.suffix!r}"
-        known = ", ".join(_READERS)
-        raise RecordingError(f"{path}: {found}, expected one of {known}, or the directory of a rosbag2")
+        raise RecordingError(f"{path}: {_unknown(path)}")
     try:
-        return reader(path, mapping, wrench_source)
+        with _unchanged(path):
+            return reader(path, mapping, wrench_source)
     except RecordingError:
         raise
     except _UNREADABLE as error:
         why = " ".join(str(error).split())
         kind = f"{path.suffix[1:]} file" if path.is_file() else "rosbag2"
         raise RecordingError(f"{path}: not a readable {kind} ({why})") from error
+
+
+def _unknown(path: Path) -> str:
+    """What a path is that no reader is for, and what is read."""
+    expected = f"expected one of {', '.join(_READERS)}, or the directory of a rosbag2"
+    if not path.is_dir():
+        return f"suffix {path.suffix!r}, {expected}" if path.exists() else "no such file"
+    inside = sorted(one.name for one in path.iterdir() if one.suffix.lower() in _READERS)
+    if any(name.endswith((".db3", ".mcap")) for name in inside):
+        why = "a rosbag2 has it when its recording has ended: end it, or run ros2 bag reindex"
+        return f"a directory without metadata.yaml; {why}"
+    more = f"; it has {', '.join(inside[:MOST_NAMED])}: name one of them" if inside else ""
+    return f"a directory without metadata.yaml, {expected}{more}"
+
+
+@contextmanager
+def _unchanged(path: Path) -> Iterator[None]:
+    """Raise RecordingError where the file grows or is replaced while it is read, whatever else is wrong."""
+    before = path.stat()
+    try:
+        yield
+    finally:
+        after = path.stat() if path.exists() else None
+        if path.is_file() and (after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)):
+            size = "was removed" if after is None else f"went from {before.st_size} to {after.st_size} bytes"
+            raise RecordingError(
+                f"{path}: {size} while it was read: it is being written, read it when it is complete"
+            )
 
 
 def _as_matrix(values: Array) -> Array:
@@ -170,25 +236,82 @@ def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     if not is_zipfile(path):
         raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
     with np.load(path, allow_pickle=False) as file:
-        arrays = {key: np.asarray(file[key], dtype=np.float64) for key in ARRAYS if key in file.files}
-        options = {key: str(file[key]) for key in STATED if key in file.files}
-        ignored = [key for key in file.files if key not in {*ARRAYS, *STATED}]
-    return RawRecording(arrays, options, ignored)
+        found = {key: _loaded(file, key) for key in (*ARRAYS, *NPZ_STATED) if key in file.files}
+        ignored = [key for key in file.files if key not in {*ARRAYS, *NPZ_STATED}]
+    assumed: list[str] = []
+    if has_calendar_time := found.get("t", np.empty(0)).dtype.kind in "mM" and found["t"].size > 0:
+        times = seconds_of_array(found["t"])
+        found["t"] = times.t
+        assumed.append(CALENDAR.format(times.first))
+    arrays = {key: _as_numbers(path, key, found[key]) for key in ARRAYS if key in found}
+    options = {key: _as_text(path, key, found[key]) for key in NPZ_STATED if key in found}
+    order = options.pop(QUATERNION_ORDER, None)
+    if "quat" in arrays:
+        assumed += _in_order(path, arrays, order)
+    return RawRecording(arrays, options, ignored, tuple(assumed), has_calendar_time=has_calendar_time)
+
+
+NPZ_STATED = (*STATED, QUATERNION_ORDER)
+
+
+def _in_order(path: Path, arrays: dict[str, Array], order: str | None) -> list[str]:
+    """Bring quaternions into the order x y z w; what is assumed of an order that is not stated."""
+    if order is None:
+        return [ASSUMED_ORDER]
+    if order not in QUATERNION_ORDERS:
+        expected = ", ".join(QUATERNION_ORDERS)
+        raise RecordingError(f"{path}: {QUATERNION_ORDER} is {order!r}, expected one of {expected}")
+    if arrays["quat"].shape[1:] == (4,):
+        arrays["quat"] = arrays["quat"][:, [order.index(axis) for axis in "xyzw"]]
+    return []
+
+
+def _loaded(file: Any, key: str) -> NDArray[Any]:
+    """An array of an npz file. Objects are never unpickled."""
+    try:
+        return np.asarray(file[key])
+    except ValueError as error:
+        if "allow_pickle" not in str(error):
+            raise
+        raise RecordingError(
+            f"{file.zip.filename}: {key} is an array of Python objects, which are never loaded: save it as numbers, "
+            "for example by numpy.asarray(…, dtype=float), or as a text"
+        ) from error
+
+
+def _as_numbers(path: Path, key: str, values: NDArray[Any]) -> Array:
+    if values.dtype.kind not in "biuf":
+        remedy = f"save its real part, {key}.real" if values.dtype.kind == "c" else f"save {key} as float64"
+        raise RecordingError(f"{path}: {key} holds {values.dtype}, expected real numbers: {remedy}")
+    return np.asarray(values, dtype=np.float64)
+
+
+def _as_text(path: Path, key: str, values: NDArray[Any]) -> str:
+    if values.size != 1:
+        raise RecordingError(f"{path}: {key} has {values.size} values, expected one")
+    value = values.reshape(-1)[0]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     if mapping is not None:
         return read_foreign_csv(path, load_mapping(mapping))
-    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
-    comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
-    stated = {key.strip(): value.strip() for key, separator, value in comments if separator}
+    lines = [line.strip() for line in read_lines(path)]
+    stated = stated_in_comments(lines)
     numbers = [number for number, line in enumerate(lines, start=1) if line and not line.startswith("#")]
-    rows = list(csv.reader(lines[number - 1] for number in numbers))
-    if len(rows) < 2:
-        raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
-    header = [name.strip() for name in rows[0]]
-    if not has_own_columns(header):
+    if len(numbers) < 2:
+        raise ValueError(f"{len(numbers)} rows, expected a header and at least one sample")
+    delimiter = _delimiter(lines[numbers[0] - 1])
+    if delimiter is None:
         raise _foreign(path)
+    rows = list(csv.reader((lines[number - 1] for number in numbers), delimiter=delimiter))
+    header = [name.strip() for name in rows[0]]
+    assumed: list[str] = []
+    if delimiter != "," and any("," in cell for row in rows[1:] for cell in row):
+        rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
+        assumed.append(f"Columns are divided by {delimiter!r}, and the comma is the decimal mark.")
+    if has_calendar_time := "t" in header and is_calendar_time(_cell(rows[1], header.index("t"))):
+        assumed.append(CALENDAR.format(_with_seconds(header.index("t"), rows[1:], numbers[1:])))
     column = _columns(header, rows[1:], numbers[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
@@ -200,7 +323,32 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     options = {key: value for key, value in stated.items() if key in STATED}
     # Other comments are for people, unless they look like an option.
     mistyped = [key for key in stated if key not in STATED and did_you_mean(key) in STATED]
-    return RawRecording(arrays, options, [*mistyped, *(name for name in column if name not in known)])
+    ignored = [*mistyped, *(name for name in column if name not in known)]
+    return RawRecording(
+        arrays, options, ignored, tuple(assumed), tuple(numbers[1:]), has_calendar_time=has_calendar_time
+    )
+
+
+def _delimiter(header: str) -> str | None:
+    """What divides the columns of Caesura's own csv; None where they are those of other software."""
+    for delimiter in (",", *DELIMITERS):
+        if has_own_columns([name.strip() for name in next(csv.reader([header], delimiter=delimiter))]):
+            return delimiter
+    return None
+
+
+def _cell(row: Sequence[str], index: int) -> str:
+    return row[index] if index < len(row) else ""
+
+
+def _with_seconds(index: int, rows: list[list[str]], lines: Sequence[int]) -> str:
+    """Replace the dates of a column by seconds from the first one, in place; the first one."""
+    cells = [_cell(row, index) for row in rows]
+    times = seconds_of(cells, [f"line {line}" for line in lines])
+    for row, time in zip(rows, times.t.tolist(), strict=True):
+        if index < len(row):
+            row[index] = repr(time)
+    return times.first
 
 
 MOST_NAMED = 20  # columns of a file, in an error
@@ -226,7 +374,8 @@ def _columns(header: list[str], rows: list[list[str]], lines: list[int]) -> dict
         raise ValueError(f"column {twice[0]} comes twice")
     for line, row in zip(lines, rows, strict=False):
         if len(row) != len(header):
-            raise ValueError(f"line {line} has {len(row)} values, expected {len(header)} as in the header")
+            cut = ": is the file still being written, or was it cut short?" if line == lines[-1] else ""
+            raise ValueError(f"line {line} has {len(row)} values, expected {len(header)} as in the header{cut}")
     try:
         table = np.array(rows, dtype=np.float64)
     except ValueError:
@@ -241,7 +390,9 @@ def _check_number(line: int, name: str, cell: str) -> None:
     try:
         float(cell)
     except ValueError as error:
-        expected = "a number of seconds" if name == "t" else "a number; leave out the rows that have none"
+        expected = "a number; leave out the rows that have none"
+        if name == "t":
+            expected = "a number of seconds, or a date with a time (ISO 8601)"
         raise ValueError(f"line {line}: {name} is {cell!r}, expected {expected}") from error
 
 

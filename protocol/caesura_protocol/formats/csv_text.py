@@ -1,0 +1,53 @@
+"""The lines of a csv file, UTF-8 or UTF-16, and the options that its comments state."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterable
+from pathlib import Path
+
+from caesura_protocol.recording import STATED, RecordingError
+
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def encoding_of(path: Path) -> str:
+    """UTF-16 where the file begins with its mark, else UTF-8. Raises OSError as `open`."""
+    with path.open("rb") as stream:
+        return "utf-16" if stream.read(2) in _UTF16 else "utf-8-sig"
+
+
+def read_lines(path: Path) -> list[str]:
+    """All lines without their ends. Raises RecordingError for an unknown encoding, OSError as `open`."""
+    content = path.read_bytes()
+    encoding = encoding_of(path)
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise RecordingError(
+            f"{path}, line {line}: byte {content[error.start]:#04x} is not {encoding.removesuffix('-sig')}: "
+            f"save it as UTF-8, for example by iconv -f latin1 -t utf-8 {path.name}"
+        ) from error
+    if "\0" in text[:1000]:
+        raise RecordingError(
+            f"{path}: has zero bytes, expected a text: save it as UTF-8, for example by iconv -f utf-16le "
+            f"-t utf-8 {path.name}"
+        )
+    return text.splitlines()
+
+
+def stated_in_comments(lines: Iterable[str]) -> dict[str, str]:
+    """What leading `# name: value` comments state, by name, whatever the name.
+
+    >>> stated_in_comments(["# wrench_source: flange_sensor", "# hand on robot: yes", "# of a day", "t,px"])
+    {'wrench_source': 'flange_sensor', 'hand_on_robot': 'yes'}
+    """
+    comments = [line.strip().lstrip("#").partition(":") for line in lines if line.lstrip().startswith("#")]
+    return {_option(key): value.strip() for key, separator, value in comments if separator}
+
+
+def _option(key: str) -> str:
+    """An option's name however its words are divided; another key as it is."""
+    name = "_".join(key.lower().replace("-", " ").replace("_", " ").split())
+    return name if name in STATED else key.strip()

@@ -1,0 +1,127 @@
+"""How far the wrench of a recording can be used: a force that is frozen, one that is 0, one that has no zero.
+
+A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
+dead driver, or simulated. It shows no contact and no load, so contact and load are off then, and the reason
+is stated. A simulation without noise is exactly 0 in free space and has forces elsewhere; it is used, and
+named. A unit of the force that was declared (`--force-unit N`) is believed, and so are its values.
+
+A recording that is shorter than the tare has a force without a zero: the bias of a sensor, up to 20 N on real
+ones, would pass for a contact.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import WrenchSource
+from caesura_protocol.plausibility import METRES
+
+Array = NDArray[np.float64]
+
+FROZEN_S = 0.5  # the longest of 52 real recordings is 0.05 s, while the flange moved by 0.1 mm
+MOVED_M = 0.01  # by which the flange moves while its force is frozen
+MOVED_RAD = 0.05  # likewise a joint, where no position is there
+TARE_S = 0.4  # of the service: the force is zeroed by this much at the start
+SHOWN = 3  # runs that are listed
+OFF = "contact and load are off"
+
+
+class FrozenRun(NamedTuple):
+    """Samples of one force while the flange moves. force: (3,) [N], or the joint torques [Nm]."""
+
+    t0: float  # [s]
+    tn: float
+    moved: float  # [m], or [rad] without a position
+    force: tuple[float, ...]
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is exactly 0 on every axis."""
+        return not any(self.force)
+
+
+class WrenchReading(NamedTuple):
+    """The wrench source in use, and what was found, in a sentence each."""
+
+    source: WrenchSource | None
+    found: tuple[str, ...] = ()
+
+
+def read_wrench(
+    t: Array,
+    signals: Mapping[str, Array],
+    source: WrenchSource | None,
+    *,
+    length_unit: str = "m",
+    believed: bool = False,
+) -> WrenchReading:
+    """The wrench source in use for these samples; believed: the force's unit was declared.
+
+    t: (n,) [s]; signals: name → (n, width), as in a Recording; source: as it is stated.
+    """
+    wrench = [name for name in ("force", "torque") if name in signals] if "force" in signals else ["tau"]
+    if source == "none" or not set(wrench) <= set(signals):
+        return WrenchReading(source)
+    span = float(np.ptp(t))
+    if 0.0 < span < TARE_S:
+        why = f"it lasts {span:.3g} s, and the force is zeroed in the first {TARE_S:g} s"
+        return WrenchReading("none", (f"The force is not zeroed, so contact is not told: {why}; {OFF}.",))
+    runs = frozen_runs(t, signals, wrench, length_unit)
+    dead = [run for run in runs if not run.is_zero]
+    if dead and not believed:
+        return WrenchReading("none", (_dead(dead, t, wrench, signals),))
+    if dead:
+        return WrenchReading(source, (f"{_named(dead, wrench, signals)}: it is declared to be right.",))
+    if runs and not any(np.any(signals[name]) for name in wrench):
+        what = "Every force is 0 while the robot moves: read as no force"
+        return WrenchReading("none", (f"{what} (wrench_source {source or 'not stated'}); {OFF}.",))
+    if runs:
+        assumed = "taken as simulated without noise, where 0 is free space. A sensor never reads that"
+        return WrenchReading(source, (f"{_named(runs, wrench, signals)}: {assumed}.",))
+    return WrenchReading(source)
+
+
+def frozen_runs(
+    t: Array, signals: Mapping[str, Array], wrench: Sequence[str], length_unit: str
+) -> list[FrozenRun]:
+    """Runs of samples in which no axis of the wrench changes for over FROZEN_S while the robot moves."""
+    place, least = ("pos", MOVED_M / METRES[length_unit]) if "pos" in signals else ("q", MOVED_RAD)
+    values = np.column_stack([signals[name] for name in wrench])
+    changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1))
+    edges = np.concatenate([[0], changes + 1, [t.size]])
+    lengths = t[edges[1:] - 1] - t[edges[:-1]]
+    found = []
+    for index in np.flatnonzero(lengths > FROZEN_S).tolist():
+        start, stop = int(edges[index]), int(edges[index + 1])
+        moved = float(np.linalg.norm(np.ptp(signals[place][start:stop], axis=0)))
+        if moved > least:
+            shown = moved * METRES[length_unit] if place == "pos" else moved
+            force = tuple(signals[wrench[0]][start].tolist())
+            found.append(FrozenRun(float(t[start]), float(t[stop - 1]), shown, force))
+    return found
+
+
+def _named(runs: Sequence[FrozenRun], wrench: Sequence[str], signals: Mapping[str, Array]) -> str:
+    unit, name = ("Nm", "joint torques are") if wrench[0] == "tau" else ("N", "force is")
+    moved = "m" if "pos" in signals else "rad"
+    shown = [
+        f"({', '.join(f'{value + 0.0:.4g}' for value in run.force)}) {unit} from {run.t0:.2f} s to "
+        f"{run.tn:.2f} s, while the robot moves by {run.moved:.2g} {moved}"
+        for run in runs[:SHOWN]
+    ]
+    more = f", and {len(runs) - SHOWN} more times" if len(runs) > SHOWN else ""
+    return f"The {name} exactly {'; '.join(shown)}{more}, at most {FROZEN_S:g} s are plausible"
+
+
+def _dead(runs: Sequence[FrozenRun], t: Array, wrench: Sequence[str], signals: Mapping[str, Array]) -> str:
+    whole = runs[0].t0 <= t[0] and runs[-1].tn >= t[-1] and len(runs) == 1
+    rest = "" if whole else "Divide the recording there to use the rest, or state "
+    stated = "--force-unit N if the values are right" if wrench[0] == "force" else ""
+    remedy = f" {rest or 'State '}{stated}." if stated else ""
+    return f"{_named(runs, wrench, signals)}: it is not used, {OFF}.{remedy}"

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import WrenchSource
-from caesura_protocol.plausibility import METRES
+from caesura_protocol.plausibility import LEAST_SAMPLES, METRES
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def read_wrench(
     t: (n,) [s]; signals: name → (n, width), as in a Recording; source: as it is stated.
     """
     wrench = [name for name in ("force", "torque") if name in signals] if "force" in signals else ["tau"]
-    if source == "none" or not set(wrench) <= set(signals):
+    if source == "none" or not set(wrench) <= set(signals) or t.size < LEAST_SAMPLES:
         return WrenchReading(source)
     span = float(np.ptp(t))
     if 0.0 < span < TARE_S:

@@ -88,8 +88,8 @@ def written(path, **arrays):
         ),
         (
             "a.csv",
-            b"t,px,py,pz\n2024-05-01T10Z,1,2,3\n",
-            "line 2: t is '2024.*', expected a number of",
+            b"t,px,py,pz\n1.5.2024 10:00,1,2,3\n",
+            "line 2: t is '1.5.2024 10:00', expected a number of seconds, or a date with a time",
         ),
         ("a.csv", b"t,px,py,pz\n0,1,2\n", "line 2 has 3 values, expected 4"),
         ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1,2\n", "line 3 has 3 values, expected 4"),
@@ -99,7 +99,7 @@ def written(path, **arrays):
         ("a.csv", b"t,px,py,pz,px\n0,1,2,3,4\n", "column px comes twice"),
         ("a.csv", b"t,fx,fy,fz\n1,2,3,4\n", "expected t, and px py pz or q1 to q7"),
         ("a.csv", b"\xff\xfe\x00", "a.csv"),
-        ("a.csv", b"t,px,py,pz\nnan,1,2,3\n", "sample 0: t is nan"),
+        ("a.csv", b"t,px,py,pz\nnan,1,2,3\n", r"sample 0 \(line 2\): t is nan"),
         ("a.csv", b"# wrench_source: guess\nt,px,py,pz\n0,1,2,3\n", "wrench_source is 'guess'"),
     ],
 )
@@ -190,7 +190,7 @@ def test_a_typo_is_distinguished_from_what_is_merely_more(name, meant):
 
 def test_a_file_that_holds_code_is_not_run(tmp_path):
     np.savez(tmp_path / "a.npz", t=np.array([object()], dtype=object))
-    with pytest.raises(RecordingError, match="not a readable npz"):
+    with pytest.raises(RecordingError, match="t is an array of Python objects, which are never loaded: save it"):
         load_recording(tmp_path / "a.npz")
 
 

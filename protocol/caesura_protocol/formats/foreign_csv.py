@@ -159,7 +159,7 @@ def _table(path: Path, mapped: ColumnMapping) -> CsvTable:
     kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = list(csv.reader((line for _, line in kept), delimiter=delimiter))
     if not rows:
-        raise RecordingError(f"{path}: 0 rows, expected at least one sample")
+        raise RecordingError(f"{path}: no rows, expected at least one sample")
     rows = [[cell.strip() for cell in row] for row in rows]
     numbers, stated = [n for n, _ in kept], stated_in_comments(text)
     decimal = str(mapped.table.get("decimal", "."))

@@ -27,8 +27,13 @@ def check_values(recording: Recording) -> None:
 
 
 def check_clock(recording: Recording) -> None:
-    """Raise RecordingError where the time goes back by more than a pause, or leaps."""
+    """Raise RecordingError where a time is no time, goes back by more than a pause, or leaps."""
     t = recording.t
+    if (row := _first(np.abs(t) > LATEST_S)) is not None:
+        raise RecordingError(
+            f"{recording.name}: {recording.place(row)}: t is {t[row]:g}, expected a time [s] within "
+            f"±{LATEST_S:g}: state its unit with --time-unit ms, us or ns"
+        )
     highest = np.maximum.accumulate(t)[:-1]
     for steps, limit, verb in ((highest - t[1:], HOLE_S, "goes back"), (t[1:] - highest, LEAP_S, "leaps")):
         if (row := _first(steps > limit)) is not None:
@@ -40,11 +45,6 @@ def check_clock(recording: Recording) -> None:
 
 
 def _wrong_values(recording: Recording) -> Iterator[str]:
-    if (row := _first(np.abs(recording.t) > LATEST_S)) is not None:
-        yield (
-            f"{recording.place(row)}: t is {recording.t[row]:g}, expected a time [s] within ±{LATEST_S:g}: "
-            "state its unit with --time-unit ms, us or ns"
-        )
     if "quat" in recording.signals:
         norms = np.linalg.norm(recording.signals["quat"], axis=1)
         if (row := _first(np.abs(norms - 1.0) > NORM_TOLERANCE)) is not None:

@@ -16,6 +16,8 @@ from harness import ros
 MAPPING = Path(__file__).resolve().parents[3] / "examples" / "ros2_iiwa14.toml"
 NAMES = tuple(f"lbr_A{i}" for i in (7, 2, 3, 4, 5, 6, 1))  # as broadcasters do, in no order
 PERIOD_NS = 10_000_000
+#: With a scatter: one that is the same for seconds would be frozen.
+FORCES = [1.0, 2.0, 3.0] + np.random.default_rng(0).normal(0.0, 0.05, (400, 3))
 
 
 def taught() -> np.ndarray:
@@ -30,7 +32,7 @@ def messages(joints: np.ndarray):
         stamp = ros.BEGAN_NS + row * PERIOD_NS
         by_name = {name: float(q[int(name[-1]) - 1]) for name in NAMES}
         yield "/lbr/joint_states", JOINT_STATE, stamp, ros.joints(stamp, by_name)
-        wrench = ros.wrench(stamp, (1.0, 2.0, 3.0), frame="lbr_link_ee")
+        wrench = ros.wrench(stamp, FORCES[row], frame="lbr_link_ee")
         yield "/lbr/force_torque_broadcaster/wrench", WRENCH, stamp, wrench
 
 
@@ -39,7 +41,7 @@ def test_joints_and_a_wrench_in_the_flange_are_a_session_of_an_iiwa(tmp_path):
     bag = ros.write_bag(tmp_path / "bag", messages(joints), "mcap")
     recording = load_recording(bag, mapping=MAPPING)
     np.testing.assert_array_equal(recording.signals["q"], joints)
-    np.testing.assert_array_equal(recording.signals["force"], np.tile([1.0, 2.0, 3.0], (400, 1)))
+    np.testing.assert_array_equal(recording.signals["force"], FORCES)
     assert (recording.wrench_source, recording.force_frame) == ("joint_torque_estimate", "flange")
     found = segment_recording(recording, setting=CellSettings(robot="iiwa14"))
     assert [one.kind for one in found.segments] == ["steady", "motion", "steady"]

@@ -223,9 +223,7 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
 STATED = (*OPTIONS, *CellSettings._fields)  # all that a file may state
 #: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
 QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")
-ASSUMED_ORDER = (
-    "Quaternion order x, y, z, w: assumed. State quaternion_order in the file: xyzw, or wxyz to have it reordered."
-)
+ASSUMED_ORDER = "Quaternion order x, y, z, w: assumed. State quaternion_order in the file: xyzw, or wxyz to have it reordered."
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

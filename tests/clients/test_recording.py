@@ -190,7 +190,9 @@ def test_a_typo_is_distinguished_from_what_is_merely_more(name, meant):
 
 def test_a_file_that_holds_code_is_not_run(tmp_path):
     np.savez(tmp_path / "a.npz", t=np.array([object()], dtype=object))
-    with pytest.raises(RecordingError, match="t is an array of Python objects, which are never loaded: save it"):
+    with pytest.raises(
+        RecordingError, match="t is an array of Python objects, which are never loaded: save it"
+    ):
         load_recording(tmp_path / "a.npz")
 
 

@@ -56,7 +56,7 @@ def ask_about(path: Path, ask: Ask | None = None) -> Answered:
         ask = typer.prompt
     layout = read_layout(path) if path.suffix.lower() == ".csv" else None
     if layout is None or layout.is_own:
-        return Answered(None, _asked_wrench(ask, ()))
+        return Answered(None, _asked_wrench(ask, (), {} if layout is None else layout.stated))
     typer.echo(f"{path.name} has the columns")
     for number, name in enumerate(layout.header, start=1):
         typer.echo(f"  {number:3d}  {name:24s} {', '.join(row[number - 1] for row in layout.rows[:3])}, …")
@@ -89,23 +89,34 @@ def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
         if len(known) > 1:
             words = f"Unit of {'the time' if signal == 't' else ASKED[signal].lower()}"
             units[signal] = _chosen(ask, words, known, units.get(signal, next(iter(known))))
-    wrench = _asked_wrench(ask, signals)
+    wrench = _asked_wrench(ask, signals, layout.stated)
     return guess._replace(columns=columns, units=units, **wrench)
 
 
-def _asked_wrench(ask: Ask, signals: Collection[str]) -> dict[str, str]:
-    """Where the wrench was measured, the hand and the robot. signals: those of a csv; none: not known."""
+def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str]) -> dict[str, str]:
+    """Where the wrench was measured, the hand and the robot. signals: those of a csv; none: not known.
+
+    stated: by the comments of the file, which are then proposed.
+    """
     found: dict[str, str] = {}
     if not signals or {"force", "tau"} & set(signals):
         # Without a default: an answer by Enter alone would turn contact and load on.
-        found["wrench_source"] = _chosen(ask, "Where was the wrench measured?", WRENCH_SOURCES, None)
-    found["hand_on_robot"] = _chosen(ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, "unknown")
+        found["wrench_source"] = _chosen(
+            ask, "Where was the wrench measured?", WRENCH_SOURCES, stated.get("wrench_source")
+        )
+    found["hand_on_robot"] = _chosen(
+        ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, stated.get("hand_on_robot", "unknown")
+    )
     if {"force", "torque"} & set(signals):
         frames = FORCE_FRAMES if "quat" in signals else ("base",)
-        found["force_frame"] = _chosen(ask, "In which frame are the forces?", frames, "base")
+        found["force_frame"] = _chosen(
+            ask, "In which frame are the forces?", frames, stated.get("force_frame", "base")
+        )
         whose = "Are they forces of the environment on the robot, or of the robot?"
         found["force_of"] = _chosen(ask, whose, ("environment", "robot"), "environment")
-    robot = _chosen(ask, f"Which robot? {NONE} for another", (NONE, *robot_names()), NONE)
+    robot = _chosen(
+        ask, f"Which robot? {NONE} for another", (NONE, *robot_names()), stated.get("robot", NONE)
+    )
     return found if robot == NONE else {**found, "robot": robot}
 
 

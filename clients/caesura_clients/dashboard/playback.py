@@ -76,6 +76,7 @@ def _of_csv(layout: CsvLayout) -> dict[str, Any]:
         "guess": {"columns": dict(guess.columns), "units": dict(guess.units)},
         "delimiter": layout.delimiter,
         "decimal": layout.decimal,
+        "stated": dict(layout.stated),
     }
 
 
@@ -105,6 +106,7 @@ def _of_recording(path: Path) -> dict[str, Any]:
         "stated": dict(stated),
         "hasWrench": recording.has_wrench,
         "ignored": list(recording.ignored),
+        "notes": [*recording.assumed, *recording.cautions],
         "wrong": "" if wrong is None else f"{wrong}.",
         "likely": {} if wrong is None or wrong.likely is None else {wrong.quantity: wrong.likely},
     }

@@ -89,6 +89,8 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
         return  # figures in a wrong unit mean nothing
     for doubt in recording.doubts:
         yield warn("units", doubt, "compare the values with the units that are declared")
+    for assumed in recording.assumed:
+        yield ok("reading", assumed)
     for caution in recording.cautions:
         yield warn("wrench", caution, "look at the values and at the driver of the sensor")
     yield from signal.check_rate(samples)

@@ -57,7 +57,9 @@ def seconds_of_array(values: NDArray[np.generic]) -> CalendarTimes:
     """Times of numpy's kind `datetime64` or `timedelta64`. Raises ValueError for one that is not a time."""
     if np.isnat(values).any():
         row = int(np.isnat(values).argmax())
-        raise ValueError(f"sample {row}: t is {values[row]}, expected a time: leave out the samples that have none")
+        raise ValueError(
+            f"sample {row}: t is {values[row]}, expected a time: leave out the samples that have none"
+        )
     nanoseconds = (values - values[0]).astype("timedelta64[ns]").astype(np.float64)
     return CalendarTimes(nanoseconds * NS, str(values[0]))
 

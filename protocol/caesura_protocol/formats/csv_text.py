@@ -44,7 +44,8 @@ def stated_in_comments(lines: Iterable[str]) -> dict[str, str]:
     {'wrench_source': 'flange_sensor', 'hand_on_robot': 'yes'}
     """
     comments = [line.strip().lstrip("#").partition(":") for line in lines if line.lstrip().startswith("#")]
-    return {_option(key): value.strip() for key, separator, value in comments if separator}
+    # A table program puts the delimiters of all columns behind a comment that it has read.
+    return {_option(key): value.strip().rstrip(",;\t ") for key, separator, value in comments if separator}
 
 
 def _option(key: str) -> str:

@@ -89,7 +89,9 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
             raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
     for signal, names in signal_columns(column).items():
         arrays[signal] = np.column_stack([column[name] for name in names])
-    used = {rule.source_column for rule in rules} | ({str(mapped.section("time")["column"])} if is_dated else set())
+    used = {rule.source_column for rule in rules} | (
+        {str(mapped.section("time")["column"])} if is_dated else set()
+    )
     ignored = [*contradicted, *(name for name in table.header if name not in used)]
     return RawRecording(
         arrays, options, ignored, tuple(assumed), tuple(table.numbers), has_calendar_time=is_dated

@@ -58,7 +58,8 @@ def _translated(read: Callable[[IO[bytes]], T], stream: IO[bytes]) -> T:
     try:
         return read(stream)
     except (McapError, ZstdError, struct.error, KeyError) as error:
-        raise ValueError(f"{type(error).__name__}: {error}") from error
+        what = f"{type(error).__name__}: {error}".removesuffix(": ")
+        raise ValueError(f"{what}; is it still being written, or was it cut short?") from error
 
 
 def _profile(stream: IO[bytes]) -> str:

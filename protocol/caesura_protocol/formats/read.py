@@ -138,8 +138,7 @@ def _with_usable_wrench(recording: Recording) -> Recording:
     )
     if not reading.found:
         return recording
-    return replace(
-recording, wrench_source=reading.source, cautions=reading.found)
+    return replace(recording, wrench_source=reading.source, cautions=reading.found)
 
 
 def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> list[str]:
@@ -220,7 +219,9 @@ def _unchanged(path: Path) -> Iterator[None]:
         yield
     finally:
         after = path.stat() if path.exists() else None
-        if path.is_file() and (after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)):
+        if path.is_file() and (
+            after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns)
+        ):
             size = "was removed" if after is None else f"went from {before.st_size} to {after.st_size} bytes"
             raise RecordingError(
                 f"{path}: {size} while it was read: it is being written, read it when it is complete"
@@ -305,6 +306,8 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     if delimiter is None:
         raise _foreign(path)
     rows = list(csv.reader((lines[number - 1] for number in numbers), delimiter=delimiter))
+    if not rows[0][-1].strip() and not any(cell.strip() for row in rows for cell in row[len(rows[0]) - 1 :]):
+        rows = [row[: len(rows[0]) - 1] for row in rows]  # lines end with a delimiter
     header = [name.strip() for name in rows[0]]
     assumed: list[str] = []
     if delimiter != "," and any("," in cell for row in rows[1:] for cell in row):
@@ -374,8 +377,14 @@ def _columns(header: list[str], rows: list[list[str]], lines: list[int]) -> dict
         raise ValueError(f"column {twice[0]} comes twice")
     for line, row in zip(lines, rows, strict=False):
         if len(row) != len(header):
-            cut = ": is the file still being written, or was it cut short?" if line == lines[-1] else ""
-            raise ValueError(f"line {line} has {len(row)} values, expected {len(header)} as in the header{cut}")
+            remedy = ""
+            if len(row) > len(header):
+                remedy = ": is the comma the decimal mark too? Divide the columns by semicolons"
+            elif line == lines[-1]:
+                remedy = ": is the file still being written, or was it cut short?"
+            raise ValueError(
+                f"line {line} has {len(row)} values, expected {len(header)} as in the header{remedy}"
+            )
     try:
         table = np.array(rows, dtype=np.float64)
     except ValueError:

@@ -7,6 +7,7 @@ several topics become one matrix: `joining`.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -22,11 +23,14 @@ from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.raw_recording import RawRecording
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
-from caesura_protocol.formats.signal_aligner import Row, SignalAligner
+from caesura_protocol.formats.signal_aligner import MAX_AGE_S, Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.recording import RecordingError
 
+INCOMPLETE = "is it still being recorded, or was it cut short? End the recording, or run ros2 bag reindex"
 TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/(?:msg|srv|action))?/[A-Za-z]\w*", re.ASCII)
+SLOWER = 2  # times as many values of the leading signal: the other one is held, and that is stated
 FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
@@ -39,9 +43,9 @@ def read_rosbag(path: Path, mapped: ColumnMapping | None, wrench_source: str | N
         with AnyReader([path], default_typestore=store) as reader:
             topics = _topics(reader, rules, path)
             plan = select_topics(list(_first_messages(reader, topics)), mapped, wrench_source)
-            return _content(path, reader, topics, plan)
+            return _content(path, reader, topics, plan, named=bool(rules))
     except (AnyReaderError, ReaderError, AssertionError, KeyError) as error:
-        raise ValueError(f"{type(error).__name__}: {error}") from error
+        raise ValueError(f"{type(error).__name__}: {error}; {INCOMPLETE}") from error
 
 
 def _check_types(path: Path) -> None:
@@ -92,13 +96,17 @@ def _first_messages(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[
 
 
 def _content(
-    path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection
+    path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection, *, named: bool
 ) -> RawRecording:
+    """What the topics of a plan hold; named: a mapping names them."""
     joiner = SignalAligner(plan.signals, joints=plan.joints)
     used = {name: topics[name] for name in topics if name in plan.topic_of.values()}
     rows: list[Row] = []
+    counts: Counter[str] = Counter()  # of the values of each signal
     for topic, message in _messages(reader, used):
-        rows += joiner.push(stamp_of(message, f"{path}: {topic.name}"), plan.select_values(topic, message))
+        values = plan.select_values(topic, message)
+        counts.update(values.keys())
+        rows += joiner.push(stamp_of(message, f"{path}: {topic.name}"), values)
     rows += joiner.flush()
     if not rows:
         raise RecordingError(
@@ -107,4 +115,39 @@ def _content(
     matrix = np.array(rows, dtype=np.float64)
     unread = sorted({c.topic for c in reader.connections} - set(used))
     arrays = {"t": matrix[:, 0].copy(), **signals_of(joiner.columns, matrix)}
-    return RawRecording(arrays, dict(plan.options), unread)
+    assumed = [*(() if named else _of_topics(plan.topic_of)), *_of_rates(plan, joiner, counts, len(rows))]
+    return RawRecording(arrays, dict(plan.options), unread, tuple(assumed))
+
+
+def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:
+    """Topics that were chosen by their types and combined: they may be those of several robots."""
+    signals = [signal for signal in COLUMNS_OF_SIGNAL if signal in topic_of]
+    names = [*dict.fromkeys(topic_of[signal] for signal in signals)]
+    if len(names) < 2:
+        return
+    taken = [f"{', '.join(one for one in signals if topic_of[one] == name)} from {name}" for name in names]
+    yield (
+        f"Topics are taken as those of one robot, by their types: {'; '.join(taken)}. A mapping with [topics] names "
+        "others."
+    )
+
+
+def _of_rates(plan: TopicSelection, joiner: SignalAligner, counts: Counter[str], rows: int) -> Iterator[str]:
+    """Signals that are held between their values, and rows that were left out without them."""
+    leads = counts[joiner.leader]
+    for name in sorted(set(plan.topic_of.values())):
+        slow = [
+            signal
+            for signal in plan.signals
+            if plan.topic_of[signal] == name and signal != "gripper" and SLOWER * counts[signal] <= leads
+        ]
+        if slow:
+            yield (
+                f"{', '.join(slow)} of {name} have {counts[slow[0]]} values where {joiner.leader} has {leads}: each is "
+                "held until the next."
+            )
+    if joiner.skipped:
+        yield (
+            f"{joiner.skipped} of {joiner.skipped + rows} values of {joiner.leader} are left out: another signal has no "
+            f"value within {MAX_AGE_S:g} s before them."
+        )

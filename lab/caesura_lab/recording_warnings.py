@@ -1,8 +1,8 @@
 """Warnings about a recording that segment table and report show: what is assumed, and what looks wrong.
 
-The order of a quaternion cannot be told from quaternions alone: both orders turn by the same angles. Joints
-of a known arm tell it. The sign of a force cannot be told from forces alone: a reversed press is a pull. A
-load that pulls upwards while it is lifted tells it.
+Quaternions alone do not show the order of their columns: both orders turn by the same angles. The joints of
+a known arm do. Forces alone do not show their sign: a reversed press is a pull. A load that pulls upwards
+while it is lifted does.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
 
 
 def _of_assumptions(recording: Recording) -> Iterator[str]:
-    """What the reader assumed; where the joints tell the order of the quaternions, what they tell."""
+    """What the reader assumed; where joints show the order of the quaternions, that order."""
     order = order_of_quaternions(recording)
     yield from (one for one in recording.assumed if one != ASSUMED_ORDER or order is None)
     if order == "wxyz":
         yield (
-            "Warning: the quaternions agree with the joints in the order w, x, y, z and not in x, y, z, w, in which "
-            "they are read: reorder them, or state quaternion_order wxyz in the npz file."
+            "Warning: the quaternions agree with the joints in the order w, x, y, z and not in x, y, z, w, "
+            "in which they are read: reorder them, or state quaternion_order wxyz in the npz file."
         )
 
 
 def order_of_quaternions(recording: Recording) -> str | None:
-    """`xyzw` or `wxyz` where the joints of the arm fit one order and not the other; None where they tell nothing."""
+    """`xyzw` or `wxyz` where the joints fit one order and not the other; None where both may be."""
     signals, name = recording.signals, recording.setting.robot or ASSUMED_ARM
     if not {"quat", "q"} <= set(signals):
         return None
@@ -75,7 +75,7 @@ def order_of_quaternions(recording: Recording) -> str | None:
 
 
 def _disagreements(expected: Array, quaternions: Array) -> tuple[float, float]:
-    """Largest angles [rad] between rotations (n, 3, 3) and quaternions (n, 4): as they are, and but for a tool."""
+    """Largest angles [rad] of rotations (n, 3, 3) to quaternions (n, 4): as they are, and without a tool."""
     tools = np.swapaxes(expected, 1, 2) @ matrices_of(quaternions)
     return _largest_angle(tools), _largest_angle(np.swapaxes(tools[:1], 1, 2) @ tools)
 
@@ -100,13 +100,13 @@ def _of_models(recording: Recording, preset: Preset | None) -> Iterator[str]:
     if upward > UPWARD_N:
         yield (
             f"Warning: while something held is lifted, the force points upwards by {upward:.1f} N, at most "
-            f"{UPWARD_N:g} N are plausible: a load pulls down. The force is taken as that of the environment on the "
-            "robot. Negate force and torque where they are the robot's on the environment."
+            f"{UPWARD_N:g} N are plausible: a load pulls down. The force is taken as that of the environment "
+            "on the robot. Negate force and torque where they are the robot's on the environment."
         )
 
 
 def upward_force_of_load(recording: Recording) -> float:
-    """Median force upwards [N], base frame, without its zero, while the gripper lifts what it holds; else 0."""
+    """Median zeroed force upwards [N], base frame, while the gripper lifts what it holds; else 0."""
     signals = recording.signals
     if not {"pos", "force", "gripper"} <= set(signals):
         return 0.0
@@ -130,8 +130,6 @@ def upward_force_of_load(recording: Recording) -> float:
 def _holds(gripper: Array) -> NDArray[np.bool_]:
     """Whether the fingers are between open and closed, or their flag is set."""
     if set(np.unique(gripper)) <= {0.0, 1.0}:
-        return gripper == 1.0
-    held: NDArray[np.bool_] = (gripper > GripperParameters.empty_m) & (
-        gripper < gripper.max() - GripperParameters.travel_m
-    )
-    return held
+        return np.equal(gripper, 1.0)
+    opened = float(gripper.max()) - GripperParameters.travel_m
+    return np.logical_and(gripper > GripperParameters.empty_m, gripper < opened)

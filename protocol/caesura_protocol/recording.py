@@ -96,7 +96,8 @@ class Recording:
         if not np.isfinite(self.t).all():
             first = int(np.flatnonzero(~np.isfinite(self.t))[0])
             raise RecordingError(
-                f"{self.name}: {self.place(first)}: t is {self.t[first]}, expected a finite number: {LEAVE_OUT}"
+                f"{self.name}: {self.place(first)}: t is {self.t[first]}, expected a finite number: "
+                f"{LEAVE_OUT}"
             )
         if not {"pos", "q"} & set(self.signals):
             raise RecordingError(
@@ -119,8 +120,8 @@ class Recording:
                 row, column = np.argwhere(~np.isfinite(values))[0]
                 name = COLUMNS_OF_SIGNAL[signal][column]
                 raise RecordingError(
-                    f"{self.name}: {self.place(int(row))}: {name} is {values[row, column]}, expected a finite "
-                    f"number: {LEAVE_OUT}"
+                    f"{self.name}: {self.place(int(row))}: {name} is {values[row, column]}, expected a "
+                    f"finite number: {LEAVE_OUT}"
                 )
         self._check_options()
 
@@ -223,7 +224,10 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
 STATED = (*OPTIONS, *CellSettings._fields)  # all that a file may state
 #: How the columns of `quat` are ordered in an npz file, whose arrays have no names of columns.
 QUATERNION_ORDER, QUATERNION_ORDERS = "quaternion_order", ("xyzw", "wxyz")
-ASSUMED_ORDER = "Quaternion order x, y, z, w: assumed. State quaternion_order in the file: xyzw, or wxyz to have it reordered."
+ASSUMED_ORDER = (
+    "Quaternion order x, y, z, w: assumed. State quaternion_order in the file: xyzw, or wxyz, "
+    "which is reordered."
+)
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

@@ -70,21 +70,35 @@ def read_wrench(
         return WrenchReading(source)
     span = float(np.ptp(t))
     if 0.0 < span < TARE_S:
-        why = f"it lasts {span:.3g} s, and the force is zeroed in the first {TARE_S:g} s"
-        return WrenchReading("none", (f"The force is not zeroed, so contact is not told: {why}; {OFF}.",))
+        return WrenchReading("none", (NOT_ZEROED.format(span=span),))
     runs = frozen_runs(t, signals, wrench, length_unit)
+    if not runs:
+        return WrenchReading(source)
+    unused = None if believed else _unused(t, signals, wrench, runs)
+    if unused is not None:
+        return WrenchReading("none", (unused,))
+    dead = any(not run.is_zero for run in runs)
+    return WrenchReading(source, (f"{_named(runs, wrench, signals)}: {DECLARED if dead else NOISE_FREE}.",))
+
+
+NOT_ZEROED = (
+    f"The force is not zeroed, so contact and free space are not distinguished: the recording lasts "
+    f"{{span:.3g}} s, and its first {TARE_S:g} s are needed; {OFF}."
+)
+DECLARED = "it is declared to be right"
+NOISE_FREE = "it is taken as simulated without noise, where 0 is free space. A sensor never reads that"
+
+
+def _unused(
+    t: Array, signals: Mapping[str, Array], wrench: Sequence[str], runs: Sequence[FrozenRun]
+) -> str | None:
+    """Why the wrench is not used; None where it is used."""
     dead = [run for run in runs if not run.is_zero]
-    if dead and not believed:
-        return WrenchReading("none", (_dead(dead, t, wrench, signals),))
     if dead:
-        return WrenchReading(source, (f"{_named(dead, wrench, signals)}: it is declared to be right.",))
-    if runs and not any(np.any(signals[name]) for name in wrench):
-        what = "Every force is 0 while the robot moves: read as no force"
-        return WrenchReading("none", (f"{what} (wrench_source {source or 'not stated'}); {OFF}.",))
-    if runs:
-        assumed = "taken as simulated without noise, where 0 is free space. A sensor never reads that"
-        return WrenchReading(source, (f"{_named(runs, wrench, signals)}: {assumed}.",))
-    return WrenchReading(source)
+        return _dead(dead, t, wrench, signals)
+    if any(np.any(signals[name]) for name in wrench):
+        return None
+    return f"Every force is 0 while the robot moves: it is read as no force; {OFF}."
 
 
 def frozen_runs(
@@ -120,8 +134,11 @@ def _named(runs: Sequence[FrozenRun], wrench: Sequence[str], signals: Mapping[st
 
 
 def _dead(runs: Sequence[FrozenRun], t: Array, wrench: Sequence[str], signals: Mapping[str, Array]) -> str:
-    whole = runs[0].t0 <= t[0] and runs[-1].tn >= t[-1] and len(runs) == 1
-    rest = "" if whole else "Divide the recording there to use the rest, or state "
-    stated = "--force-unit N if the values are right" if wrench[0] == "force" else ""
-    remedy = f" {rest or 'State '}{stated}." if stated else ""
-    return f"{_named(runs, wrench, signals)}: it is not used, {OFF}.{remedy}"
+    """Frozen runs, and what to do: the part without them can be used by itself."""
+    whole = runs[0].t0 <= t[0] and runs[0].tn >= t[-1]
+    remedies = [
+        *([] if whole else ["divide the recording there to use the rest"]),
+        *(["state --force-unit N if the values are right"] if wrench[0] == "force" else []),
+    ]
+    remedy = f": {', or '.join(remedies)}" if remedies else ""
+    return f"{_named(runs, wrench, signals)}. It is not used; {OFF}{remedy}."

@@ -39,7 +39,7 @@ def is_calendar_time(cell: str) -> bool:
 
 
 def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
-    """Times of all samples. places: their names in errors. Raises ValueError, which names the first wrong one."""
+    """Times of all samples. places: their names in errors. Raises ValueError for the first wrong one."""
     times: list[datetime] = []
     for place, cell in zip(places, cells, strict=True):
         time = _parsed(cell) if is_calendar_time(cell) else None
@@ -47,7 +47,8 @@ def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
             raise ValueError(f"{place}: t is {cell!r}, expected a date with a time (ISO 8601) as before")
         if times and (time.tzinfo is None) != (times[0].tzinfo is None):
             raise ValueError(
-                f"{place}: t is {cell!r}, and the first one is {cells[0]!r}: expected a time zone in all or in none"
+                f"{place}: t is {cell!r}, and the first one is {cells[0]!r}: expected a time zone in "
+                "all or in none"
             )
         times.append(time)
     return CalendarTimes(np.array([(time - times[0]).total_seconds() for time in times]), cells[0])

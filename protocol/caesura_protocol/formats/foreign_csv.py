@@ -99,7 +99,7 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
 
 
 def _options(table: CsvTable, mapped: ColumnMapping) -> tuple[dict[str, str], list[str]]:
-    """What the file's comments state, and the mapping, which goes before; the comments that it contradicts."""
+    """What comments and mapping state, the mapping first; the comments that it contradicts."""
     stated = {key: value for key, value in table.stated.items() if key in STATED}
     contradicted = [
         f"# {key}: {value}, because {mapped.name} states {mapped.options[key]}"

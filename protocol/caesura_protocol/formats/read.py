@@ -10,19 +10,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, is_zipfile
+from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.distribution import import_extra
-from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of, seconds_of_array
+from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.csv_layout import DELIMITERS, PLACES, guessed, has_own_columns, read_layout
 from caesura_protocol.formats.csv_text import read_lines, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
+from caesura_protocol.formats.npz import read_npz
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.formats.sample_checks import check_clock, check_values
 from caesura_protocol.keys import NAME_PATTERN
@@ -30,11 +30,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantit
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
-    ARRAYS,
-    ASSUMED_ORDER,
     OPTIONS,
-    QUATERNION_ORDER,
-    QUATERNION_ORDERS,
     STATED,
     Recording,
     RecordingError,
@@ -98,14 +94,7 @@ def load_recording(
     _check_overrides(path, options, overrides)
     options |= {key: value for key, value in overrides.items() if value is not None}
     ignored = [*ignored, *_without_wrench(arrays, options)]
-    if raw.has_calendar_time and "time" in stated:
-        raise RecordingError(
-            f"{path}: --time-unit {stated['time']} is for times that are numbers, and this file has times of "
-            "day: leave it out"
-        )
-    for quantity, name in _CONVERTED.items():
-        if quantity in stated and name in arrays:
-            arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
+    _convert(path, raw, stated)
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     asked = {key: _asked(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
@@ -127,8 +116,20 @@ def load_recording(
     return recording if as_stated else _with_usable_wrench(recording)
 
 
+def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> None:
+    """Bring arrays into Caesura's units, in place. Raises RecordingError for a unit of times of day."""
+    if raw.has_calendar_time and "time" in stated:
+        raise RecordingError(
+            f"{path}: --time-unit {stated['time']} is for times that are numbers, and this file has times of "
+            "day: leave it out"
+        )
+    for quantity, name in _CONVERTED.items():
+        if quantity in stated and name in raw.arrays:
+            raw.arrays[name] = raw.arrays[name] * UNITS[quantity][stated[quantity]]
+
+
 def _with_usable_wrench(recording: Recording) -> Recording:
-    """The recording without the source of a wrench that is frozen, all zero or has no zero; with the reason."""
+    """The recording; where its wrench cannot be used, with the source `none` and the reason."""
     reading = read_wrench(
         recording.t,
         recording.signals,
@@ -234,64 +235,7 @@ def _as_matrix(values: Array) -> Array:
 
 def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     _no_mapping(path, mapping)
-    if not is_zipfile(path):
-        raise ValueError("no archive of arrays, as numpy.savez writes it, or cut short")
-    with np.load(path, allow_pickle=False) as file:
-        found = {key: _loaded(file, key) for key in (*ARRAYS, *NPZ_STATED) if key in file.files}
-        ignored = [key for key in file.files if key not in {*ARRAYS, *NPZ_STATED}]
-    assumed: list[str] = []
-    if has_calendar_time := found.get("t", np.empty(0)).dtype.kind in "mM" and found["t"].size > 0:
-        times = seconds_of_array(found["t"])
-        found["t"] = times.t
-        assumed.append(CALENDAR.format(times.first))
-    arrays = {key: _as_numbers(path, key, found[key]) for key in ARRAYS if key in found}
-    options = {key: _as_text(path, key, found[key]) for key in NPZ_STATED if key in found}
-    order = options.pop(QUATERNION_ORDER, None)
-    if "quat" in arrays:
-        assumed += _in_order(path, arrays, order)
-    return RawRecording(arrays, options, ignored, tuple(assumed), has_calendar_time=has_calendar_time)
-
-
-NPZ_STATED = (*STATED, QUATERNION_ORDER)
-
-
-def _in_order(path: Path, arrays: dict[str, Array], order: str | None) -> list[str]:
-    """Bring quaternions into the order x y z w; what is assumed of an order that is not stated."""
-    if order is None:
-        return [ASSUMED_ORDER]
-    if order not in QUATERNION_ORDERS:
-        expected = ", ".join(QUATERNION_ORDERS)
-        raise RecordingError(f"{path}: {QUATERNION_ORDER} is {order!r}, expected one of {expected}")
-    if arrays["quat"].shape[1:] == (4,):
-        arrays["quat"] = arrays["quat"][:, [order.index(axis) for axis in "xyzw"]]
-    return []
-
-
-def _loaded(file: Any, key: str) -> NDArray[Any]:
-    """An array of an npz file. Objects are never unpickled."""
-    try:
-        return np.asarray(file[key])
-    except ValueError as error:
-        if "allow_pickle" not in str(error):
-            raise
-        raise RecordingError(
-            f"{file.zip.filename}: {key} is an array of Python objects, which are never loaded: save it as numbers, "
-            "for example by numpy.asarray(…, dtype=float), or as a text"
-        ) from error
-
-
-def _as_numbers(path: Path, key: str, values: NDArray[Any]) -> Array:
-    if values.dtype.kind not in "biuf":
-        remedy = f"save its real part, {key}.real" if values.dtype.kind == "c" else f"save {key} as float64"
-        raise RecordingError(f"{path}: {key} holds {values.dtype}, expected real numbers: {remedy}")
-    return np.asarray(values, dtype=np.float64)
-
-
-def _as_text(path: Path, key: str, values: NDArray[Any]) -> str:
-    if values.size != 1:
-        raise RecordingError(f"{path}: {key} has {values.size} values, expected one")
-    value = values.reshape(-1)[0]
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    return read_npz(path)
 
 
 def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:

@@ -127,8 +127,8 @@ def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:
         return
     taken = [f"{', '.join(one for one in signals if topic_of[one] == name)} from {name}" for name in names]
     yield (
-        f"Topics are taken as those of one robot, by their types: {'; '.join(taken)}. A mapping with [topics] names "
-        "others."
+        f"Topics are taken as those of one robot, by their types: {'; '.join(taken)}. A mapping with "
+        "[topics] names others."
     )
 
 
@@ -143,11 +143,11 @@ def _of_rates(plan: TopicSelection, joiner: SignalAligner, counts: Counter[str],
         ]
         if slow:
             yield (
-                f"{', '.join(slow)} of {name} have {counts[slow[0]]} values where {joiner.leader} has {leads}: each is "
-                "held until the next."
+                f"{', '.join(slow)} of {name} have {counts[slow[0]]} values where {joiner.leader} has "
+                f"{leads}: each is held until the next."
             )
     if joiner.skipped:
         yield (
-            f"{joiner.skipped} of {joiner.skipped + rows} values of {joiner.leader} are left out: another signal has no "
-            f"value within {MAX_AGE_S:g} s before them."
+            f"{joiner.skipped} of {joiner.skipped + rows} values of {joiner.leader} are left out: another "
+            f"signal has no value within {MAX_AGE_S:g} s before them."
         )

@@ -17,7 +17,7 @@ MAPPING = Path(__file__).resolve().parents[3] / "examples" / "ros2_iiwa14.toml"
 NAMES = tuple(f"lbr_A{i}" for i in (7, 2, 3, 4, 5, 6, 1))  # as broadcasters do, in no order
 PERIOD_NS = 10_000_000
 #: With a scatter: one that is the same for seconds would be frozen.
-FORCES = [1.0, 2.0, 3.0] + np.random.default_rng(0).normal(0.0, 0.05, (400, 3))
+FORCES = np.random.default_rng(0).normal([1.0, 2.0, 3.0], 0.05, (400, 3))
 
 
 def taught() -> np.ndarray:

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from caesura_lab.recording_warnings import recording_warnings
+from caesura_lab.recording_warnings import UPWARD_N, recording_warnings, upward_force_of_load
 from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import ASSUMED_ORDER
 from caesura_service.offline_segmentation import segment_recording
 
 PICK_AND_PLACE = load_recording(Path(__file__).parents[2] / "data" / "pick_and_place.npz")
@@ -44,3 +45,37 @@ def test_what_is_on_is_what_wrench_and_preset_have(preset, on, found):
     assert view.notes[0] in view.wrench.note
     assert (view.wrench.contact_models, view.wrench.transport_models) == on
     assert recording_warnings(PICK_AND_PLACE, preset) == ()
+
+
+def signals(**changes):
+    return replace(PICK_AND_PLACE, signals={**PICK_AND_PLACE.signals, **changes})
+
+
+def test_quaternions_that_fit_the_joints_in_another_order_are_named():
+    # w, x, y, z passed for x, y, z, w in silence. Both orders turn by the same angles, so joints alone show it.
+    reordered = signals(quat=PICK_AND_PLACE.signals["quat"][:, [3, 0, 1, 2]])
+    (warning,) = recording_warnings(reordered, "default")
+    assert warning.startswith("Warning: the quaternions agree with the joints in the order w, x, y, z")
+    assert "quaternion_order wxyz" in warning
+
+
+def test_an_assumed_order_is_shown_unless_the_joints_confirm_it():
+    assert ASSUMED_ORDER in PICK_AND_PLACE.assumed
+    assert recording_warnings(PICK_AND_PLACE, "default") == ()
+    alone = {name: values for name, values in PICK_AND_PLACE.signals.items() if name != "q"}
+    assert recording_warnings(replace(PICK_AND_PLACE, signals=alone), "default") == (ASSUMED_ORDER,)
+
+
+def test_a_load_that_pulls_upwards_while_it_is_lifted_is_named():
+    # A reversed press was a load of 1.2 kg.
+    right, wrong = PICK_AND_PLACE, signals(force=-PICK_AND_PLACE.signals["force"])
+    assert upward_force_of_load(right) == pytest.approx(-upward_force_of_load(wrong))
+    assert upward_force_of_load(right) < 0.0 < UPWARD_N < upward_force_of_load(wrong)
+    (warning,) = recording_warnings(wrong, "default")
+    assert "the force points upwards by 2.1 N, at most 2 N are plausible" in warning
+    assert "Negate force and torque" in warning
+
+
+def test_what_is_not_used_is_a_warning():
+    frozen = replace(PICK_AND_PLACE, wrench_source="none", cautions=("The force is frozen.",))
+    assert recording_warnings(frozen, "default") == ("Warning: The force is frozen.",)

@@ -1,0 +1,273 @@
+"""What a file is refused for names the file, the sample, the value, the limit and what to do."""
+
+from __future__ import annotations
+
+import os
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_protocol.formats import read
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.formats.write import write_csv
+from caesura_protocol.recording import ASSUMED_ORDER, Recording, RecordingError
+
+BEGAN = datetime(2026, 11, 24, 18, 4, 32, tzinfo=UTC)
+
+
+def arrays(n: int = 200) -> dict[str, np.ndarray]:
+    """A second of movement at 200 Hz, with every signal that is checked."""
+    rng, t = np.random.default_rng(1), np.arange(n) / 200
+    return {
+        "t": t,
+        "pos": np.column_stack([0.4 + 0.1 * t, 0.0 * t, 0.3 + 0.0 * t]),
+        "quat": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        "force": rng.normal(0.0, 0.1, (n, 3)),
+        "torque": rng.normal(0.0, 0.01, (n, 3)),
+        "gripper": np.full(n, 0.08),
+        "wrench_source": np.array("flange_sensor"),
+    }
+
+
+def saved(path: Path, **changes: np.ndarray) -> Path:
+    np.savez(path, **arrays() | changes)
+    return path
+
+
+def replaced(name: str, row: int, value: object) -> np.ndarray:
+    values = arrays()[name].copy()
+    values[row] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"force": replaced("force", 12, [0.0, np.nan, 0.0])},
+            ("sample 12: fy is nan, expected a finite number", "leave out the samples that have none"),
+        ),
+        (
+            {"quat": replaced("quat", 7, [3.0, 0.0, 0.0, 0.0])},
+            ("sample 7: quaternion has norm 3, expected 1 ± 0.1", "divide each quaternion by its norm"),
+        ),
+        (
+            {"quat": replaced("quat", 7, 0.0)},
+            ("sample 7: quaternion has norm 0, expected 1 ± 0.1", "leave out the samples that have no"),
+        ),
+        (
+            {"t": np.concatenate([arrays()["t"][:150], arrays()["t"][:50]])},
+            (
+                "sample 150: time goes back from 0.745 s to 0 s, expected within 0.25 s",
+                "divide the file there",
+            ),
+        ),
+        (
+            {"t": np.concatenate([arrays()["t"][:150], 1e9 + arrays()["t"][:50]])},
+            (
+                "sample 150: time leaps from 0.745 s to 1e+09 s, expected within 3600 s",
+                "divide the file there",
+            ),
+        ),
+        (
+            {"force": arrays()["force"].T},
+            ("force has shape (3, 200), expected (200, 3)", "it is transposed, write force.T"),
+        ),
+        (
+            {"force": np.hstack([arrays()["force"], arrays()["torque"]]).T},
+            ("force has shape (6, 200), expected (200, 3)", "force = wrench.T[:, :3]"),
+        ),
+        (
+            {"pos": np.hstack([arrays()["pos"], arrays()["quat"]])},
+            ("pos has shape (200, 7), expected (200, 3)", "pos = pose[:, :3]"),
+        ),
+        (
+            {"force": arrays()["force"][:100]},
+            ("force has shape (100, 3), expected (200, 3)", "one row for each of the 200 times"),
+        ),
+        (
+            {"gripper": 1000.0 * arrays()["gripper"]},
+            ("sample 0: gripper is 80, expected an opening [m] or a closed flag within ±1", "are they mm?"),
+        ),
+        (
+            {"gripper": np.full(200, 228.0)},
+            ("sample 0: gripper is 228, expected an opening", "counts of a gripper?"),
+        ),
+        (
+            {"pos": arrays()["pos"] * (1.0 + 1.0j)},
+            ("pos holds complex128, expected real numbers", "save its real part, pos.real"),
+        ),
+        ({"pos": arrays()["pos"].astype(str)}, ("pos holds <U", "save pos as float64")),
+        (
+            {"pos": arrays()["pos"].astype(object)},
+            ("pos is an array of Python objects, which are never loaded", "save it as numbers"),
+        ),
+        ({"wrench_source": np.array(["none", "none"])}, ("wrench_source has 2 values, expected one",)),
+    ],
+    ids=lambda one: ",".join(one) if isinstance(one, dict) else None,
+)
+@pytest.mark.filterwarnings("error")
+def test_a_refusal_names_file_sample_value_limit_and_remedy(tmp_path: Path, changes, words):
+    # The service named sample, value and limit of some, and no remedy; complex positions lost their imaginary part.
+    with pytest.raises(RecordingError) as refused:
+        load_recording(saved(tmp_path / "a.npz", **changes))
+    for word in ("a.npz: ", *words):
+        assert word in str(refused.value)
+
+
+def text(**changes: np.ndarray) -> str:
+    """The same as csv."""
+    made = arrays() | changes
+    found = Recording(
+        made["t"],
+        {name: made[name].reshape(200, -1) for name in ("pos", "quat", "force", "gripper")},
+        wrench_source="flange_sensor",
+    )
+    lines = [f"# {key}: {value}" for key, value in found.stated_options.items()]
+    rows = [",".join(map(repr, row)) for row in found.matrix().tolist()]
+    return "\n".join([*lines, ",".join(found.columns), *rows]) + "\n"
+
+
+def test_a_sample_of_a_csv_is_named_with_its_line(tmp_path: Path):
+    content = text(quat=replaced("quat", 7, [3.0, 0.0, 0.0, 0.0]))
+    (tmp_path / "a.csv").write_text(f"# a day\n\n{content}", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"a\.csv: sample 7 \(line 14\): quaternion has norm 3"):
+        load_recording(tmp_path / "a.csv")
+
+
+def semicolons(content: str) -> str:
+    return content.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    ("encoded", "assumed"),
+    [
+        (lambda content: content.encode("utf-8-sig"), ()),
+        (lambda content: content.encode("utf-16"), ()),
+        (lambda content: content.replace("\n", "\r\n").encode(), ()),
+        (lambda content: content.replace("\n", ",\n").encode(), ()),
+        (lambda content: content.replace(",", "\t").encode(), ()),
+        (
+            lambda content: semicolons(content).encode(),
+            ("Columns are divided by ';', and the comma is the decimal mark.",),
+        ),
+    ],
+    ids=["BOM", "UTF-16", "CRLF", "trailing", "tab", "semicolon"],
+)
+def test_what_a_table_program_makes_of_a_csv_is_the_same_recording(tmp_path: Path, encoded, assumed):
+    (tmp_path / "plain.csv").write_text(text(), encoding="utf-8")
+    (tmp_path / "a.csv").write_bytes(encoded(text()))
+    plain, found = load_recording(tmp_path / "plain.csv"), load_recording(tmp_path / "a.csv")
+    assert found.columns == plain.columns
+    assert np.array_equal(found.matrix(), plain.matrix())
+    assert found.wrench_source == "flange_sensor"
+    assert (found.ignored, found.assumed) == ((), assumed)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"# M\xfcller\n" + text().encode(), ("line 1: byte 0xfc is not utf-8", "iconv -f latin1")),
+        (text().encode("utf-16-le"), ("has zero bytes, expected a text", "iconv -f utf-16le")),
+        (text().encode()[:-30], ("line 204 has", "still being written")),
+        (text().replace(".", ",").encode(), ("values, expected 12", "Divide the columns by semicolons")),
+    ],
+    ids=["latin1", "UTF-16 without a mark", "cut", "comma and comma"],
+)
+def test_a_csv_that_is_no_table_is_refused_with_a_remedy(tmp_path: Path, content, words):
+    (tmp_path / "a.csv").write_bytes(content)
+    with pytest.raises(RecordingError) as refused:
+        load_recording(tmp_path / "a.csv")
+    for word in ("a.csv", *words):
+        assert word in str(refused.value)
+
+
+def dated(content: str, row: int | None = None, zone: str = "+00:00") -> str:
+    """The times as dates; row: of the one that has no zone."""
+    lines = content.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("t,")) + 1
+    for i in range(first, len(lines)):
+        t, _, rest = lines[i].partition(",")
+        moment = (BEGAN + timedelta(seconds=float(t))).replace(tzinfo=None).isoformat()
+        lines[i] = f"{moment}{'' if i - first == row else zone},{rest}"
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("zone", ["Z", "+02:00", ""])
+def test_dates_of_a_csv_are_seconds_from_the_first_and_stated(tmp_path: Path, zone: str):
+    (tmp_path / "a.csv").write_text(dated(text(), zone=zone), encoding="utf-8")
+    found = load_recording(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.t, arrays()["t"], atol=1e-9)
+    assert found.assumed == (
+        f"Times are seconds from the first sample, which is at 2026-11-24T18:04:32{zone}.",
+    )
+    with pytest.raises(RecordingError, match="--time-unit ms is for times that are numbers"):
+        load_recording(tmp_path / "a.csv", time_unit="ms")
+
+
+def test_dates_with_and_without_a_zone_are_refused(tmp_path: Path):
+    (tmp_path / "a.csv").write_text(dated(text(), row=5), encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"line 10: t is '2026.*expected a time zone in all or in none"):
+        load_recording(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.datetime64("2026-11-24T18:04:32") + (arrays()["t"] * 1e9).astype("timedelta64[ns]"),
+        (arrays()["t"] * 1e6).astype("timedelta64[us]"),
+    ],
+    ids=["datetime64", "timedelta64"],
+)
+def test_times_of_numpy_are_seconds_from_the_first(tmp_path: Path, values: np.ndarray):
+    # They were read as counts of their unit.
+    found = load_recording(saved(tmp_path / "a.npz", t=values))
+    np.testing.assert_allclose(found.t, arrays()["t"], atol=2e-9)
+    assert any("Times are seconds from the first sample" in one for one in found.assumed)
+
+
+def test_the_order_of_quaternions_is_stated_or_assumed(tmp_path: Path):
+    turned = np.tile([0.1, 0.2, 0.3, np.sqrt(0.86)], (200, 1))
+    assert load_recording(saved(tmp_path / "a.npz", quat=turned)).assumed == (ASSUMED_ORDER,)
+    swapped = turned[:, [3, 0, 1, 2]]
+    stated = load_recording(saved(tmp_path / "b.npz", quat=swapped, quaternion_order=np.array("wxyz")))
+    assert np.array_equal(stated.signals["quat"], turned)
+    assert stated.assumed == ()
+    stated.save(tmp_path / "c.npz")
+    write_csv(tmp_path / "c.csv", stated)
+    for copy in ("c.npz", "c.csv"):
+        assert load_recording(tmp_path / copy).assumed == (), "our own copy states it"
+    with pytest.raises(RecordingError, match="quaternion_order is 'zyxw', expected one of xyzw, wxyz"):
+        load_recording(saved(tmp_path / "d.npz", quaternion_order=np.array("zyxw")))
+
+
+def test_a_file_that_grows_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    file = saved(tmp_path / "a.npz")
+    plain = read.read_npz
+
+    def growing(path: Path):
+        found = plain(path)
+        with path.open("ab") as stream:
+            stream.write(b"more")
+        return found
+
+    monkeypatch.setattr(read, "read_npz", growing)
+    size = os.path.getsize(file)
+    with pytest.raises(
+        RecordingError, match=f"went from {size} to {size + 4} bytes while it was read: it is being"
+    ):
+        load_recording(file)
+
+
+def test_a_directory_names_what_it_has(tmp_path: Path):
+    saved(tmp_path / "a.npz")
+    with pytest.raises(RecordingError, match=r"without metadata\.yaml.*it has a\.npz: name one of them"):
+        load_recording(tmp_path)
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"")
+    with pytest.raises(
+        RecordingError, match=r"without metadata\.yaml; a rosbag2 has it when its recording has ended"
+    ):
+        load_recording(tmp_path / "bag")

@@ -1,0 +1,103 @@
+"""A wrench that is frozen, all zero or without a zero shows no contact and no load, and the reason is stated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.wrench_reading import FROZEN_S, frozen_runs, read_wrench
+
+DATA = Path(__file__).resolve().parents[2] / "data"
+PICK_AND_PLACE = DATA / "pick_and_place.npz"
+
+
+def changed(path: Path, **changes: object) -> Path:
+    """The recording with other arrays; a function makes one of the array that is there."""
+    with np.load(PICK_AND_PLACE) as file:
+        arrays = {name: file[name] for name in file.files}
+    made = {name: change(arrays[name]) if callable(change) else change for name, change in changes.items()}
+    np.savez(path, **arrays | made)
+    return path
+
+
+def frozen_from(row: int):
+    return lambda values: np.concatenate([values[:row], np.tile(values[row], (len(values) - row, 1))])
+
+
+def test_no_recording_of_the_repository_is_touched():
+    for file in sorted(DATA.glob("*.npz")):
+        found, stated = load_recording(file), load_recording(file, as_stated=True)
+        assert found.cautions == (), file.name
+        assert found.wrench_source == stated.wrench_source
+
+
+def test_a_force_that_freezes_is_named_and_not_used(tmp_path: Path):
+    # A dead driver's last force was a load of 125 g, carried for 8 s.
+    file = changed(tmp_path / "a.npz", force=frozen_from(4300), torque=frozen_from(4300))
+    found = load_recording(file)
+    assert found.wrench_source == "none"
+    (caution,) = found.cautions
+    for word in ("from 4.30 s to 12.80 s", "at most 0.5 s are plausible", "not used", "divide the recording"):
+        assert word in caution
+    assert load_recording(file, as_stated=True).wrench_source == "flange_sensor"
+    believed = load_recording(file, force_unit="N")
+    assert believed.wrench_source == "flange_sensor"
+    assert "it is declared to be right" in believed.cautions[0]
+
+
+def test_a_force_of_zeros_is_no_force(tmp_path: Path):
+    found = load_recording(changed(tmp_path / "a.npz", force=np.zeros_like, torque=np.zeros_like))
+    assert found.wrench_source == "none"
+    assert found.cautions == (
+        "Every force is 0 while the robot moves: it is read as no force; contact and load are off.",
+    )
+
+
+def test_zeros_in_free_space_are_those_of_a_simulation_and_named(tmp_path: Path):
+    def noise_free(force: np.ndarray) -> np.ndarray:
+        return np.where(np.linalg.norm(force, axis=1, keepdims=True) > 4.0, force, 0.0)
+
+    found = load_recording(changed(tmp_path / "a.npz", force=noise_free, torque=np.zeros_like))
+    assert found.wrench_source == "flange_sensor"
+    assert "simulated without noise" in found.cautions[0]
+
+
+def test_a_recording_without_time_for_the_tare_has_no_contact(tmp_path: Path):
+    # 0.3 s with the bias of a sensor, 15 N, were a contact with probability 0.99.
+    with np.load(PICK_AND_PLACE) as file:
+        short = {name: file[name][:300] if file[name].ndim else file[name] for name in file.files}
+    np.savez(tmp_path / "a.npz", **short | {"force": short["force"] + [0.0, 0.0, 15.0]})
+    found = load_recording(tmp_path / "a.npz")
+    assert found.wrench_source == "none"
+    assert found.cautions[0].startswith(
+        "The force is not zeroed, so contact and free space are not distinguished"
+    )
+    assert "lasts 0.299 s, and its first 0.4 s are needed" in found.cautions[0]
+
+
+@pytest.mark.parametrize(
+    ("moved", "held_s", "found"), [(0.02, 0.6, True), (0.005, 0.6, False), (0.02, 0.4, False)]
+)
+def test_a_run_is_frozen_by_its_length_and_the_movement_in_it(moved: float, held_s: float, found: bool):
+    rng, t = np.random.default_rng(0), np.arange(400) / 200
+    share = np.clip((t - 0.5) / held_s, 0.0, 1.0)
+    force = rng.normal(size=(400, 3))
+    inside = (t >= 0.5) & (t <= 0.5 + held_s + 1e-9)
+    force[inside] = [1.0, 2.0, 3.0]
+    signals = {"pos": np.column_stack([moved * share, 0 * t, 0 * t]), "force": force}
+    assert bool(frozen_runs(t, signals, ["force"], "m")) == found
+    millimetres = {"pos": 1000.0 * signals["pos"], "force": force}
+    assert bool(frozen_runs(t, millimetres, ["force"], "mm")) == found
+    assert held_s > FROZEN_S or not found
+
+
+def test_joint_torques_are_read_alike():
+    t = np.arange(400) / 200
+    signals = {"q": np.column_stack([0.2 * t, *6 * [0 * t]]), "tau": np.ones((400, 7))}
+    reading = read_wrench(t, signals, "joint_torque_estimate")
+    assert reading.source == "none"
+    assert "The joint torques are exactly (1, 1, 1, 1, 1, 1, 1) Nm from 0.00 s to 2.00 s" in reading.found[0]
+    assert read_wrench(t, signals, "none").found == ()

@@ -146,3 +146,12 @@ def test_a_name_with_quotes_is_written_so_that_it_is_read(tmp_path: Path):
     names = {"t": 'the "time"', "px": "x", "py": "y", "pz": "z"}
     (tmp_path / "log.toml").write_text(mapping_text(MappingAnswers(columns=names)))
     assert load_recording(file, mapping=tmp_path / "log.toml").t[-1] == 0.19
+
+
+def test_what_the_comments_of_a_csv_state_is_proposed(tmp_path: Path):
+    file = odd(tmp_path / "odd.csv")
+    stated = "# wrench_source: flange_sensor\n# hand on robot: no\n# robot: panda\n"
+    file.write_text(stated + file.read_text(encoding="utf-8"), encoding="utf-8")
+    answered = ask_about(file, Terminal(Force="5 6 7"))
+    found = load_recording(file, mapping=answered.mapping)
+    assert (found.wrench_source, found.hand_on_robot, found.setting.robot) == ("flange_sensor", "no", "panda")

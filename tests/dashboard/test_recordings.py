@@ -115,8 +115,13 @@ def test_a_csv_is_looked_at_by_its_columns_and_others_by_what_they_state(tmp_pat
     (tmp_path / "odd.csv").write_text(CSV)
     found = looked(tmp_path / "odd.csv")
     assert found["guess"]["columns"] == {"t": "time", "px": "x", "py": "y", "pz": "z"}
+    assert found["stated"] == {}
+    (tmp_path / "odd.csv").write_text("# wrench_source: flange_sensor\n# hand on robot: no\n" + CSV)
+    found = looked(tmp_path / "odd.csv")
+    assert found["stated"] == {"wrench_source": "flange_sensor", "hand_on_robot": "no"}
     guided().save(tmp_path / "own.npz")
     found = looked(tmp_path / "own.npz")
+    assert found["notes"] == []
     assert found["stated"] == {"wrench_source": "flange_sensor", "force_frame": "base", "length_unit": "m"}
     assert (found["samples"], found["hasWrench"]) == (len(guided().t), True)
 

@@ -52,7 +52,7 @@ def signals(**changes):
 
 
 def test_quaternions_that_fit_the_joints_in_another_order_are_named():
-    # w, x, y, z passed for x, y, z, w in silence. Both orders turn by the same angles, so joints alone show it.
+    # w, x, y, z passed for x, y, z, w in silence. Only the joints show it.
     reordered = signals(quat=PICK_AND_PLACE.signals["quat"][:, [3, 0, 1, 2]])
     (warning,) = recording_warnings(reordered, "default")
     assert warning.startswith("Warning: the quaternions agree with the joints in the order w, x, y, z")

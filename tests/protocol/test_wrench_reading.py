@@ -1,4 +1,4 @@
-"""A wrench that is frozen, all zero or without a zero shows no contact and no load, and the reason is stated."""
+"""A wrench that is frozen, all zero or without a zero is not used, and the reason is stated."""
 
 from __future__ import annotations
 

@@ -118,3 +118,39 @@ def test_a_mapping_is_for_files_that_do_not_say_what_is_what(files, tmp_path):
     read(files).save(tmp_path / "ours.npz")
     with pytest.raises(RecordingError, match="has the names and units itself"):
         load_recording(tmp_path / "ours.npz", mapping=tmp_path / "map.toml")
+
+
+STATING = "# wrench_source: joint_torque_estimate\n# hand on robot: yes\n# length_unit: mm\n"
+
+
+def test_what_the_comments_of_the_file_state_holds_where_the_mapping_is_silent(files):
+    # They were skipped with all other comments.
+    silent = "\n".join(line for line in MAPPING.splitlines() if not line.startswith("wrench_source"))
+    recording = read(files, STATING + TABLE, silent.replace('{ column = "X", unit = "mm" }', '"X"'))
+    assert (recording.wrench_source, recording.hand_on_robot) == ("joint_torque_estimate", "yes")
+    assert recording.length_unit == "mm"
+    np.testing.assert_allclose(recording.signals["pos"], [[500.5, 0.0, 250.0], [501.0, 0.0, 250.0]])
+
+
+def test_a_comment_that_the_mapping_contradicts_is_named(files):
+    recording = read(files, STATING + TABLE)
+    assert (recording.wrench_source, recording.hand_on_robot) == ("flange_sensor", "yes")
+    named = "# wrench_source: joint_torque_estimate, because map.toml states flange_sensor"
+    assert named in recording.ignored
+
+
+def test_a_comment_with_another_value_is_refused(files):
+    with pytest.raises(RecordingError, match="hand_on_robot is 'perhaps', expected one of"):
+        read(files, "# hand on robot: perhaps\n" + TABLE)
+
+
+def test_dates_of_other_software_are_seconds_from_the_first(files):
+    table = TABLE.replace("1000;", "2026-11-24 18:04:32.25;").replace("1010;", "2026-11-24 18:04:32.26;")
+    recording = read(files, table, MAPPING.replace('unit = "ms"\n', "", 1))
+    np.testing.assert_allclose(recording.t, [0.0, 0.01])
+    assert recording.assumed == (
+        "Times are seconds from the first sample, which is at 2026-11-24 18:04:32.25.",
+    )
+    assert recording.ignored == ("Temp",)
+    with pytest.raises(RecordingError, match=r"map\.toml: \[time\] has a unit.*leave out the unit"):
+        read(files, table)

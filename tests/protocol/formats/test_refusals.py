@@ -110,7 +110,7 @@ def replaced(name: str, row: int, value: object) -> np.ndarray:
 )
 @pytest.mark.filterwarnings("error")
 def test_a_refusal_names_file_sample_value_limit_and_remedy(tmp_path: Path, changes, words):
-    # The service named sample, value and limit of some, and no remedy; complex positions lost their imaginary part.
+    # Some had sample, value and limit, none a remedy; complex positions lost their imaginary part.
     with pytest.raises(RecordingError) as refused:
         load_recording(saved(tmp_path / "a.npz", **changes))
     for word in ("a.npz: ", *words):

@@ -72,6 +72,10 @@ def test_topics_of_their_own_give_the_segments_of_the_npz(demonstration, tmp_pat
     expected.save(tmp_path / "same.npz")
     assert_same(found, expected)
     assert found.ignored == ()
+    assert found.assumed == (
+        "Topics are taken as those of one robot, by their types: pos, quat from /pose; force, torque from "
+        "/ft/wrench. A mapping with [topics] names others.",
+    )
     own, npz = segment_recording(found), segment_recording(load_recording(tmp_path / "same.npz"))
     assert own.segments == npz.segments
     assert own.changepoints == npz.changepoints
@@ -316,3 +320,34 @@ def test_a_simulator_of_the_other_sign_is_named_in_a_mapping(demonstration, tmp_
     for name in ("force", "tau"):
         assert np.array_equal(real.signals[name], -simulated.signals[name])
         assert np.any(real.signals[name] != 0.0)
+
+
+def test_two_robots_in_one_bag_are_combined_only_with_a_statement(demonstration, tmp_path):
+    # The sensor of the right arm passed for the left arm's in silence.
+    arms = {POSE: "/left", WRENCH: "/right"}
+    messages = [(arms[kind] + topic, kind, *rest) for topic, kind, *rest in ros.sensor_topics(demonstration)]
+    bag = ros.write_bag(tmp_path / "bag", messages, "mcap")
+    (stated,) = load_recording(bag, wrench_source=SENSOR).assumed
+    assert "pos, quat from /left/pose; force, torque from /right/ft/wrench" in stated
+    mapping = tmp_path / "map.toml"
+    mapping.write_text('[topics."/left/pose"]\n[topics."/right/ft/wrench"]\n', encoding="utf-8")
+    assert load_recording(bag, wrench_source=SENSOR, mapping=mapping).assumed == ()
+
+
+def test_a_slower_wrench_and_rows_without_one_are_stated(demonstration, tmp_path):
+    slow, count = [], 0
+    for message in ros.sensor_topics(demonstration):
+        count += message[1] == WRENCH
+        silent = message[1] == WRENCH and 300 < count < 500
+        if message[1] == POSE or (count % 10 == 1 and not silent):
+            slow.append(message)
+    found = load_recording(ros.write_bag(tmp_path / "bag", slow, "mcap"), wrench_source=SENSOR)
+    rows, poses = found.t.size, demonstration.t.size
+    wrenches = sum(message[1] == WRENCH for message in slow)
+    assert found.assumed[1:] == (
+        f"force, torque of /ft/wrench have {wrenches} values where pos has {poses}: each is held until the "
+        "next.",
+        f"{poses - rows} of {poses} values of pos are left out: another signal has no value within 0.5 s "
+        "before them.",
+    )
+    assert 0 < poses - rows < poses

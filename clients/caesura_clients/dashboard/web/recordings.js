@@ -11,6 +11,7 @@ const SOURCES = {
   joint_torque_estimate: "estimated from joint torques", none: "there is no wrench",
 };
 const HANDS = { yes: "yes", no: "no: replayed or remote", unknown: "not known" };
+const STATED = ["wrench_source", "hand_on_robot", "force_frame", "robot"]; // by a file, which goes before what is remembered
 const newUpload = () => `u-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 12)}`;
 const remembered = () => {
   try {
@@ -189,7 +190,8 @@ export default {
         declared: { ...Object.fromEntries(Object.keys(this.quantities).map((one) => [one, ""])), ...found.likely },
         form: {
           wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || (found.bag ? "" : "base"),
-          force_of: "environment", robot: stated.robot || "", ...old.form, station: this.station, session: found.session, task: "", sure: false,
+          force_of: "environment", robot: stated.robot || "", ...old.form,
+          ...Object.fromEntries(STATED.filter((one) => stated[one]).map((one) => [one, stated[one]])), station: this.station, session: found.session, task: "", sure: false,
         },
       });
     },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +35,15 @@ def frozen(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_table_shows_it_and_has_no_contact(frozen: Path):
-    done = caesura("segment", frozen)
+def test_the_table_shows_it_and_has_no_contact(frozen: Path, tmp_path: Path):
+    done = caesura("segment", frozen, "--json", tmp_path / "a.json")
     assert done.exit_code == 0, done.output
     for words in (f"Warning: {FROZEN}", UNUSED, ASSUMED_ORDER, "Wrench source none"):
         assert words in done.output
     assert "move to contact" not in done.output
+    warnings = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["warnings"]
+    assert UNUSED in warnings[0]
+    assert ASSUMED_ORDER in warnings
 
 
 def test_the_report_shows_it(frozen: Path, tmp_path: Path):

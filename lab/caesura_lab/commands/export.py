@@ -67,7 +67,7 @@ def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
         recording=recording,
         began_s=max(0.0, -float(recording.t.min())),  # unknown; a time before 1970 cannot be written
         view=view,
-        notes=view.notes,
+        notes=(*view.notes, *recording.cautions),
         complete=True,
     )
     written.write_mcap(out, taught)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Answers
 from dataclasses import replace
 from pathlib import Path
@@ -73,7 +73,7 @@ def segment(
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
         view = segmented(recording, preset, threshold)
         if json_out is not None:
-            _write(json_out, view)
+            _write(json_out, view, recording_warnings(recording, preset))
     Console().print(_shown(recording, preset, view))
 
 
@@ -127,9 +127,10 @@ def announce_compilation() -> None:
         prepare()
 
 
-def _write(path: Path, view: PipelineView) -> None:
+def _write(path: Path, view: PipelineView, warnings: Sequence[str]) -> None:
+    written = {**as_json(view), "warnings": list(warnings)}
     try:
-        path.write_text(json.dumps(as_json(view), indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise SourceError(f"cannot write {path}: {error.strerror}") from error
 

@@ -92,7 +92,12 @@ class Recording:
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
         if self.t.ndim != 1 or self.t.size == 0:
-            raise RecordingError(f"{self.name}: t has shape {self.t.shape}, expected (n,) with n >= 1")
+            remedy = (
+                ": write t.ravel()" if self.t.size and max(self.t.shape, default=0) == self.t.size else ""
+            )
+            raise RecordingError(
+                f"{self.name}: t has shape {self.t.shape}, expected (n,) with n >= 1{remedy}"
+            )
         if not np.isfinite(self.t).all():
             first = int(np.flatnonzero(~np.isfinite(self.t))[0])
             raise RecordingError(
@@ -194,9 +199,12 @@ LEAVE_OUT = "leave out the samples that have none, or the whole signal"
 def _shape_remedy(signal: str, shape: tuple[int, ...], samples: int) -> str:
     """What to do about an array of a wrong shape, where its shape shows it.
 
-    >>> _shape_remedy("force", (3, 500), 500), _shape_remedy("pos", (2, 2), 500)
+    >>> _shape_remedy("force", (3, 500), 500), _shape_remedy("pos", (500, 2), 500)
     (': it is transposed, write force.T', '')
     """
+    if signal == "quat" and shape[1:] in {(3, 3), (3,)}:
+        made = "from_matrix" if len(shape) == 3 else "from_euler or from_rotvec"
+        return f": quaternions have four columns, x y z w (scipy's Rotation.{made}(…).as_quat())"
     if len(shape) != 2:
         return ""
     width = len(COLUMNS_OF_SIGNAL[signal])
@@ -210,9 +218,7 @@ def _shape_remedy(signal: str, shape: tuple[int, ...], samples: int) -> str:
     if signal == "pos" and columns == 7 and samples in shape:
         pose = "pose.T" if turned else "pose"
         return f": a pose is two arrays, pos = {pose}[:, :3] and quat = {pose}[:, 3:] in the order x y z w"
-    if samples not in shape:
-        return f": one row for each of the {samples} times in t"
-    return ""
+    return "" if samples in shape else f": one row for each of the {samples} times in t"
 
 
 OPTIONS: Mapping[str, tuple[str, ...]] = {

@@ -184,6 +184,8 @@ def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRec
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
     reader = _READERS.get(path.suffix.lower())
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise RecordingError(f"{path}: no regular file, which is read as a whole: copy what it yields to one")
     if path.is_dir():
         reader = _read_rosbag if (path / "metadata.yaml").exists() else None
     if reader is None:

@@ -104,6 +104,15 @@ def replaced(name: str, row: int, value: object) -> np.ndarray:
             {"pos": arrays()["pos"].astype(object)},
             ("pos is an array of Python objects, which are never loaded", "save it as numbers"),
         ),
+        ({"t": arrays()["t"][:, None]}, ("t has shape (200, 1), expected (n,)", "write t.ravel()")),
+        (
+            {"quat": np.tile(np.eye(3), (200, 1, 1))},
+            ("quat has shape (200, 3, 3), expected (200, 4)", "Rotation.from_matrix(…).as_quat()"),
+        ),
+        (
+            {"quat": arrays()["pos"]},
+            ("quat has shape (200, 3), expected (200, 4)", "Rotation.from_euler or from_rotvec(…).as_quat()"),
+        ),
         ({"wrench_source": np.array(["none", "none"])}, ("wrench_source has 2 values, expected one",)),
     ],
     ids=lambda one: ",".join(one) if isinstance(one, dict) else None,
@@ -271,3 +280,9 @@ def test_a_directory_names_what_it_has(tmp_path: Path):
         RecordingError, match=r"without metadata\.yaml; a rosbag2 has it when its recording has ended"
     ):
         load_recording(tmp_path / "bag")
+
+
+def test_a_pipe_is_refused_without_waiting_for_its_writer(tmp_path: Path):
+    os.mkfifo(tmp_path / "a.csv")
+    with pytest.raises(RecordingError, match=r"a\.csv: no regular file, which is read as a whole"):
+        load_recording(tmp_path / "a.csv")

@@ -28,6 +28,7 @@ FROZEN_S = 0.5  # the longest of 52 real recordings is 0.05 s, while the flange 
 MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
 TARE_S = 0.4  # of the service: the force is zeroed by this much at the start
+SHORTEST_S = 0.2  # shorter ones have no segment at all
 SHOWN = 3  # runs that are listed
 OFF = "contact and load are off"
 
@@ -69,7 +70,7 @@ def read_wrench(
     if source == "none" or not set(wrench) <= set(signals) or t.size < LEAST_SAMPLES:
         return WrenchReading(source)
     span = float(np.ptp(t))
-    if 0.0 < span < TARE_S:
+    if SHORTEST_S <= span < TARE_S:
         return WrenchReading("none", (NOT_ZEROED.format(span=span),))
     runs = frozen_runs(t, signals, wrench, length_unit)
     if not runs:

@@ -128,7 +128,7 @@ def announce_compilation() -> None:
 
 
 def _write(path: Path, view: PipelineView, warnings: Sequence[str]) -> None:
-    written = {**as_json(view), "warnings": list(warnings)}
+    written = as_json(view) | ({"warnings": list(warnings)} if warnings else {})
     try:
         path.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
     except OSError as error:

@@ -205,7 +205,7 @@ def _unknown(path: Path) -> str:
     """What a path is that no reader is for, and what is read."""
     expected = f"expected one of {', '.join(_READERS)}, or the directory of a rosbag2"
     if not path.is_dir():
-        return f"suffix {path.suffix!r}, {expected}" if path.exists() else "no such file"
+        return f"suffix {path.suffix!r}, {expected}{'' if path.exists() else '; and there is no such file'}"
     inside = sorted(one.name for one in path.iterdir() if one.suffix.lower() in _READERS)
     if any(name.endswith((".db3", ".mcap")) for name in inside):
         why = "a rosbag2 has it when its recording has ended: end it, or run ros2 bag reindex"

@@ -7,7 +7,6 @@ is a template (`franky_template.py.txt`) with these filled in.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pprint import pformat
 from typing import Any
 
 from caesura_protocol.app_kinds import step_title
@@ -15,25 +14,36 @@ from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.limits import CONSTANTS, touching_force
+from caesura_protocol.programs.limits import CONSTANTS, refuse_beyond_limits, touching_force
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.programs.script_templates import (
+    filled_template,
+    head_comments,
+    robot_of_script,
+    table_of_apps,
+    title_of,
+)
 from caesura_protocol.reproduced_path import turn_of, turning_at_points
 from caesura_protocol.screw_motion import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
 MARK_LIMITS, MARK_APPS, MARK_NAME = "# <LIMITS>", "# <APPS>", "<NAME>"
+MARK_FINDINGS = "# <FINDINGS>\n"
 
 
 def franky_script(program: ProgramFile) -> str:
-    """The script's text. Raises ValueError for a robot of another maker, or a number that is not finite."""
+    """The script's text.
+
+    Raises ValueError for a robot of another maker, an app beyond the limits, or a number that is not finite.
+    """
     robot_of_script(program, "franky", "a franky script is for a Franka arm")
-    apps = [_row(app) for app in program.apps]
+    refuse_beyond_limits(program)
     texts = {
         MARK_NAME: title_of(program),
+        MARK_FINDINGS: head_comments(program),
         MARK_LIMITS: _limits(program.safety),
-        MARK_APPS: f"APPS = {pformat(apps, width=100, sort_dicts=False)}",
+        MARK_APPS: table_of_apps(program, [_row(app) for app in program.apps], 96),
     }
     return filled_template("franky_template.py.txt", texts)
 

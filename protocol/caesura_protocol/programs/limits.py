@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.force_limit import exerted_forces
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
@@ -53,10 +53,13 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
-    """Raises ValueError for an app whose place, force or load is beyond the limits of the program."""
+    """Raises ValueError for an app beyond the limits of place, force or load, or without a field that it needs."""
     safety = program.safety
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)
+        for field in APP_KINDS[app.kind].needs:
+            if getattr(app, field) is None:
+                raise ValueError(f"{name} has no {field}")
         places = [("target", app.target)]
         if app.path is not None:
             places += [("its path", point.position) for point in (app.path.start, *app.path.via)]

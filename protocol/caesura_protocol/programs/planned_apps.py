@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.app_kinds import app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
@@ -49,16 +49,10 @@ class PlannedApp(NamedTuple):
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:
-    """Plan one app after another; acceleration: [m/s²] of a leg that starts and stops.
-
-    Raises ValueError for an app without a target or a force that it needs.
-    """
+    """Plan one app after another, each with what it needs; acceleration: [m/s²] of a leg that starts and stops."""
     place: Vector | None = None  # at the end of the last movement
     touched: Vector | None = None  # the place of a contact that is not left yet
     for index, app in enumerate(program.apps):
-        for field in APP_KINDS[app.kind].needs:
-            if getattr(app, field) is None:
-                raise ValueError(f"{app_name(index, app.kind)} has no {field}")
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
         contact = None
         if ends_in_contact(app.kind, None if following is None else following.kind):

@@ -17,7 +17,13 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
 from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
-from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.programs.script_templates import (
+    filled_template,
+    findings_as_comments,
+    head_comments,
+    robot_of_script,
+    title_of,
+)
 from caesura_protocol.programs.straight_legs import Leg, Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import rotation_vector
@@ -47,6 +53,7 @@ def ur_script(program: ProgramFile) -> str:
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": title,
+        "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
         "<STANDOFF>": f"{STANDOFF_M}",
         "<DEPTH>": f"{DEPTH_M}",
@@ -62,11 +69,14 @@ class _Writer:
 
     def __init__(self, program: ProgramFile) -> None:
         self._gripper = gripper_of(program)
+        self._comments = findings_as_comments(program)
 
     def lines(self, planned: PlannedApp) -> list[str]:
         """The lines of an app, and the pause after it."""
         app = planned.app
-        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught", f'textmsg("{planned.name}")']
+        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught"]
+        lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]
+        lines += [f'textmsg("{planned.name}")']
         if app.kind == "apply_force":
             lines += self._force(planned)
         elif app.kind in GRIPS:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from pprint import pformat
 from typing import Any
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
@@ -19,7 +18,13 @@ from caesura_protocol.programs.gripping import gripper_of, not_driven
 from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
 from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.programs.script_templates import (
+    filled_template,
+    head_comments,
+    robot_of_script,
+    table_of_apps,
+    title_of,
+)
 from caesura_protocol.programs.straight_legs import Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import matrix_of, rotation_vector
@@ -46,10 +51,11 @@ def xarm_script(program: ProgramFile) -> str:
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": title,
+        "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program.safety)),
         "<STANDOFF>": f"{STANDOFF_M}",
         "<ACCELERATION>": f"{acceleration:g}",
-        "<APPS>": f"APPS = {pformat(rows, width=110, sort_dicts=False)}",
+        "<APPS>": table_of_apps(program, rows, 106),
     }
     return filled_template("xarm_template.py.txt", texts)
 

@@ -262,6 +262,8 @@ def test_a_rest_beyond_the_limit_is_refused_before_anything_moves() -> None:
     made.APPS[1]["before_n"] = 40.0
     with pytest.raises(made.Stop, match=r"force 40\.0 N"):
         made.checked(made.APPS)
+    with pytest.raises(ValueError, match=r"app 2 .*force 40\.0 N, at most 28\.5 N"):
+        franky_script(as_file(pressed_harder_before(newton=40.0)))
 
 
 def test_over_a_bend_the_contact_is_looked_for_where_the_fingers_point() -> None:
@@ -315,9 +317,12 @@ def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> No
 )
 def test_it_refuses_what_is_beyond_its_limits_before_anything_moves(wrong: dict[str, Any], said: str) -> None:
     first, *rest = press()
-    made = module_of(as_file((first, rest[0].model_copy(update=wrong))))
+    made = module_of(as_file((first, rest[0])))
+    made.APPS[1].update(wrong)
     with pytest.raises(made.Stop, match=rf"app 2 \(apply force\): .*{said}"):
         made.checked(made.APPS)
+    with pytest.raises(ValueError, match=rf"app 2 \(apply force\): .*{said}"):
+        franky_script(as_file((first, rest[0].model_copy(update=wrong))))
 
 
 def test_without_a_contact_it_stops_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

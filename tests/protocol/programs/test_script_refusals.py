@@ -1,0 +1,27 @@
+"""What no script can run is refused by name when a script is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.ur_script import ur_script
+from caesura_protocol.programs.xarm_script import xarm_script
+from harness.programs import as_file, press
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+@pytest.mark.parametrize(
+    ("index", "field", "said"),
+    [(0, "target", "app 1 .move to contact. has no target"), (1, "force", "app 2 .apply force. has no force")],
+)
+def test_an_app_without_what_it_needs_is_refused(
+    write: Callable[[ProgramFile], str], index: int, field: str, said: str
+):
+    apps = list(press())
+    apps[index] = apps[index].model_copy(update={field: None})
+    with pytest.raises(ValueError, match=said):
+        write(as_file(tuple(apps)))

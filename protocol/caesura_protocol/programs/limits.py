@@ -20,7 +20,10 @@ CONSTANTS = {
     "MAX_FORCE_N": ("most_force_n", "that an app may ask for"),
     "STOP_FORCE_N": ("felt_force_n", "of anything: the robot stops"),
     "CONTACT_FORCE_N": ("contact_n", "from which a contact is one"),
-    "SEARCH_M": ("search_m", "past its target that a contact is looked for"),
+    "SEARCH_M": (
+        "search_m",
+        "from a contact as it was taught; and that a press goes beyond its way",
+    ),
     "MAX_LOAD_KG": ("load_kg", "in the gripper"),
     "GRASP_FORCE_N": ("grasp_force_n", "of the fingers"),
     "GRIPPER_M_PER_S": ("gripper_m_per_s", "of the fingers"),
@@ -53,7 +56,7 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
-    """Raises ValueError for an app beyond the limits of place, force or load, or without a field that it needs."""
+    """Raises ValueError for an app beyond the limits of place, force or load, or without what it needs."""
     safety = program.safety
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)

@@ -29,7 +29,7 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 
 
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
-    """What a check finds of each app, by its place from 0, as lines without a mark; None: of the whole program.
+    """What a check finds of each app, by its place from 0, as lines without a mark; None: of the whole.
 
     Reach is not looked at: that needs the kinematics of a robot.
     """
@@ -45,7 +45,7 @@ def head_comments(program: ProgramFile) -> str:
 
 
 def table_of_apps(program: ProgramFile, rows: Sequence[Mapping[str, Any]], width: int) -> str:
-    """The apps of a Python script as a list with a row for each, and what a check finds of an app above its row."""
+    """The apps of a Python script as a list of rows, with what a check finds of an app above its row."""
     comments, lines = findings_as_comments(program), []
     for index, (app, row) in enumerate(zip(program.apps, rows, strict=True)):
         said = [app_name(index, app.kind), *comments.get(index, ())]

@@ -29,7 +29,6 @@ from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
-DEPTH_M = 0.05
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
 LEAST_PAUSE_S = 0.05
@@ -56,7 +55,6 @@ def ur_script(program: ProgramFile) -> str:
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
         "<STANDOFF>": f"{STANDOFF_M}",
-        "<DEPTH>": f"{DEPTH_M}",
         "<ACCELERATION>": f"{acceleration:g}",
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
@@ -76,7 +74,7 @@ class _Writer:
         app = planned.app
         lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught"]
         lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]
-        lines += [f'textmsg("{planned.name}")']
+        lines += [f'begin_app("{planned.name}")']
         if app.kind == "apply_force":
             lines += self._force(planned)
         elif app.kind in GRIPS:
@@ -102,7 +100,8 @@ class _Writer:
             lines += [*moves[: planned.clear_legs], "zero_wrench()"]
             moves = moves[planned.clear_legs :]
         lines += self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")
-        return [*lines, f"search_contact({_list(planned.contact)})"]
+        lines += [] if moves else ["global arrived = True"]
+        return [*lines, f"search_contact({_list(app.target or ())}, {_list(planned.contact)})"]
 
     def _tightness(self, app: App) -> str | None:
         """The condition under which a turn goes on."""
@@ -135,21 +134,24 @@ class _Writer:
         force = app.force or (0.0, 0.0, 0.0)
         newtons = math.hypot(*force)
         direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
-        frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
-        first_n = planned.wait_n if planned.legs else newtons
-        lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {first_n:.3f})"]
-        depth, name = f"check_depth({began}, {_list(direction)})", f"held_{number}"
-        if planned.legs:
-            kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
-            moves = [_move(leg, kind) for leg in planned.legs]
-            lines += _held(name, planned.wait_s, depth)
-            lines += [f"begin_force({frame}, {newtons:.3f})"] if planned.wait_n != newtons else []
-            lines += self._watched(planned.place, moves, self._tightness(app))
-            if planned.hold_s >= LEAST_PAUSE_S:
-                lines += [f"begin_force({frame}, {planned.hold_n:.3f})"] if planned.hold_n != newtons else []
-                lines += [f"{began} = get_actual_tcp_pose()", *_held(name, planned.hold_s, depth)]
-        else:
-            lines += _held(name, max(planned.hold_s, PERIOD_S), depth)
+        frame, name = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"held_{number}"
+        begins = planned.begins or app.target or (0.0, 0.0, 0.0)
+        ends = begins if planned.legs else app.target or begins
+        lines = [f"begin_press({_list(direction)}, {_list(begins)}, {_list(ends)})"]
+        set_n = None
+        for seconds, wanted_n, moves in (
+            (planned.wait_s, planned.wait_n, []),
+            (planned.stay_s, newtons, _press_moves(app, begins, planned.legs)),
+            (planned.hold_s, planned.hold_n, []),
+        ):
+            held = _held(name, seconds, "check_press()")
+            if wanted_n != set_n and (held or moves):
+                lines.append(f"begin_force({frame}, {wanted_n:.3f})")
+                set_n = wanted_n
+            tight = self._tightness(app)
+            beyond = "beyond() < SEARCH_M"
+            lines += self._watched(planned.place, moves, beyond if tight is None else f"{beyond} and {tight}")
+            lines += ["check_press()"] if moves else held
         return [*lines, "end_force_mode()", "stopl(2.0)"]
 
     def _grip(self, planned: PlannedApp) -> list[str]:
@@ -160,6 +162,16 @@ class _Writer:
             raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
         lines = calls(held_by, planned.app)
         return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
+
+
+def _press_moves(app: App, begins: Vector, legs: Sequence[Leg]) -> list[str]:
+    """The movements of a press, each after the ends of its leg, beyond which the flange is not pushed far."""
+    kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
+    moves = []
+    for leg in legs:
+        moves += [f"global leg = {_list((*begins, *leg.position))}", _move(leg, kind)]
+        begins = leg.position
+    return moves
 
 
 def _held(name: str, seconds: float, each: str) -> list[str]:
@@ -178,9 +190,9 @@ def _held(name: str, seconds: float, each: str) -> list[str]:
 
 
 def _move(leg: Leg, kind: str) -> str:
-    how = (
-        f"t={leg.seconds:.3f}" if leg.speed_m_per_s is None else f"a=ACCELERATION, v={leg.speed_m_per_s:.4f}"
-    )
+    how = f"t={leg.seconds:.3f}"
+    if leg.speed_m_per_s is not None:
+        how = f"a=ACCELERATION, v=limited({leg.speed_m_per_s:.4f})"
     kind = "movel" if leg.speed_m_per_s is None else kind  # movep takes no time
     blend = f", r={leg.blend_m:.4f}" if leg.blend_m > 0.0 else ""
     return f"{kind}({_pose(leg.position, leg.orientation)}, {how}{blend})"

@@ -68,6 +68,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         "title": step_title(app.kind, app.name, app.target_name),
         "pause": round(planned.pause_s, 3),
         "wait": round(planned.wait_s, 3),
+        "stay": round(planned.stay_s, 3),
         "hold": round(planned.hold_s, 3),
     }
     row["legs"] = [
@@ -83,12 +84,16 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         row["start"] = _pose(*planned.start)
     if planned.contact is not None:
         row["contact"], row["clear"] = tuple(map(_rounded, planned.contact)), planned.clear_legs
+        row["taught"] = tuple(map(_rounded, app.target or ()))
     if APP_KINDS[app.kind].carries:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
         row["force"] = frame, axis, newtons = _force(planned.name, app.force, app.orientation)
-        rests = (("wait_force", app.rest_before), ("hold_force", app.rest_after)) if planned.legs else ()
-        for name, rest in rests:
+        row["push"] = tuple(_rounded(value / abs(newtons)) for value in app.force)
+        begins = planned.begins or app.target or (0.0, 0.0, 0.0)
+        ends = [leg.position for leg in planned.legs] or [app.target or begins]
+        row["way"] = [tuple(map(_rounded, place)) for place in (begins, *ends)]
+        for name, rest in (("wait_force", app.rest_before), ("hold_force", app.rest_after)):
             if rest is not None:
                 row[name] = frame, axis, round(math.copysign(rest.newton, newtons), 3)
     if app.kind in GRIPS:

@@ -60,9 +60,7 @@ def test_what_a_check_finds_of_an_app_stands_at_that_app(write: Writer, robot: s
 
 
 @pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
-def test_what_a_check_finds_of_the_whole_program_stands_at_the_top(
-    write: Writer, robot: str, gripper: str
-):
+def test_what_a_check_finds_of_the_whole_program_stands_at_the_top(write: Writer, robot: str, gripper: str):
     program = on_robot(pick_and_place(), robot, gripper)
     assumed = wrench(stated=False, contact_models=True)
     text = write(program.model_copy(update={"wrench": assumed}))

@@ -16,7 +16,10 @@ from harness.programs import as_file, press
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
 @pytest.mark.parametrize(
     ("index", "field", "said"),
-    [(0, "target", "app 1 .move to contact. has no target"), (1, "force", "app 2 .apply force. has no force")],
+    [
+        (0, "target", "app 1 .move to contact. has no target"),
+        (1, "force", "app 2 .apply force. has no force"),
+    ],
 )
 def test_an_app_without_what_it_needs_is_refused(
     write: Callable[[ProgramFile], str], index: int, field: str, said: str

@@ -293,7 +293,7 @@ class SkillController:
             raise RobotStopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
 
     def _check_contact(self, app: App, measured: ArmMeasurement) -> None:
-        """Check that a contact is near where it was taught. Raises RobotStopped: it is with something else."""
+        """Check that a contact is near where it was taught. Raises RobotStopped: it is something else."""
         off, most = math.dist(measured.position, app.target or measured.position), self.safety.search_m
         if off > most:
             where = f"contact {1000 * off:.0f} mm from where it was taught"

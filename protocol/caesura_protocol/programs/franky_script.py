@@ -14,7 +14,7 @@ from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.limits import CONSTANTS, refuse_beyond_limits, touching_force
+from caesura_protocol.programs.limits import CONSTANTS, force_in_tool, refuse_beyond_limits
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -75,8 +75,9 @@ def _row(app: ProgramStep) -> dict[str, Any]:
             for one, turns in zip(points, turning, strict=True)
         ]
         row["arrives"] = round(app.path.tn - began, 3)
-        if row.get("force") and touching_force(app) is None:
-            row["tilts"] = True
+        in_tool = force_in_tool(app)
+        if in_tool is not None:
+            row["in_tool"] = _rounded(in_tool)
         row["waits"] = round(rests_of(app)[0], 3)
         for name, rest in (("before_n", app.rest_before), ("after_n", app.rest_after)):
             if rest is not None:

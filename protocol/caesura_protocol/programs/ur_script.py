@@ -11,12 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
-from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.limits import (
+    acting_limits,
+    force_in_tool,
+    refuse_beyond_limits,
+    within_robot,
+)
+from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
 from caesura_protocol.programs.script_templates import (
     filled_template,
     findings_as_comments,
@@ -26,7 +33,7 @@ from caesura_protocol.programs.script_templates import (
 )
 from caesura_protocol.programs.straight_legs import Leg, Quaternion
 from caesura_protocol.robots import GripperDescription
-from caesura_protocol.rotations import rotation_vector
+from caesura_protocol.rotations import align_signs, matrix_of, rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
@@ -54,7 +61,6 @@ def ur_script(program: ProgramFile) -> str:
         "<ROBOT>": title,
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
-        "<STANDOFF>": f"{STANDOFF_M}",
         "<ACCELERATION>": f"{acceleration:g}",
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
@@ -132,22 +138,21 @@ class _Writer:
     def _force(self, planned: PlannedApp) -> list[str]:
         app, number = planned.app, planned.place + 1
         force = app.force or (0.0, 0.0, 0.0)
-        newtons = math.hypot(*force)
-        direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
-        frame, name = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"held_{number}"
+        newtons, name = math.hypot(*force), f"held_{number}"
         begins = planned.begins or app.target or (0.0, 0.0, 0.0)
+        first, last = _directions(app)
         ends = begins if planned.legs else app.target or begins
-        lines = [f"begin_press({_list(direction)}, {_list(begins)}, {_list(ends)})"]
-        set_n = None
-        for seconds, wanted_n, moves in (
-            (planned.wait_s, planned.wait_n, []),
-            (planned.stay_s, newtons, _press_moves(app, begins, planned.legs)),
-            (planned.hold_s, planned.hold_n, []),
+        lines = [f"begin_press({_list(first)}, {_list(begins)}, {_list(ends)})"]
+        given = ""
+        for seconds, wanted_n, direction, moves in (
+            (planned.wait_s, planned.wait_n, first, []),
+            (planned.stay_s, newtons, first, _press_moves(app, begins, planned.legs)),
+            (planned.hold_s, planned.hold_n, last, []),
         ):
-            held = _held(name, seconds, "check_press()")
-            if wanted_n != set_n and (held or moves):
-                lines.append(f"begin_force({frame}, {wanted_n:.3f})")
-                set_n = wanted_n
+            held, wanted = _held(name, seconds, "check_press()"), _begin_force(direction, wanted_n)
+            if wanted != given and (held or moves):
+                lines.append(wanted)
+                given = wanted
             tight = self._tightness(app)
             beyond = "beyond() < SEARCH_M"
             lines += self._watched(planned.place, moves, beyond if tight is None else f"{beyond} and {tight}")
@@ -165,13 +170,45 @@ class _Writer:
 
 
 def _press_moves(app: App, begins: Vector, legs: Sequence[Leg]) -> list[str]:
-    """The movements of a press, each after the ends of its leg, beyond which the flange is not pushed far."""
+    """The movements of a press, each after the ends of its leg, beyond which the flange is not pushed far.
+
+    Where the path tilts the tool, the force turns with it from leg to leg.
+    """
     kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
-    moves = []
+    moves, in_tool, newtons = [], force_in_tool(app), math.hypot(*(app.force or ()))
+    turned = None if app.path is None else app.path.start.orientation
     for leg in legs:
-        moves += [f"global leg = {_list((*begins, *leg.position))}", _move(leg, kind)]
-        begins = leg.position
+        moves.append(f"global leg = {_list((*begins, *leg.position))}")
+        if in_tool is not None and turned is not None and leg.orientation is not None:
+            both = np.array([turned, leg.orientation])
+            align_signs(both)
+            push = _turned(in_tool, (both.sum(axis=0) / np.linalg.norm(both.sum(axis=0))).tolist())
+            moves += [f"global push = {_list(push)}", _begin_force(push, newtons)]
+        moves.append(_move(leg, kind))
+        begins, turned = leg.position, leg.orientation
     return moves
+
+
+def _begin_force(direction: Vector, newtons: float) -> str:
+    return f"begin_force({_pose((0.0, 0.0, 0.0), _z_along(direction))}, {newtons:.3f})"
+
+
+def _directions(app: App) -> tuple[Vector, Vector]:
+    """Where a press pushes before its path begins, and when it has ended; of unit length."""
+    in_tool, force = force_in_tool(app), app.force or (0.0, 0.0, 0.0)
+    if in_tool is None or app.path is None or app.path.start.orientation is None or app.orientation is None:
+        return _unit(force), _unit(force)
+    return _turned(in_tool, app.path.start.orientation), _turned(in_tool, app.orientation)
+
+
+def _turned(in_tool: Vector, orientation: Sequence[float]) -> Vector:
+    x, y, z = (matrix_of(orientation) @ in_tool).tolist()
+    return _unit((x, y, z))
+
+
+def _unit(vector: Vector) -> Vector:
+    length = math.hypot(*vector)
+    return vector[0] / length, vector[1] / length, vector[2] / length
 
 
 def _held(name: str, seconds: float, each: str) -> list[str]:

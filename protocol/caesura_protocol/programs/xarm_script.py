@@ -15,8 +15,14 @@ from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
-from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.limits import (
+    acting_limits,
+    force_in_tool,
+    orientation_halfway,
+    refuse_beyond_limits,
+    within_robot,
+)
+from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -53,7 +59,6 @@ def xarm_script(program: ProgramFile) -> str:
         "<ROBOT>": title,
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program.safety)),
-        "<STANDOFF>": f"{STANDOFF_M}",
         "<ACCELERATION>": f"{acceleration:g}",
         "<APPS>": table_of_apps(program, rows, 106),
     }
@@ -88,7 +93,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     if APP_KINDS[app.kind].carries:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
-        row["force"] = frame, axis, newtons = _force(planned.name, app.force, app.orientation)
+        row["force"] = frame, axis, newtons = _force(planned.name, app)
         row["push"] = tuple(_rounded(value / abs(newtons)) for value in app.force)
         begins = planned.begins or app.target or (0.0, 0.0, 0.0)
         ends = [leg.position for leg in planned.legs] or [app.target or begins]
@@ -104,12 +109,19 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     return row
 
 
-def _force(name: str, force: Vector, orientation: Quaternion | None) -> tuple[int, int, float]:
-    """A frame, an axis of it, and the force [N] along it. Raises ValueError for a force along no axis."""
-    newtons = math.hypot(*force)
-    base = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    tool = () if orientation is None else matrix_of(orientation).T.tolist()
-    for frame, axes in ((BASE, base), (TOOL, tool)):
+def _force(name: str, app: App) -> tuple[int, int, float]:
+    """A frame, an axis of it, and the force [N] along it: of the tool where its path tilts the tool.
+
+    Raises ValueError for a force along no axis.
+    """
+    force, orientation = app.force or (0.0, 0.0, 0.0), orientation_halfway(app)
+    newtons, in_tool = math.hypot(*force), force_in_tool(app)
+    if in_tool is not None and orientation is not None:
+        x, y, z = (matrix_of(orientation) @ in_tool).tolist()
+        force = (x, y, z)
+    base = (BASE, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    tool = (TOOL, () if orientation is None else matrix_of(orientation).T.tolist())
+    for frame, axes in (base, tool) if in_tool is None else (tool,):
         for number, axis in enumerate(axes):
             along = sum(a * b for a, b in zip(axis, force, strict=True))
             if abs(along) >= ALONG_AXIS * newtons:

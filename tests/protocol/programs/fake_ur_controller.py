@@ -216,8 +216,10 @@ class MovingController(Controller):
         felt = self.surface_m(x, y) + TOUCHES_M >= z
         return [0.0, 0.0, (self.pressed_n if self._is_pushing else 8.0) if felt else 0.0, 0.0, 0.0, 0.0]
 
-    def force_mode(self, *values: Any) -> None:
-        super().force_mode(*values)
+    def force_mode(
+        self, frame: list[float], selection: list[int], wrench: list[float], kind: int, limits: list[float]
+    ) -> None:
+        super().force_mode(frame, selection, wrench, kind, limits)
         self._is_pushing = True
 
     def end_force_mode(self) -> None:

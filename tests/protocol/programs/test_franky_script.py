@@ -28,6 +28,8 @@ from harness.programs import (
     DOWN,
     app,
     as_file,
+    barrel_m,
+    over_barrel,
     path_from,
     pick_and_place,
     press,
@@ -457,3 +459,19 @@ def test_a_press_keeps_the_flange_where_it_touches(monkeypatch: pytest.MonkeyPat
     pressed = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
     turned = Rotation.from_quat([one.quaternion for one in flanges(pressed)]) * Rotation.from_quat(DOWN).inv()
     assert turned.magnitude().max() < 1e-5
+
+
+def test_the_force_turns_with_a_tool_that_is_tilted(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Over a barrel it kept the direction of the top: at both ends it leaned by 30° from the normal.
+    program = as_file(over_barrel())
+    made, runner = over_surface(monkeypatch, program, barrel_m)
+    runner.run(made.APPS)
+    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    pressed = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
+    _, *_, last = flanges(pressed)
+    begun = flanges(pressed)[0].translation
+    way = np.subtract(program.apps[1].target, program.apps[1].path.start.position)
+    pushed = last.translation - (begun + way)
+    axis = Rotation.from_quat(last.quaternion).apply([0.0, 0.0, 1.0])
+    assert pushed @ axis > 0.01
+    assert np.linalg.norm(np.cross(pushed, axis)) < 0.05 * (pushed @ axis)

@@ -28,3 +28,10 @@ def test_an_app_without_what_it_needs_is_refused(
     apps[index] = apps[index].model_copy(update={field: None})
     with pytest.raises(ValueError, match=said):
         write(as_file(tuple(apps)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_press_without_a_direction_is_refused(write: Callable[[ProgramFile], str]):
+    touch, pressed, away = press()
+    with pytest.raises(ValueError, match=r"app 2 .apply force.: force 0 N, expected one with a direction"):
+        write(as_file((touch, pressed.model_copy(update={"force": (0.0, 0.0, 0.0)}), away)))

@@ -19,6 +19,8 @@ from harness.programs import (
     DOWN,
     app,
     as_file,
+    barrel_m,
+    over_barrel,
     path_from,
     pick_and_place,
     press,
@@ -419,3 +421,19 @@ def test_rests_beside_a_way_that_is_none_are_pressed_with_their_own_forces():
         for first, last in zip(begun, ends, strict=True)
     ]
     assert held == pytest.approx([0.8, 1.0, 0.5], abs=0.02)
+
+
+def test_the_force_turns_with_a_tool_that_is_tilted():
+    # Over a barrel it kept the direction of the top: at both ends it leaned by 30° from the normal.
+    controller = MovingController(barrel_m)
+    controller.play(ur_script(on_ur(over_barrel())))
+    pushes = [
+        Rotation.from_rotvec(mode["frame"][3:]).apply([0.0, 0.0, 1.0])
+        for mode in controller.named("force_mode")
+    ]
+    angles = [math.degrees(math.atan2(-push[1], -push[2])) for push in pushes]
+    assert angles == sorted(angles)
+    assert angles[0] == pytest.approx(-30.0, abs=6.0)
+    assert angles[-1] == pytest.approx(30.0, abs=6.0)
+    assert all(abs(push[0]) < 1e-3 for push in pushes)
+    assert all(mode["wrench"][2] == 10.0 for mode in controller.named("force_mode"))

@@ -22,6 +22,7 @@ from caesura_protocol.programs.xarm_script import xarm_script
 from harness.programs import (
     DOWN,
     as_file,
+    over_barrel,
     path_from,
     pick_and_place,
     press,
@@ -421,3 +422,9 @@ def test_a_dry_run_needs_neither_the_sdk_nor_a_robot(tmp_path: Path):
 def test_a_rest_beside_a_way_is_pressed_with_its_own_force():
     done = done_in_a_press(on_xarm(pressed_harder_before()))
     assert done == ["-12.0 N", "mode 2", 0.8, "-10.0 N", "way", "-5.0 N", 0.5, "mode 0"]
+
+
+def test_the_force_turns_with_a_tool_that_is_tilted():
+    # Over a barrel it kept an axis of the base: at both ends it leaned by 30° from the normal.
+    assert "'force': (1, 2, 10.0)" in xarm_script(on_xarm(over_barrel()))
+    assert "'force': (0, 2, -10.0)" in xarm_script(on_xarm(wiped()))

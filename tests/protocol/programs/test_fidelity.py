@@ -130,8 +130,8 @@ def test_the_force_of_a_rest_that_has_no_time_is_named():
     assert reasons((touch, stroke)) == reasons((touch, stroke.model_copy(update={"rest_before": None})))
     said = reasons((touch, stroke.model_copy(update={"path": None})))
     assert said == [
-        "was taught with 12.0 N before its path, where it presses with 10.0 N: its path does not say how long",
-        "was taught with 5.0 N after its path, where it presses with 10.0 N: its path does not say how long",
+        "was taught with 12.0 N before its path, where it presses with 10.0 N: no path says how long",
+        "was taught with 5.0 N after its path, where it presses with 10.0 N: no path says how long",
     ]
     nearly = RestForce(newton=11.4, newton_taught=11.4)  # within 15 %
     even = stroke.model_copy(update={"path": None, "rest_before": nearly, "rest_after": None})

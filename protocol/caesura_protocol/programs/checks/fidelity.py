@@ -224,7 +224,7 @@ def _lost_rests(app: App) -> Iterator[Reason]:
         if rest is not None and seconds <= 0.0 and abs(rest.newton - newtons) > UNEVEN_SHARE * newtons:
             reason = (
                 f"was taught with {fixed(rest.newton, 1)} N {when} its path, where it presses with "
-                f"{fixed(newtons, 1)} N: its path does not say how long"
+                f"{fixed(newtons, 1)} N: no path says how long"
             )
             yield (reason, rest.newton, newtons)
 

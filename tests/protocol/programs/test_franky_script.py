@@ -87,6 +87,24 @@ def stopped(
     return str(raised.value)
 
 
+def pressed_n(
+    monkeypatch: pytest.MonkeyPatch, program: ProgramFile, surface_m: Callable[[float, float], float]
+) -> list[float]:
+    """The forces [N] with which a script presses on a surface, one a period."""
+    felt: list[float] = []
+    joined = fake_franky.MovingRobot.join_motion
+
+    def join_motion(robot: Any, timeout: float | None = None) -> bool:
+        ended = joined(robot, timeout)
+        felt.append(robot.felt_n())
+        return ended
+
+    made, runner = over_surface(monkeypatch, program, surface_m)
+    monkeypatch.setattr(fake_franky.MovingRobot, "join_motion", join_motion)
+    runner.run(made.APPS)
+    return felt
+
+
 def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
     safety = Safety(speed_m_per_s=0.25, felt_force_n=20.0)
     made = module_of(as_file(press()).model_copy(update={"safety": safety}))
@@ -404,33 +422,32 @@ def test_a_surface_that_leads_down_is_followed_as_it_was_taught(monkeypatch: pyt
 def test_a_slope_is_pressed_as_hard_as_it_was_taught(monkeypatch: pytest.MonkeyPatch, rise: float) -> None:
     # The setpoint stayed at the height of the touch: 40 mm above it 20 N were pressed in place of 10.
     program = as_file(slid(4.0, down_m=-0.1 * rise))
-    made, runner = over_surface(monkeypatch, program, lambda x, y: 0.19 + rise * min(max(x + 0.02, 0.0), 0.1))
-    felt: list[float] = []
-    joined = fake_franky.MovingRobot.join_motion
-
-    def join_motion(robot: Any, timeout: float | None = None) -> bool:
-        ended = joined(robot, timeout)
-        felt.append(robot.felt_n())
-        return ended
-
-    monkeypatch.setattr(fake_franky.MovingRobot, "join_motion", join_motion)
-    runner.run(made.APPS)
+    felt = pressed_n(monkeypatch, program, lambda x, y: 0.19 + rise * min(max(x + 0.02, 0.0), 0.1))
     assert felt[-20:] == pytest.approx([10.0] * 20, abs=1.5)
 
 
-def test_what_is_pushed_in_as_deep_as_it_was_taught_is_no_lost_surface(
+def test_what_is_pushed_in_is_no_lost_surface_and_has_its_force_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    # The setpoint stayed within 50 mm of the touch: 43 mm deep 3.5 N were left of 10.
     touch, pressed, _ = press()
-    deep = pressed.model_copy(update={"target": (-0.02, -0.52, 0.145), "tn": pressed.tn + 3.0})
-    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    deep = pressed.model_copy(update={"target": (-0.02, -0.52, 0.145), "tn": pressed.tn + 6.0})
 
     def giving_way(x: float, y: float) -> float:
-        return 0.147 if any(isinstance(one, pressing) for one in motions(fake_franky.calls)) else 0.19
+        tracked = fake_franky.CartesianImpedanceTrackingMotion
+        return 0.147 if any(isinstance(one, tracked) for one in motions(fake_franky.calls)) else 0.19
 
-    made, runner = over_surface(monkeypatch, as_file((touch, deep)), giving_way)
-    runner.run(made.APPS)
-    assert runner.robot.flange.translation[2] == pytest.approx(0.147, abs=1e-3)
+    program = as_file((touch, deep))
+    assert pressed_n(monkeypatch, program, giving_way)[-20:] == pytest.approx([10.0] * 20, abs=1.0)
+
+
+def test_the_largest_force_that_a_program_may_ask_for_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The setpoint went 50 mm beyond the surface at most, which is 25 N.
+    touch, pressed, _ = press()
+    hard = pressed.model_copy(update={"force": (0.0, 0.0, -28.0), "tn": pressed.tn + 6.0})
+    felt = pressed_n(monkeypatch, as_file((touch, hard)), lambda x, y: 0.19)
+    assert felt[-20:] == pytest.approx([28.0] * 20, abs=1.0)
+    assert max(felt) < Safety().felt_force_n
 
 
 @pytest.mark.parametrize("early_m", [0.1, 0.03])
@@ -475,3 +492,16 @@ def test_the_force_turns_with_a_tool_that_is_tilted(monkeypatch: pytest.MonkeyPa
     axis = Rotation.from_quat(last.quaternion).apply([0.0, 0.0, 1.0])
     assert pushed @ axis > 0.01
     assert np.linalg.norm(np.cross(pushed, axis)) < 0.05 * (pushed @ axis)
+
+
+def test_an_interrupted_press_ends_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Ctrl-C left the impedance to the end of the process.
+    made, runner = over_surface(monkeypatch, as_file(press()), lambda x, y: 0.19)
+
+    def interrupted(robot: Any, timeout: float | None = None) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fake_franky.MovingRobot, "join_motion", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        runner.run(made.APPS)
+    assert isinstance(motions(fake_franky.calls)[-1], fake_franky.TorqueStopMotion)

@@ -428,3 +428,10 @@ def test_the_force_turns_with_a_tool_that_is_tilted():
     # Over a barrel it kept an axis of the base: at both ends it leaned by 30° from the normal.
     assert "'force': (1, 2, 10.0)" in xarm_script(on_xarm(over_barrel()))
     assert "'force': (0, 2, -10.0)" in xarm_script(on_xarm(wiped()))
+
+
+def test_the_sensor_is_zeroed_before_the_first_movement():
+    # The way to the first place was watched with whatever the sensor had as its zero.
+    arm = run(on_xarm((circle(),)))
+    names = [call[0] for call in arm.api.mock_calls]
+    assert names.index("set_ft_sensor_zero") < names.index("set_position_aa")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pprint import pformat
 from textwrap import indent
 from typing import Any
 
 from caesura_protocol.app_kinds import app_name
+from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.robots import RobotDescription, robot_description
@@ -44,11 +45,19 @@ def head_comments(program: ProgramFile) -> str:
     return "".join(f"# {comment}\n" for comment in findings_as_comments(program).get(None, ()))
 
 
-def table_of_apps(program: ProgramFile, rows: Sequence[Mapping[str, Any]], width: int) -> str:
-    """The apps of a Python script as a list of rows, with what a check finds of an app above its row."""
+def table_of_apps(
+    program: ProgramFile,
+    rows: Sequence[Mapping[str, Any]],
+    width: int,
+    also: Callable[[App], Sequence[str]] = lambda app: (),
+) -> str:
+    """The apps of a Python script as a list of rows, with what a check finds of an app above its row.
+
+    also: what else the script says of an app.
+    """
     comments, lines = findings_as_comments(program), []
     for index, (app, row) in enumerate(zip(program.apps, rows, strict=True)):
-        said = [app_name(index, app.kind), *comments.get(index, ())]
+        said = [app_name(index, app.kind), *comments.get(index, ()), *also(app)]
         lines += [f"    # {comment}" for comment in said]
         lines += [indent(pformat(row, width=width, sort_dicts=False), "    ") + ","]
     return "\n".join(["APPS = [", *lines, "]"])

@@ -2,7 +2,7 @@
 
 The script stands alone: limits as constants at its top, the apps as a table, and a runner. It is a template
 (`xarm_template.py.txt`) with these filled in. The force controller follows an axis of the base or of the
-tool: a force along none of them is refused.
+tool: what leans from one by up to 20° is pressed along it, and any other force is refused.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ from caesura_protocol.screw_motion import stop_torque_nm
 
 ACCELERATION_M_PER_S2 = 1.0
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
-ALONG_AXIS = math.cos(math.radians(10.0))  # that a force may lean from an axis
+MOST_LEAN_RAD = math.radians(20.0)  # of a force from an axis along which it is pressed all the same
+NAMED_LEAN_RAD = math.radians(5.0)  # from which on the script says so
+SAME_RAD = math.radians(2.0)  # by which an axis of the tool must be nearer than one of the base
 DIGITS = 6
 BASE, TOOL = 0, 1  # frames of the force controller
 
@@ -60,7 +62,7 @@ def xarm_script(program: ProgramFile) -> str:
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program.safety)),
         "<ACCELERATION>": f"{acceleration:g}",
-        "<APPS>": table_of_apps(program, rows, 106),
+        "<APPS>": table_of_apps(program, rows, 106, _leaning),
     }
     return filled_template("xarm_template.py.txt", texts)
 
@@ -110,9 +112,21 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
 
 
 def _force(name: str, app: App) -> tuple[int, int, float]:
-    """A frame, an axis of it, and the force [N] along it: of the tool where its path tilts the tool.
+    """The frame and axis from which the force of an app leans least, and the force [N] along it.
 
-    Raises ValueError for a force along no axis.
+    Raises ValueError where it leans from all by more than `MOST_LEAN_RAD`.
+    """
+    frame, axis, lean_rad, newtons = _axis(app)
+    if lean_rad > MOST_LEAN_RAD:
+        stated = ", ".join(f"{value:.1f}" for value in app.force or ())
+        raise ValueError(f"{name}: force ({stated}) N, expected one along an axis of the base or the tool")
+    return frame, axis, newtons
+
+
+def _axis(app: App) -> tuple[int, int, float, float]:
+    """A frame, an axis of it, by how much the force of an app leans from it [rad], and its size along it [N].
+
+    Where the path tilts the tool, the axis is one of the tool.
     """
     force, orientation = app.force or (0.0, 0.0, 0.0), orientation_halfway(app)
     newtons, in_tool = math.hypot(*force), force_in_tool(app)
@@ -121,13 +135,23 @@ def _force(name: str, app: App) -> tuple[int, int, float]:
         force = (x, y, z)
     base = (BASE, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     tool = (TOOL, () if orientation is None else matrix_of(orientation).T.tolist())
+    found = []
     for frame, axes in (base, tool) if in_tool is None else (tool,):
         for number, axis in enumerate(axes):
             along = sum(a * b for a, b in zip(axis, force, strict=True))
-            if abs(along) >= ALONG_AXIS * newtons:
-                return frame, number, round(math.copysign(newtons, along), 3)
-    stated = ", ".join(f"{value:.1f}" for value in force)
-    raise ValueError(f"{name}: force ({stated}) N, expected one along an axis of the base or the tool")
+            lean = math.acos(min(abs(along) / newtons, 1.0))
+            found.append((frame, number, lean, round(math.copysign(newtons, along), 3)))
+    return min(found, key=lambda one: one[2] + SAME_RAD * one[0])
+
+
+def _leaning(app: App) -> list[str]:
+    """What a script says of a force that leans from the axis along which it presses."""
+    if app.kind != "apply_force":
+        return []
+    frame, axis, lean_rad, _ = _axis(app)
+    of = "tool" if frame == TOOL else "base"
+    said = f"its force leans by {math.degrees(lean_rad):.0f}° from the axis {'xyz'[axis]} of the {of}"
+    return [f"warning: {said}, along which it presses"] if lean_rad > NAMED_LEAN_RAD else []
 
 
 def _pose(place: Vector, orientation: Quaternion | None) -> tuple[float, ...]:

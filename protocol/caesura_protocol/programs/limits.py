@@ -80,6 +80,8 @@ def _refuse_incomplete(name: str, app: App) -> None:
     for field in APP_KINDS[app.kind].needs:
         if getattr(app, field) is None:
             raise ValueError(f"{name} has no {field}")
+    if app.path is not None and app.target is None:
+        raise ValueError(f"{name} has a path, but no target")
     if APP_KINDS[app.kind].presses and not any(app.force or ()):
         raise ValueError(f"{name}: force 0 N, expected one with a direction")
 

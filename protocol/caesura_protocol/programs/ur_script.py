@@ -65,7 +65,14 @@ def ur_script(program: ProgramFile) -> str:
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
     }
-    return filled_template("ur_template.script.txt", texts)
+    return _ascii(filled_template("ur_template.script.txt", texts))
+
+
+def _ascii(text: str) -> str:
+    """A script as the controller can read it: what is not ASCII stands in comments alone."""
+    for mark, word in (("°", " degrees"), ("–", " to "), ("±", "+-")):
+        text = text.replace(mark, word)
+    return text.encode("ascii", "replace").decode("ascii")
 
 
 class _Writer:

@@ -13,7 +13,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import as_file, pick_and_place
+from harness.programs import as_file, path_from, pick_and_place
 
 Writer = Callable[[ProgramFile], str]
 SCRIPTS = [
@@ -76,3 +76,12 @@ def test_a_finding_is_one_line_of_comment(write: Writer, robot: str, gripper: st
     assert [line for line in lines if "import os" in line] == [
         "# warning: contacts were not looked for. first import os"
     ]
+
+
+def test_a_urscript_is_plain_ascii():
+    # The controller reads it from a socket; findings have degrees and ranges.
+    touch, *rest = grasped_with_a_press()
+    off = path_from((-0.014, -0.673, 0.3), touch.t0, touch.tn, 0.2).model_copy(update={"deviation_rad": 0.1})
+    text = ur_script(on_robot((touch.model_copy(update={"path": off}), *rest), "ur5e", "robotiq_2f_85"))
+    assert "# warning: deviates by up to 5.7 degrees from the orientations taught, 1.1 degrees were" in text
+    assert text.isascii()

@@ -10,7 +10,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import as_file, press
+from harness.programs import as_file, press, wiped
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
@@ -35,3 +35,10 @@ def test_a_press_without_a_direction_is_refused(write: Callable[[ProgramFile], s
     touch, pressed, away = press()
     with pytest.raises(ValueError, match=r"app 2 .apply force.: force 0 N, expected one with a direction"):
         write(as_file((touch, pressed.model_copy(update={"force": (0.0, 0.0, 0.0)}), away)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_path_without_a_target_is_refused(write: Callable[[ProgramFile], str]):
+    touch, stroke = wiped()
+    with pytest.raises(ValueError, match=r"app 2 .apply force. has a path, but no target"):
+        write(as_file((touch, stroke.model_copy(update={"target": None}))))

@@ -505,3 +505,19 @@ def test_an_interrupted_press_ends_its_motion(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(KeyboardInterrupt):
         runner.run(made.APPS)
     assert isinstance(motions(fake_franky.calls)[-1], fake_franky.TorqueStopMotion)
+
+
+def test_a_short_press_reaches_its_force_no_faster_than_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The force came by a time constant of a second: a press of 1.3 s ended at 73 % of what was taught. Without a
+    # surface the setpoint of a press with 28 N fell at 56 mm/s.
+    touch, pressed, _ = press()
+    short = pressed.model_copy(update={"tn": pressed.t0 + 1.3})
+    felt = pressed_n(monkeypatch, as_file((touch, short)), lambda x, y: 0.19)
+    assert felt[-1] == pytest.approx(10.0, rel=0.05)
+    assert max(felt) < 10.5
+    hard = pressed.model_copy(update={"force": (0.0, 0.0, -28.0)})
+    pressed_n(monkeypatch, as_file((touch, hard)), lambda x, y: 0.19)
+    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    tracked = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
+    heights = np.array([one.translation[2] for one in flanges(tracked)])
+    assert np.abs(np.diff(heights)).max() <= 0.03 * 0.02 + 1e-9  # a period of 20 ms

@@ -456,3 +456,38 @@ def test_a_force_is_pressed_along_the_axis_from_which_it_leans_least():
     along = tuple((10.0 * leant.as_matrix()[:, 2]).tolist())
     tilted = pressed.model_copy(update={"orientation": tuple(leant.as_quat().tolist()), "force": along})
     assert "'force': (1, 2, 10.0)" in xarm_script(on_xarm((touch, tilted)))
+
+
+@pytest.mark.parametrize("height_m", [0.25, 0.195])
+def test_an_interrupted_script_stops_the_arm(height_m: float):
+    # After Ctrl-C the arm went on with the legs that were sent.
+    class Interrupted(MovingArm):
+        def sleep(self, seconds: float) -> None:
+            super().sleep(seconds)
+            if self.pose[2] < 1000 * height_m and (self.queue or any(self.velocity)):
+                raise KeyboardInterrupt
+
+    touch, pressed, away = press()
+    from_above = path_from((-0.02, -0.52, 0.4), touch.t0, touch.tn, 0.21)
+    arm = Interrupted(lambda x, y: 0.19)
+    with pytest.raises(KeyboardInterrupt):
+        moved(on_xarm((touch.model_copy(update={"path": from_above}), pressed, away)), arm)
+    assert not arm.queue
+    assert arm.velocity == [0.0] * 6
+
+
+def test_an_interrupted_press_stops_its_way_before_its_force_ends():
+    class Interrupted(MovingArm):
+        def sleep(self, seconds: float) -> None:
+            super().sleep(seconds)
+            if self.presses and self.queue and self.pose[0] > 20.0:
+                raise KeyboardInterrupt
+
+        def set_ft_sensor_mode(self, mode: int) -> int:
+            assert mode == 2 or not self.queue
+            return super().set_ft_sensor_mode(mode)
+
+    arm = Interrupted(lambda x, y: 0.19)
+    with pytest.raises(KeyboardInterrupt):
+        moved(on_xarm(slid(4.0)), arm)
+    assert not arm.presses

@@ -508,7 +508,7 @@ def test_an_interrupted_press_ends_its_motion(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_short_press_reaches_its_force_no_faster_than_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The force came by a time constant of a second: a press of 1.3 s ended at 73 % of what was taught. Without a
+    # The force came by a time constant of a second: a press of 1.3 s ended at 73 % of its force. Without a
     # surface the setpoint of a press with 28 N fell at 56 mm/s.
     touch, pressed, _ = press()
     short = pressed.model_copy(update={"tn": pressed.t0 + 1.3})

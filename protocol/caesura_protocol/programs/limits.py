@@ -23,7 +23,7 @@ CONSTANTS = {
     "CONTACT_FORCE_N": ("contact_n", "from which a contact is one"),
     "SEARCH_M": (
         "search_m",
-        "from a contact as it was taught; and that a press goes beyond its way",
+        "that a contact may be from where it was taught, and a press beyond its way",
     ),
     "MAX_LOAD_KG": ("load_kg", "in the gripper"),
     "GRASP_FORCE_N": ("grasp_force_n", "of the fingers"),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
@@ -22,12 +23,16 @@ MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are short
 
 
 class RawPayload(NamedTuple):
-    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its texts are cut."""
+    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its texts are cut.
+
+    fields: what `bounds.unpacked` made of a batch, in place of its payload, where that has been done.
+    """
 
     key: str
     payload: bytes
     encoding: str
     size: int
+    fields: Mapping[str, Any] | None = None
 
     @classmethod
     def of(cls, key: str, payload: Payload, encoding: str) -> Self:
@@ -45,9 +50,9 @@ class RawPayload(NamedTuple):
 
 
 class SamplesReceived(NamedTuple):
-    """A message on a station's `samples` key, or in a reply to a replay."""
+    """Messages on a station's `samples` key, in order, or one in a reply to a replay."""
 
-    content: RawPayload
+    contents: Sequence[RawPayload]
     station: str | None  # None: the key names none
 
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TypeVarTuple
 
-from caesura_protocol.codec import decode
+from caesura_protocol.codec import decode, decode_unpacked
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Ack, Control, Heartbeat, SampleBatch
@@ -178,10 +178,13 @@ class Worker(BackgroundThread):
                 logger.exception("an arrival was lost to an error of the service")
 
     def _process(self, arrival: StationArrival) -> None:
-        self.messages += 1
+        self.messages += len(arrival.contents) if isinstance(arrival, SamplesReceived) else 1
         match arrival:
-            case SamplesReceived(content, station):
-                self._process_samples(content, station)
+            case SamplesReceived(contents, str(station)) if len(contents) > 1:
+                self._process_batches(contents, station)
+            case SamplesReceived(contents, station):
+                for content in contents:
+                    self._process_samples(content, station)
             case ReplayFinished(replay):
                 self._publisher.replay_finished()
                 self.emit(
@@ -199,6 +202,25 @@ class Worker(BackgroundThread):
             self.emit(self._registry.reject(station, error))
             return
         self.emit(self._registry.handle_samples(station, message, self._clock()))
+
+    def _process_batches(self, contents: Sequence[RawPayload], station: str) -> None:
+        """Process batches of a station in turn, those of one observation together."""
+        batches: list[SampleBatch] = []
+        for content in contents:
+            try:
+                message = _batch(content)
+            except ProtocolError:
+                self._handle_batches(station, batches)
+                batches = []
+                self._process_samples(content, station)
+                continue
+            if isinstance(message, SampleBatch):
+                batches.append(message)
+        self._handle_batches(station, batches)
+
+    def _handle_batches(self, station: str, batches: Sequence[SampleBatch]) -> None:
+        for outputs in self._registry.handle_batches(station, batches, self._clock()):
+            self.emit(outputs)
 
     def _process_command(self, arrival: CommandReceived) -> None:
         try:
@@ -258,7 +280,12 @@ class Worker(BackgroundThread):
 
 def _log_key(*given: object) -> str:
     """Return the key of the message among the arguments, or an empty string."""
-    return next((one.content.key for one in given if isinstance(one, SamplesReceived | CommandReceived)), "")
+    for one in given:
+        if isinstance(one, SamplesReceived):
+            return one.contents[0].key
+        if isinstance(one, CommandReceived):
+            return one.content.key
+    return ""
 
 
 def _lane_of(arrival: StationArrival | Unfinished) -> str:
@@ -275,6 +302,8 @@ def _lane_of(arrival: StationArrival | Unfinished) -> str:
 
 
 def _batch(content: RawPayload) -> SampleBatch | Heartbeat:
+    if content.fields is not None:
+        return decode_unpacked(content.fields, SampleBatch)
     content.check_size()
     expected: tuple[type[SampleBatch | Heartbeat], ...] = (SampleBatch, Heartbeat)
     return decode(content.payload, content.encoding, *expected)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
@@ -24,6 +24,7 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
+from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
@@ -32,6 +33,7 @@ from caesura_service.server.inbound import (
     SamplesReceived,
     Watching,
     source_of_key,
+    station_of,
 )
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
@@ -93,7 +95,8 @@ class ZenohServer:
             registry, self._queue, self.status, self.budgets, rates.queries, self._stored.take
         )
         self._samples = SampleServer(samples, lambda: registry.index, rates.queries, owner)
-        self._poller = SubscriberPoller(self._handle_samples)
+        self._collector = BatchCollector(registry.awaited, self._enqueue_samples, clock)
+        self._poller = SubscriberPoller(self._handle_samples, self._collector.release_overdue)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -122,6 +125,7 @@ class ZenohServer:
             self._worker.emit(self._registry.republish_status(None))
             stack.enter_context(self._worker)
             stack.enter_context(self._poller)
+            stack.callback(self._collector.release_all)
             stack.callback(subscriptions.close)
             self._announce(stack, network)
             self._stack = stack.pop_all()
@@ -177,6 +181,7 @@ class ZenohServer:
 
     def _handle_command(self, query: IncomingQuery) -> None:
         self._poller.drain()  # samples put before the command are processed before it
+        self._collector.release(station_of(query.key))
         self._queries.command(query)
 
     def _handle_samples(self, sample: Incoming) -> None:
@@ -186,8 +191,13 @@ class ZenohServer:
         if (refusal := self.budgets.reject_put(lane, len(payload))) is not None:
             self._drop(source, refusal.message)
             return
-        content = RawPayload.of(key, payload, encoding)
-        self._queue.offer(SamplesReceived(content, station), source, len(content.payload), lane)
+        self._collector.take(RawPayload.of(key, payload, encoding), source, station)
+
+    def _enqueue_samples(
+        self, contents: Sequence[RawPayload], source: str, station: str | None, size: int
+    ) -> None:
+        arrival = SamplesReceived(contents, station)
+        self._queue.offer(arrival, source, size, station or UNKNOWN, count=len(contents))
 
     def _drop(self, source: str, why: str) -> None:
         """Count a dropped message and log it, throttled; the session requests it again."""

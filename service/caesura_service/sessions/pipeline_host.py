@@ -7,7 +7,7 @@ is raised. Samples arrive in order and once; the batch receiver orders them.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from typing import NamedTuple
 
@@ -112,21 +112,44 @@ class PipelineHost:
         self.state, outputs = messages.initial_messages(self.state)
         return outputs
 
+    @property
+    def due_s(self) -> float:
+        """[s] Session time of the first sample that changes more than counts, as of `Pipeline.due_s`."""
+        return self._pipeline.due_s
+
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
         """Push the samples (n, columns) of a batch; invalid ones are rejected and leave a gap."""
+        try:
+            return self._push(samples, 1)
+        except ProtocolError as error:
+            return [*self.reject_batch(error), *self.declare_gap(1)]
+
+    def push_together(self, samples: NDArray[np.float64], ends: Sequence[int]) -> list[Output]:
+        """Push the samples of several batches as `push` does one by one, where `due_s` allows it.
+
+        ends: after how many samples each batch ends.
+        """
+        try:
+            return self._push(samples, len(ends))
+        except ProtocolError:  # nothing has changed: it is known which batch has to be rejected, one by one
+            parts = np.split(samples, ends[:-1])
+            return [output for part in parts if self.lifecycle == "open" for output in self.push(part)]
+
+    def _push(self, samples: NDArray[np.float64], count: int) -> list[Output]:
+        """Push the samples of so many batches. Raises ProtocolError for invalid ones; nothing has changed."""
         try:
             changed = _push(
                 self._pipeline, samples
             )  # may give way: what is published meanwhile is not retracted
-        except ProtocolError as error:
-            return [*self.reject_batch(error), *self.declare_gap(1)]
+        except ProtocolError:
+            raise
         except Exception as error:
             return self._fail(error)
         published, batches, before = self._latest
         if not changed:
-            self._latest = (published, batches + 1, before + len(samples))
+            self._latest = (published, batches + count, before + len(samples))
             return []
-        counters = published.counters._replace(batches=published.counters.batches + batches + 1)
+        counters = published.counters._replace(batches=published.counters.batches + batches + count)
         return self._run_guarded(lambda: self._update_view(counters))
 
     def declare_gap(self, batches: int) -> list[Output]:

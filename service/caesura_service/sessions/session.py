@@ -15,8 +15,9 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import NamedTuple
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
@@ -46,6 +47,16 @@ from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost, replacing_apps
 from caesura_service.sessions.session_journal import SessionJournal
+
+
+class Awaited(NamedTuple):
+    """The batch that a session expects, and the session time that completes its next observation [s].
+
+    due_s: −inf where every batch has to be processed by itself.
+    """
+
+    next_seq: int
+    due_s: float
 
 
 class Session:
@@ -134,6 +145,8 @@ class Session:
                         self._host.replay_edit(edit, record.at)
                     case EditProgram() as command:
                         self._host.edit_program(command, record.at)
+                    case SampleBatch() if self._host.lifecycle == "failed":
+                        pass  # it was recorded together with the one that failed
                     case Open() | SampleBatch() | Close() | Describe() as message:
                         self.receive(message, record.at)
                 yield
@@ -208,6 +221,28 @@ class Session:
                 return self._receive_close(message, now)
             case Edit() | Preview() | Describe() | EditProgram():
                 return self._receive_change(message, now)
+
+    @property
+    def awaited(self) -> Awaited:
+        """What the session awaits of its bridge; any thread may read it."""
+        return Awaited(self.next_seq, self._host.due_s)
+
+    def receive_together(self, batches: Sequence[SampleBatch], now: float) -> tuple[int, list[Output]]:
+        """Process the first of several batches of this session together, as `receive` does in turn.
+
+        Return how many, and the outputs. 0: the first one has to be received by itself. Raises JournalError.
+        """
+        opening = self._opening
+        bridges = {opening.bridge, None}
+        is_usual = self._host.lifecycle == "open" and all(
+            batch.session == opening.session
+            and batch.epoch == opening.epoch
+            and (batch.bridge in bridges or opening.bridge is None)
+            for batch in batches
+        )
+        if not is_usual:
+            return 0, []
+        return self._receiver.receive_together(batches, now)
 
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""

@@ -140,12 +140,7 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
     """
     check_size(payload, limit)
     model, bounds = _model_of(encoding, expected)
-    message: M = decode_unpacked(unpacked(payload, bounds), model)
-    return message
-
-
-def decode_unpacked(fields: object, model: type[M]) -> M:
-    """Decode the message of a type whose payload has been unpacked. Raises ProtocolError `malformed`."""
+    fields = unpacked(payload, bounds)
     if not isinstance(fields, dict):
         raise ProtocolError("malformed", "not a map", value=type(fields).__name__, expected="map")
     try:
@@ -296,7 +291,6 @@ __all__ = [
     "check_size",
     "decode",
     "decode_error",
-    "decode_unpacked",
     "encode",
     "encode_error",
     "encoding_of",

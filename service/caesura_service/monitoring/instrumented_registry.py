@@ -15,6 +15,7 @@ from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Incoming, Output, ReplayEnded
 from caesura_service.publishing.session_state import SessionCounters, SessionState
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.session import Session
 
 
@@ -58,19 +59,18 @@ class InstrumentedRegistry(Registry):
         self._record(station, message, changes, outputs, counters, began)
         return outputs
 
-    def handle_together(
-        self, station: str, batches: Sequence[SampleBatch], now: float
-    ) -> tuple[int, list[Output]]:
+    def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process several batches together, each of which is counted."""
-        session = self._find_session(station, batches[0].session)
+        session = self._find_session(station, block.session)
         if session is None:
             return 0, []
         before, counters, began = self._last_state(session), self.counters, self._monotonic()
-        count, outputs = super().handle_together(station, batches, now)
+        count, outputs = super().handle_together(station, block, now)
         if count:
             after = self._update_last_state(session)
             changes = (Change(before, after),) if after is not before else ()
-            self._record(station, batches[0], changes, outputs, counters, began, batches=count)
+            message = block.layout.message
+            self._record(station, message, changes, outputs, counters, began, batches=count)
         return count, outputs
 
     def reject(self, station: str | None, error: ProtocolError) -> list[Output]:

@@ -15,7 +15,7 @@ state.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Generator, Iterable, Mapping, Set
 from contextlib import suppress
 from types import TracebackType
 
@@ -57,6 +57,7 @@ from caesura_service.publishing.events import (
     TakeoverFailed,
 )
 from caesura_service.publishing.session_state import SessionCounters, program_of, status_of
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Awaited, Session
 
@@ -216,30 +217,17 @@ class Registry:
                 return held.awaited if held.is_open else None
         return None
 
-    def handle_batches(
-        self, station: str, batches: Sequence[SampleBatch], now: float
-    ) -> Iterator[list[Output]]:
-        """Process batches of one session in turn, those of one observation together; yield their outputs."""
-        while batches:
-            count, outputs = self.handle_together(station, batches, now)
-            if not count:
-                count, outputs = 1, self.handle_samples(station, batches[0], now)
-            batches = batches[count:]
-            yield outputs
-
-    def handle_together(
-        self, station: str, batches: Sequence[SampleBatch], now: float
-    ) -> tuple[int, list[Output]]:
-        """Process the first of these batches together, as `handle_samples` does in turn; return how many.
+    def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block together, as `handle_samples` does in turn; return how many.
 
         0: the first one has to be handled by itself.
         """
-        session = self._find_session(station, batches[0].session)
-        if session is None or len(batches) < 2 or self.ownership.rejection_reason(station) is not None:
+        session = self._find_session(station, block.session)
+        if session is None or self.ownership.rejection_reason(station) is not None:
             return 0, []
         try:
             with _AS_OVERLOADED:
-                count, outputs = session.receive_together(batches, now)
+                count, outputs = session.receive_together(block, now)
         except ProtocolError as error:
             return 1, self._count_rejection(station, session.name, error)
         if not count:

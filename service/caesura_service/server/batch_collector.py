@@ -1,64 +1,45 @@
-"""Holds batches of a station until they complete an observation, and enqueues them together.
+"""Holds batches of a station until they complete an observation, and passes them on together.
 
 A robot at 1 kHz sends five batches for each observation, and the first four change only counts. Processed one
 by one they cost as much as the fifth; together, a fraction (docs/speed.md). So a batch waits here, in order,
 until one comes that completes an observation, and at most HOLD_S: until then its bridge has it, as for every
 message that waits. What else comes of its station, such as a command or another session's batch, has the held
-ones enqueued before it. What is enqueued, and in what order, does not change; only when.
+ones passed on before it. What is passed on, and in what order, does not change; only when.
 
-Whether a batch completes an observation is predicted from its number and its last time. A wrong prediction
-costs time and changes no result: the session looks at the samples themselves.
+Whether a batch completes an observation is predicted from its last time. A wrong prediction costs time and
+changes no result: the session looks at the samples themselves.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from struct import Struct, error
-from typing import Any, NamedTuple
 
-from caesura_protocol.bounds import bounds_of, unpacked
-from caesura_protocol.codec import encoding_of
-from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import SampleBatch
 from caesura_service.server.inbound import RawPayload
+from caesura_service.server.transport import Payload
+from caesura_service.sessions.batch_block import ENCODING, BatchBlock, BatchLayout
 from caesura_service.sessions.session import Awaited
 
 HOLD_S = 0.1  # from one observation to the next
-MOST, MOST_BYTES = 16, 1 << 16  # batches, and their payloads, that are held of one station
+MOST, MOST_BYTES = 16, 1 << 16  # batches of one station that are held, and their payloads
+USUAL_BYTES = 1 << 13  # a longer payload is passed on as it is
 STEP_S = 0.1  # from one observation to the next
-STATIONS = 1024  # with an expected batch
-
-_ENCODING, _BOUNDS = encoding_of(SampleBatch), bounds_of(SampleBatch)
-_NUMBER = {4: Struct("<f"), 8: Struct("<d")}  # by its size [bytes]
-
-
-class _Batch(NamedTuple):
-    """What a prediction needs of a batch, none of it validated."""
-
-    session: Any
-    epoch: Any
-    seq: int
-    t_last: float  # [s]
+SOURCES = 1024  # with a layout
+MISSES, EVERY = 8, 64  # payloads without a layout, after which only some are looked at
 
 
 @dataclass(slots=True)
-class _Station:
-    """The held batches of a station, and what is expected next of it."""
+class _Source:
+    """The held batches of a station's key, and what is expected next on it."""
 
-    session: Any = None
-    epoch: Any = None
+    station: str
+    layout: BatchLayout | None = None
     next_seq: int = -1
     due_s: float = -math.inf  # session time [s] that completes the next observation
-    source: str = ""
-    contents: list[RawPayload] = field(default_factory=list)
-    size: int = 0  # [bytes]
-
-    def expects(self, batch: _Batch) -> bool:
-        """Whether it is the batch after the last one."""
-        return (batch.seq, batch.session, batch.epoch) == (self.next_seq, self.session, self.epoch)
+    payloads: list[bytes] = field(default_factory=list)
+    misses: int = 0
 
 
 class BatchCollector:
@@ -67,31 +48,46 @@ class BatchCollector:
     def __init__(
         self,
         awaited: Callable[[str, str], Awaited | None],
-        enqueue: Callable[[Sequence[RawPayload], str, str | None, int], None],
+        pass_on: Callable[[RawPayload, str, str | None], None],
+        pass_on_block: Callable[[BatchBlock, str, str], None],
         clock: Callable[[], float],
     ) -> None:
         """awaited: what a session of a station awaits; None where it is not here.
 
-        enqueue: gets payloads in order, their source, their station and their size [bytes].
+        pass_on, pass_on_block: take a payload or several, their source and their station, in order.
         """
-        self._awaited, self._enqueue, self._clock = awaited, enqueue, clock
-        self._stations: dict[str, _Station] = {}
-        self._held: dict[str, float] = {}  # stations with held batches, oldest first; until when [s]
+        self._awaited, self._clock = awaited, clock
+        self._pass_on, self._pass_on_block = pass_on, pass_on_block
+        self._sources: dict[str, _Source] = {}
+        self._held: dict[str, float] = {}  # sources with held batches, oldest first; until when [s]
         self._lock = threading.Lock()
 
-    def take(self, content: RawPayload, source: str, station: str | None) -> None:
-        """Hold or pass on what was received of a source."""
-        if station is None:
-            self._enqueue((content,), source, None, len(content.payload))
-            return
+    def hold(self, source: str, payload: Payload, encoding: str) -> bool:
+        """Take the batch after the last one of a source; return False where it is not, and was not taken."""
         with self._lock:
-            self._take(content, source, station)
+            known = self._sources.get(source)
+            if known is None or (layout := known.layout) is None:
+                return False
+            if encoding != ENCODING or len(payload) != layout.size:
+                return False
+            content = bytes(payload)
+            if layout.seq_of(content) != known.next_seq:
+                return False
+            self._hold(source, known, layout, content)
+        return True
 
-    def release(self, station: str) -> None:
-        """Pass on what is held of a station."""
+    def take(self, content: RawPayload, source: str, station: str | None) -> None:
+        """Pass on what was received of a source, behind what is held of it."""
         with self._lock:
-            if station in self._held:
-                self._pass_on(station, self._stations[station])
+            self._release(source)
+            self._pass_on(content, source, station)
+            if station is not None:
+                self._learn(content, source, station)
+
+    def release(self, source: str) -> None:
+        """Pass on what is held of a source."""
+        with self._lock:
+            self._release(source)
 
     def release_overdue(self) -> None:
         """Pass on what has been held for HOLD_S."""
@@ -99,79 +95,65 @@ class BatchCollector:
             return
         now = self._clock()
         with self._lock:
-            while (station := next(iter(self._held), None)) is not None and self._held[station] <= now:
-                self._pass_on(station, self._stations[station])
+            while (source := next(iter(self._held), None)) is not None and self._held[source] <= now:
+                self._release(source)
 
     def release_all(self) -> None:
         """Pass on all that is held."""
-        for station in tuple(self._held):
-            self.release(station)
+        for source in tuple(self._held):
+            self.release(source)
 
-    def _take(self, content: RawPayload, source: str, station: str) -> None:
-        size = len(content.payload)
-        known = self._stations.get(station)
-        fields = _unpacked(content)
-        batch = None if fields is None else _batch_of(fields)
-        if batch is not None:
-            content = content._replace(payload=b"", fields=fields)  # one copy of the samples
-        if batch is None or known is None or not known.expects(batch):
-            if known is not None and known.contents:
-                self._pass_on(station, known)
-            if batch is not None:
-                known = known or self._add(station)
-                known.session, known.epoch, known.next_seq = batch.session, batch.epoch, batch.seq + 1
-                known.due_s = -math.inf
-            self._enqueue((content,), source, station, size)
-            return
+    # --- under the lock ---------------------------------------------------------------------------------
+
+    def _hold(self, source: str, known: _Source, layout: BatchLayout, content: bytes) -> None:
+        if not known.payloads:
+            known.due_s = self._due_s(known, layout)
+        known.payloads.append(content)
         known.next_seq += 1
-        first = batch.seq - len(known.contents)
-        awaited = self._awaited(station, batch.session)
-        if awaited is not None and awaited.next_seq == first:  # nothing is on its way
-            known.due_s = awaited.due_s
-        known.source = source
-        known.contents.append(content)
-        known.size += size
-        if batch.t_last >= known.due_s:
-            if known.due_s > -math.inf:  # what the session will await once it has these
-                known.due_s += STEP_S * (1 + (batch.t_last - known.due_s) // STEP_S)
-            self._pass_on(station, known)
-        elif len(known.contents) >= MOST or known.size >= MOST_BYTES:
-            self._pass_on(station, known)
-        elif len(known.contents) == 1:
-            self._held[station] = self._clock() + HOLD_S
+        t_last = layout.t_last_of(content)
+        if t_last >= known.due_s:
+            ahead = (t_last - known.due_s) // STEP_S if math.isfinite(t_last) else 0.0
+            known.due_s += STEP_S * (1.0 + ahead) if math.isfinite(ahead) else 0.0
+            self._release(source)
+        elif len(known.payloads) >= MOST or len(known.payloads) * layout.size >= MOST_BYTES:
+            self._release(source)
+        elif len(known.payloads) == 1:
+            self._held[source] = self._clock() + HOLD_S
 
-    def _pass_on(self, station: str, known: _Station) -> None:
-        contents, size = known.contents, known.size
-        known.contents, known.size = [], 0
-        self._held.pop(station, None)
-        self._enqueue(contents, known.source, station, size)
+    def _due_s(self, known: _Source, layout: BatchLayout) -> float:
+        """Return the session time [s] that completes the next observation: exact where nothing waits."""
+        awaited = self._awaited(known.station, layout.message.session)
+        if awaited is None:
+            return -math.inf
+        return awaited.due_s if awaited.next_seq == known.next_seq else known.due_s
 
-    def _add(self, station: str) -> _Station:
-        """Return the entry of a station; those without held batches are evicted from STATIONS on."""
-        if len(self._stations) >= STATIONS:
-            self._stations = {name: self._stations[name] for name in self._held}
-        known = self._stations[station] = _Station()
+    def _release(self, source: str) -> None:
+        if self._held.pop(source, None) is None and source not in self._sources:
+            return
+        known = self._sources[source]
+        payloads, known.payloads = known.payloads, []
+        if payloads and known.layout is not None:
+            block = BatchBlock(known.layout, known.next_seq - len(payloads), payloads)
+            self._pass_on_block(block, source, known.station)
+
+    def _learn(self, content: RawPayload, source: str, station: str) -> None:
+        """Expect the batch after this one, if it is one."""
+        if content.encoding != ENCODING or not 0 < len(content.payload) <= USUAL_BYTES:
+            return
+        known = self._sources.get(source) or self._add(source, station)
+        known.layout = None
+        if known.misses >= MISSES and known.misses % EVERY:
+            known.misses += 1
+            return
+        known.layout = layout = BatchLayout.of(content.payload)
+        if layout is None:
+            known.misses += 1
+        else:
+            known.misses, known.next_seq, known.due_s = 0, layout.message.seq + 1, -math.inf
+
+    def _add(self, source: str, station: str) -> _Source:
+        """Return the entry of a source; those without held batches are evicted from SOURCES on."""
+        if len(self._sources) >= SOURCES:
+            self._sources = {name: self._sources[name] for name in self._held}
+        known = self._sources[source] = _Source(station)
         return known
-
-
-def _unpacked(content: RawPayload) -> Mapping[str, Any] | None:
-    """Return the fields of a batch of the usual size, as `codec.decode` unpacks them; None for others."""
-    if content.encoding != _ENCODING or not 0 < len(content.payload) <= _BOUNDS.uncounted:
-        return None
-    try:
-        fields = unpacked(content.payload, _BOUNDS)
-    except ProtocolError:
-        return None
-    return fields if isinstance(fields, dict) else None
-
-
-def _batch_of(fields: Mapping[str, Any]) -> _Batch | None:
-    """Return what fields that are not validated say of a batch; None where they make none."""
-    try:
-        seq, count, samples = fields["seq"], fields["n"], fields["samples"]
-        row = len(samples) // count
-        number = _NUMBER[row // len(fields["columns"])]
-        (since,) = number.unpack_from(samples, len(samples) - row)
-        return _Batch(fields["session"], fields["epoch"], seq + 0, float(fields["t0"] + since))
-    except (KeyError, TypeError, ValueError, ArithmeticError, error):
-        return None

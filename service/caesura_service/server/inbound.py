@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
@@ -15,6 +14,7 @@ from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.server.transport import Payload
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.token_bucket import SENDERS
 
 UNKNOWN = "?"  # the station of keys that name none
@@ -23,16 +23,12 @@ MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are short
 
 
 class RawPayload(NamedTuple):
-    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its texts are cut.
-
-    fields: what `bounds.unpacked` made of a batch, in place of its payload, where that has been done.
-    """
+    """A received payload; empty if over the size limit, with its real `size` [bytes]. Its texts are cut."""
 
     key: str
     payload: bytes
     encoding: str
     size: int
-    fields: Mapping[str, Any] | None = None
 
     @classmethod
     def of(cls, key: str, payload: Payload, encoding: str) -> Self:
@@ -50,10 +46,18 @@ class RawPayload(NamedTuple):
 
 
 class SamplesReceived(NamedTuple):
-    """Messages on a station's `samples` key, in order, or one in a reply to a replay."""
+    """A message on a station's `samples` key, or in a reply to a replay."""
 
-    contents: Sequence[RawPayload]
+    content: RawPayload
     station: str | None  # None: the key names none
+
+
+class BatchesReceived(NamedTuple):
+    """Consecutive batches on a station's `samples` key."""
+
+    block: BatchBlock
+    key: str
+    station: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +141,7 @@ class Unfinished:
 
 Arrival = (
     SamplesReceived
+    | BatchesReceived
     | CommandReceived
     | ReplayFinished
     | LivelinessChanged

@@ -130,8 +130,8 @@ class ResultPublisher:
     def _receive_reply(self, replay: PendingReplay, reply: Incoming) -> None:
         replay.replies += 1
         station = replay.request.station
-        content = RawPayload.of(*reply)
-        arrival, size = SamplesReceived((content,), station), len(content.payload)
+        arrival = SamplesReceived(RawPayload.of(*reply), station)
+        size = len(arrival.content.payload)
         has_room = self._budgets.reject_work(station) is None and self._queue.offer(
             arrival, station, size, station
         )

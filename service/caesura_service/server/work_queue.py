@@ -136,10 +136,10 @@ class WorkQueue(Generic[T]):
             self._enqueue(source if lane is None else lane, item, load, size, count=count)
         return True
 
-    def count_drop(self, source: str) -> None:
-        """Count an item that was dropped on its way here."""
+    def count_drop(self, source: str, count: int = 1) -> None:
+        """Count items that were dropped on their way here."""
         with self._lock:
-            self._drop(source)
+            self._drop(source, count)
 
     def put(self, item: T, lane: str = "") -> bool:
         """Enqueue an item with as much room again; return False where that is used up too."""

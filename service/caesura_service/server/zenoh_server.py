@@ -13,7 +13,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
@@ -29,10 +29,12 @@ from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
     Arrival,
+    BatchesReceived,
     RawPayload,
     SamplesReceived,
     Watching,
     source_of_key,
+    sources_of,
     station_of,
 )
 from caesura_service.server.lanes import Lanes
@@ -50,6 +52,7 @@ from caesura_service.server.subscriber_poller import SubscriberPoller
 from caesura_service.server.transport import Incoming, Network
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
@@ -95,7 +98,9 @@ class ZenohServer:
             registry, self._queue, self.status, self.budgets, rates.queries, self._stored.take
         )
         self._samples = SampleServer(samples, lambda: registry.index, rates.queries, owner)
-        self._collector = BatchCollector(registry.awaited, self._enqueue_samples, clock)
+        self._collector = BatchCollector(
+            registry.awaited, self._enqueue_samples, self._enqueue_batches, clock
+        )
         self._poller = SubscriberPoller(self._handle_samples, self._collector.release_overdue)
         self._stack = ExitStack()
 
@@ -181,11 +186,13 @@ class ZenohServer:
 
     def _handle_command(self, query: IncomingQuery) -> None:
         self._poller.drain()  # samples put before the command are processed before it
-        self._collector.release(station_of(query.key))
+        self._collector.release(sources_of(station_of(query.key))[0])
         self._queries.command(query)
 
     def _handle_samples(self, sample: Incoming) -> None:
         key, payload, encoding = sample
+        if self._collector.hold(key, payload, encoding):
+            return
         source, station = source_of_key(key)
         lane = station or UNKNOWN
         if (refusal := self.budgets.reject_put(lane, len(payload))) is not None:
@@ -193,14 +200,18 @@ class ZenohServer:
             return
         self._collector.take(RawPayload.of(key, payload, encoding), source, station)
 
-    def _enqueue_samples(
-        self, contents: Sequence[RawPayload], source: str, station: str | None, size: int
-    ) -> None:
-        arrival = SamplesReceived(contents, station)
-        self._queue.offer(arrival, source, size, station or UNKNOWN, count=len(contents))
+    def _enqueue_samples(self, content: RawPayload, source: str, station: str | None) -> None:
+        self._queue.offer(SamplesReceived(content, station), source, len(content.payload), station or UNKNOWN)
 
-    def _drop(self, source: str, why: str) -> None:
-        """Count a dropped message and log it, throttled; the session requests it again."""
-        self._queue.count_drop(source)
+    def _enqueue_batches(self, block: BatchBlock, source: str, station: str) -> None:
+        count, size = len(block.payloads), len(block.payloads) * block.layout.size
+        if (refusal := self.budgets.reject_put(station, size, count)) is not None:
+            self._drop(source, refusal.message, count)
+            return
+        self._queue.offer(BatchesReceived(block, source, station), source, size, station, count=count)
+
+    def _drop(self, source: str, why: str, count: int = 1) -> None:
+        """Count dropped messages and log them, throttled; the session requests them again."""
+        self._queue.count_drop(source, count)
         if self._log_rate.allows(source):
             logger.warning("%s: %s; messages are dropped until then", source, why)

@@ -8,19 +8,16 @@ because sending it again would not change it.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Sequence
-from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
-from caesura_service.journal import JournalError
 from caesura_service.publishing.events import Output, ReplayEnded, RequestReplay
 from caesura_service.segmentation.view import MOST_TOGETHER
-from caesura_service.sessions.batch_validation import joined_samples, validated_samples
+from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.batch_validation import is_usual, validated_samples
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost
 from caesura_service.sessions.reorder_buffer import ReorderBuffer, ReplayBackoff
@@ -72,41 +69,29 @@ class BatchReceiver:
         self._journal.append(batch, now)
         return [*self._hold(batch), *self._process_ready(), *self.request_missing(now)]
 
-    def receive_together(self, batches: Sequence[SampleBatch], now: float) -> tuple[int, list[Output]]:
-        """Process the first of these batches together, up to one with which an observation is complete.
+    def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block together, up to one with which an observation is complete.
 
         Return how many those are, and the outputs of `receive_batch` for each in turn. 0: the first one has
         to be received by itself. Raises JournalError where the first one cannot be recorded.
         """
-        first, due_s = batches[0].seq, self._host.due_s
-        if not math.isfinite(due_s) or not self._buffer.is_in_turn(first):
+        message, due_s = block.layout.message, self._host.due_s
+        if message.columns != self._columns or not math.isfinite(due_s):
             return 0, []
-        if [batch.seq for batch in batches] != [*range(first, first + len(batches))]:
+        if not self._buffer.is_in_turn(block.first):
             return 0, []
-        samples = joined_samples(batches, self._columns, self._limits)
-        if samples is None:
+        samples = block.samples()
+        if not is_usual(samples, self._limits):
             return 0, []
-        ends = [*accumulate(batch.n for batch in batches)]
         is_due = samples[:, 0] >= due_s
-        completing = int(is_due.argmax()) if is_due.any() else len(samples) - 1
-        count = min(bisect_right(ends, completing) + 1, bisect_right(ends, MOST_TOGETHER))
-        if count < 2:
+        until = int(is_due.argmax()) if is_due.any() else len(samples) - 1
+        count = min(until // message.n + 1, MOST_TOGETHER // message.n)
+        if not count:
             return 0, []
-        count = self._record_first(batches[:count], now)
+        count = self._journal.append_batches(block, count, now)
         for _ in range(count):
             self._buffer.advance()
-        return count, self._host.push_together(samples[: ends[count - 1]], ends[:count])
-
-    def _record_first(self, batches: Sequence[SampleBatch], now: float) -> int:
-        """Record batches; return how many. Raises JournalError where not even the first one is."""
-        for count, batch in enumerate(batches):
-            try:
-                self._journal.append(batch, now)
-            except JournalError:
-                if not count:
-                    raise
-                return count
-        return len(batches)
+        return count, self._host.push_together(samples[: count * message.n], count)
 
     def announce_seq(self, seq: int, now: float) -> list[Output]:
         """Request what is missing up to this batch. Raises ProtocolError where it is too far ahead."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.codec import FLOAT_OF_SIZE, matrix_of, unpack_samples
+from caesura_protocol.codec import matrix_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.plausibility import likely_time_unit
 from caesura_service.sessions.limits import Limits
-
-FLOAT_BYTES = 8  # of a number in double precision
 
 
 def validate_columns(opening: Open) -> None:
@@ -41,26 +37,16 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
     return matrix
 
 
-def joined_samples(
-    batches: Sequence[SampleBatch], columns: tuple[str, ...], limits: Limits
-) -> NDArray[np.float64] | None:
-    """Return the samples of batches, one below the other, each as `validated_samples` returns them.
+def is_usual(samples: NDArray[np.float64], limits: Limits) -> bool:
+    """Whether samples (n, columns) of several batches are such that `validated_samples` passes each of them.
 
-    None where one of them is not as usual, so that each has to be validated by itself.
+    False says nothing: each has to be validated by itself.
     """
-    size = FLOAT_BYTES * len(columns)
-    if any(batch.columns != columns or len(batch.samples) != batch.n * size for batch in batches):
-        return None
-    payload = b"".join([batch.samples for batch in batches])
-    matrix: NDArray[np.float64] = np.frombuffer(payload, FLOAT_OF_SIZE[FLOAT_BYTES]).astype(np.float64)
-    matrix = matrix.reshape(-1, len(columns))
-    matrix[:, 0] += np.repeat([batch.t0 for batch in batches], [batch.n for batch in batches])
-    if not np.vdot(matrix, matrix) <= limits.value**2:
-        return None
-    known = matrix[:, 0].tolist()
+    if not np.vdot(samples, samples) <= limits.value**2:
+        return False
+    known = samples[:, 0].tolist()
     low, high = min(known), max(known)
-    is_usual = max(-low, high) <= limits.time_s and high - low <= limits.batch_span_s
-    return matrix if is_usual else None
+    return bool(max(-low, high) <= limits.time_s and high - low <= limits.batch_span_s)
 
 
 def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:

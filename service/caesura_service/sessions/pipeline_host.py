@@ -7,7 +7,7 @@ is raised. Samples arrive in order and once; the batch receiver orders them.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from copy import copy
 from typing import NamedTuple
 
@@ -124,15 +124,12 @@ class PipelineHost:
         except ProtocolError as error:
             return [*self.reject_batch(error), *self.declare_gap(1)]
 
-    def push_together(self, samples: NDArray[np.float64], ends: Sequence[int]) -> list[Output]:
-        """Push the samples of several batches as `push` does one by one, where `due_s` allows it.
-
-        ends: after how many samples each batch ends.
-        """
+    def push_together(self, samples: NDArray[np.float64], batches: int) -> list[Output]:
+        """Push the samples of so many batches of one size together, where `due_s` allows it: as one by one."""
         try:
-            return self._push(samples, len(ends))
-        except ProtocolError:  # nothing has changed: it is known which batch has to be rejected, one by one
-            parts = np.split(samples, ends[:-1])
+            return self._push(samples, batches)
+        except ProtocolError:  # nothing has changed: which batch has to be rejected is found one by one
+            parts = np.split(samples, batches)
             return [output for part in parts if self.lifecycle == "open" for output in self.push(part)]
 
     def _push(self, samples: NDArray[np.float64], count: int) -> list[Output]:

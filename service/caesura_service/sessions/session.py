@@ -15,7 +15,7 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -43,6 +43,7 @@ from caesura_service.publishing.lifecycle import next_state
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost, replacing_apps
@@ -227,22 +228,16 @@ class Session:
         """What the session awaits of its bridge; any thread may read it."""
         return Awaited(self.next_seq, self._host.due_s)
 
-    def receive_together(self, batches: Sequence[SampleBatch], now: float) -> tuple[int, list[Output]]:
-        """Process the first of several batches of this session together, as `receive` does in turn.
+    def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block together, as `receive` does in turn.
 
         Return how many, and the outputs. 0: the first one has to be received by itself. Raises JournalError.
         """
-        opening = self._opening
-        bridges = {opening.bridge, None}
-        is_usual = self._host.lifecycle == "open" and all(
-            batch.session == opening.session
-            and batch.epoch == opening.epoch
-            and (batch.bridge in bridges or opening.bridge is None)
-            for batch in batches
-        )
-        if not is_usual:
+        message, opening = block.layout.message, self._opening
+        is_own = message.bridge in {opening.bridge, None} or opening.bridge is None
+        if not is_own or message.epoch != opening.epoch or self._host.lifecycle != "open":
             return 0, []
-        return self._receiver.receive_together(batches, now)
+        return self._receiver.receive_together(block, now)
 
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""

@@ -24,7 +24,7 @@ from caesura_service.sessions.session import Awaited
 
 HOLD_S = 0.1  # from one observation to the next
 MOST, MOST_BYTES = 16, 1 << 16  # batches of one station that are held, and their payloads
-USUAL_BYTES = 1 << 13  # a longer payload is passed on as it is
+USUAL_BYTES = 1 << 15  # a longer payload is passed on as it is
 STEP_S = 0.1  # from one observation to the next
 SOURCES = 1024  # with a layout
 MISSES, EVERY = 8, 64  # payloads without a layout, after which only some are looked at

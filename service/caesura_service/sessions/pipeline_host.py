@@ -125,7 +125,7 @@ class PipelineHost:
             return [*self.reject_batch(error), *self.declare_gap(1)]
 
     def push_together(self, samples: NDArray[np.float64], batches: int) -> list[Output]:
-        """Push the samples of so many batches of one size together, where `due_s` allows it: as one by one."""
+        """Push the samples of so many batches of one size as `push` does in turn, where `due_s` allows it."""
         try:
             return self._push(samples, batches)
         except ProtocolError:  # nothing has changed: which batch has to be rejected is found one by one

@@ -59,10 +59,10 @@ class SessionJournal:
                     self._station, self._session, now, EncodedBatch(epoch, block.first + number, payload)
                 )
             except JournalError:
+                if number:
+                    return number
                 self._missed = True
-                if not number:
-                    raise
-                return number
+                raise
         return count
 
     def has_missed_batches(self) -> bool:

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from caesura_protocol.keys import service_key, session_key
+from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
@@ -34,8 +34,6 @@ from caesura_service.server.inbound import (
     SamplesReceived,
     Watching,
     source_of_key,
-    sources_of,
-    station_of,
 )
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
@@ -186,7 +184,8 @@ class ZenohServer:
 
     def _handle_command(self, query: IncomingQuery) -> None:
         self._poller.drain()  # samples put before the command are processed before it
-        self._collector.release(sources_of(station_of(query.key))[0])
+        if (station := source_of_key(query.key).station) is not None:
+            self._collector.release(station_key(station, "samples"))
         self._queries.command(query)
 
     def _handle_samples(self, sample: Incoming) -> None:

@@ -31,6 +31,23 @@ MUTATIONS: tuple[Mutation, ...] = (
         row="histories",
     ),
     Mutation(
+        "batches that are processed together are not journalled",
+        f"{SESSIONS}/batch_receiver.py",
+        "        count = self._journal.append_batches(block, count, now)\n",
+        "",
+        (
+            "tests/service/server/test_batch_collector.py::"
+            "test_a_demonstration_in_batches_that_wait_is_bit_for_bit_the_same",
+        ),
+    ),
+    Mutation(
+        "batches that are processed together are cut elsewhere",
+        f"{SESSIONS}/batch_receiver.py",
+        "until = int(is_due.argmax()) if is_due.any() else len(samples) - 1",
+        "until = len(samples) - 1",
+        ("tests/service/server/test_batch_collector.py::test_whatever_happens_to_a_stream_it_is_the_same",),
+    ),
+    Mutation(
         "a batch that came early is not journalled",
         f"{SESSIONS}/batch_receiver.py",
         "        self._journal.append(batch, now)\n        return [*self._hold(batch)",

@@ -45,7 +45,10 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SESSIONS}/batch_receiver.py",
         "until = int(is_due.argmax()) if is_due.any() else len(samples) - 1",
         "until = len(samples) - 1",
-        ("tests/service/server/test_batch_collector.py::test_whatever_happens_to_a_stream_it_is_the_same",),
+        (
+            "tests/service/server/test_batch_collector.py::"
+            "test_a_wrong_guess_when_an_observation_is_complete_changes_nothing",
+        ),
     ),
     Mutation(
         "a batch that came early is not journalled",

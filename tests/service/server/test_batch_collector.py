@@ -256,9 +256,13 @@ class Service:
 
 
 class Together(Service):
-    """The same behind a collector, and behind a queue that is worked off now and then."""
+    """The same behind a collector, and behind a queue that is worked off now and then.
 
-    def __init__(self, failures: Iterable[int], works: Sequence[bool], **limits: int) -> None:
+    late_s: by how much the collector is wrong about when an observation is complete.
+    """
+
+    def __init__(self, failures: Iterable[int], works: Sequence[bool], late_s: float, **limits: int) -> None:
+        self._late_s = late_s
         self._queue: deque[tuple[str, Any]] = deque()
         self._works, self._now, self.together = deque(works), 0.0, 0
         super().__init__(failures, **limits)
@@ -266,7 +270,7 @@ class Together(Service):
     def do(self, kind: str, what: Any) -> None:
         if not hasattr(self, "_collector"):
             self._collector = BatchCollector(
-                self.registry.awaited,
+                self._awaited,
                 lambda content, source, station: self._queue.append(("samples", content)),
                 lambda block, source, station: self._queue.append(("block", block)),
                 lambda: self._now,
@@ -282,6 +286,10 @@ class Together(Service):
             self._collector.release_overdue()
         if not self._works or self._works.popleft():
             self.work()
+
+    def _awaited(self, station: str, session: str) -> Awaited | None:
+        found = self.registry.awaited(station, session)
+        return found and found._replace(due_s=found.due_s + self._late_s)
 
     def work(self) -> None:
         """Work the queue off."""
@@ -391,10 +399,14 @@ KINDS = (
 
 
 def compared(
-    steps: Sequence[Step], failures: Iterable[int] = (), works: Sequence[bool] = (), **limits: int
+    steps: Sequence[Step],
+    failures: Iterable[int] = (),
+    works: Sequence[bool] = (),
+    late_s: float = 0.0,
+    **limits: int,
 ) -> int:
     """How often some were processed together, with all as if they had been processed one by one."""
-    each, together = Service(failures, **limits), Together(failures, works, **limits)
+    each, together = Service(failures, **limits), Together(failures, works, late_s, **limits)
     for step in steps:
         each.do(*step)
         together.do(*step)
@@ -410,6 +422,11 @@ def test_a_demonstration_in_batches_that_wait_is_bit_for_bit_the_same(size):
     assert compared(stream(cuts, {})) > 35, "of 50 observations, the first ten by themselves"
 
 
+@pytest.mark.parametrize("late_s", [-0.03, 0.05, 0.25])
+def test_a_wrong_guess_when_an_observation_is_complete_changes_nothing(late_s):
+    assert compared(stream([20] * 200, {}), late_s=late_s) > 10
+
+
 def test_each_disturbance_leaves_the_same_behind():
     for kind in KINDS:
         compared(stream([20] * 170, {110: kind, 111: kind, 133: kind}))
@@ -421,12 +438,13 @@ def test_each_disturbance_leaves_the_same_behind():
     st.dictionaries(st.integers(50, 200), st.sampled_from(KINDS), max_size=12),
     st.sets(st.integers(50, 200), max_size=2),
     st.lists(st.booleans(), max_size=200),
+    st.sampled_from([0.0, 0.0, -0.02, 0.25]),
 )
-def test_whatever_happens_to_a_stream_it_is_the_same(cuts, disturbances, failures, works):
+def test_whatever_happens_to_a_stream_it_is_the_same(cuts, disturbances, failures, works, late_s):
     steps = stream(cuts, disturbances)
     if failures or works:  # a command overtakes nothing, and a tick waits for no queue
         steps = [step for step in steps if step[0] != "tick"]
-    compared(steps, failures, works)
+    compared(steps, failures, works, late_s)
 
 
 def test_a_session_ends_at_its_limit_with_the_same_batch():

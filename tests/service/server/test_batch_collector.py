@@ -159,7 +159,7 @@ def test_a_command_releases_its_own_station_alone():
 
 
 @pytest.mark.parametrize("awaited", [None, Awaited(1, float("-inf"))])
-def test_where_no_session_can_tell_nothing_waits(awaited):
+def test_where_no_session_states_a_due_time_nothing_waits(awaited):
     floor = Floor()
     floor.put(payload_of(0))
     floor.awaited = awaited
@@ -217,9 +217,9 @@ class Service:
 
     def do(self, kind: str, what: Any) -> None:
         if kind == "command":
-            self.hear(self.registry.handle_command(STATION, what, 0.0))
+            self.receive(self.registry.handle_command(STATION, what, 0.0))
         elif kind == "tick":
-            self.hear(self.registry.tick(what))
+            self.receive(self.registry.tick(what))
         else:
             self.samples(what)
 
@@ -228,11 +228,11 @@ class Service:
         try:
             message = decode(content.payload, content.encoding, SampleBatch, Heartbeat)
         except ProtocolError as error:
-            self.hear(self.registry.reject(STATION, error))
+            self.receive(self.registry.reject(STATION, error))
             return
-        self.hear(self.registry.handle_samples(STATION, message, 0.0))
+        self.receive(self.registry.handle_samples(STATION, message, 0.0))
 
-    def hear(self, outputs: Sequence[Output]) -> None:
+    def receive(self, outputs: Sequence[Output]) -> None:
         self.said += [plain(output) for output in outputs]
 
     def end(self) -> None:
@@ -302,7 +302,7 @@ class Together(Service):
             while block.payloads:
                 count, outputs = self.registry.handle_together(STATION, block, 0.0)
                 if count:
-                    self.hear(outputs)
+                    self.receive(outputs)
                     self.together += count > 1
                 else:
                     super().samples(RawPayload.of(KEY, block.payloads[0], ENCODING))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from caesura_protocol.messages import Budget, StationBudgets
 
 MUCH_USED = 0.5  # of a budget: from there on it is shown
-_NAMES = {"work": "seconds of work"}
+_NAMES = {"work": "seconds of work", "previews": "seconds of previews"}
 
 
 def budgets_in_words(budgets: StationBudgets | None, *, least: float = MUCH_USED) -> list[str]:

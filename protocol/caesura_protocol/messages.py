@@ -713,6 +713,7 @@ class StationBudgets(Message):
     messages: Budget  # samples and heartbeats; replayed ones do not count
     bytes: Budget  # of these
     commands: Budget
+    previews: Budget | None = None  # [s] of the worker's time, not among `work`; None: an older service
 
 
 class SessionStatus(Result):

@@ -1,8 +1,9 @@
 """Budgets of each station: what it may use of an instance, what it used, and the refusals that follow.
 
-Work, which is the worker's time, messages and bytes that a station puts, and commands have a budget each; the
-rates are in `rates`. Stations are distinguished by name; keys that name no station count as one. Any thread
-may ask.
+Work, which is the worker's time, messages and bytes that a station puts, commands, and the work on previews
+have a budget each; the rates are in `rates`. Previews are questions of readers: their work is not charged to
+the station's samples and commands. Stations are distinguished by name; keys that name no station count as
+one. Any thread may ask.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from caesura_protocol.messages import MAX_BUDGETS, Budget, StationBudgets
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.token_bucket import SENDERS, Rate, RateLimit
 
-Use = Literal["work", "messages", "bytes", "commands"]
+Use = Literal["work", "messages", "bytes", "commands", "previews"]
 USES: tuple[Use, ...] = get_args(Use)
 UNITS: dict[Use, str] = {
     "work": "s of the worker's time",
     "messages": "messages",
     "bytes": "bytes",
     "commands": "commands",
+    "previews": "s of the worker's time",
 }
 CACHE_S = 0.25  # how long the list of stations is cached
 FULL = 1.0
@@ -39,11 +41,13 @@ class Budgets:
         self._put = RateLimit(rates.samples, rates.bytes, clock=clock)
         self._commands = RateLimit(rates.commands, clock=clock)
         self._work = RateLimit(rates.work, clock=clock)
+        self._previews = RateLimit(rates.previews, clock=clock)
         self._rates: dict[Use, Rate] = {
             "work": rates.work,
             "messages": rates.samples,
             "bytes": rates.bytes,
             "commands": rates.commands,
+            "previews": rates.previews,
         }
         self._refused: dict[str, dict[Use, int]] = {}  # the last refused station is last
         self._busiest: tuple[StationBudgets, ...] = ()
@@ -77,6 +81,14 @@ class Budgets:
         """Charge a station for the worker's time [s]."""
         self._work.charge(station, seconds)
 
+    def reject_preview(self, station: str) -> ProtocolError | None:
+        """Count a preview that is refused because its budget is used up; return why, or None."""
+        return self._count_and_explain(station, "previews") if self._previews.is_spent(station) else None
+
+    def charge_preview(self, station: str, seconds: float) -> None:
+        """Charge a station's budget of previews for the worker's time [s]."""
+        self._previews.charge(station, seconds)
+
     def budgets_of(self, station: str) -> StationBudgets:
         """Return the budgets of one station, as of now."""
         refused, used = self._refused.get(station, {}), self._used(station)
@@ -92,7 +104,8 @@ class Budgets:
         """Return the at most MAX_BUDGETS stations nearest to a limit or with refusals; cached for CACHE_S."""
         now = self._clock()
         if now >= self._busiest_until_s:
-            known = {*self._put.senders(), *self._commands.senders(), *self._work.senders()}
+            limits = self._put, self._commands, self._work, self._previews
+            known = {name for limit in limits for name in limit.senders()}
             with self._lock:
                 known |= self._refused.keys()
             ranked = nlargest(MAX_BUDGETS, ((self._share(name), name) for name in known if is_name(name)))
@@ -103,7 +116,14 @@ class Budgets:
     def _used(self, station: str) -> dict[Use, float]:
         messages, size = self._put.used(station)
         (commands,), (work,) = self._commands.used(station), self._work.used(station)
-        return {"work": work, "messages": messages, "bytes": size, "commands": commands}
+        (previews,) = self._previews.used(station)
+        return {
+            "work": work,
+            "messages": messages,
+            "bytes": size,
+            "commands": commands,
+            "previews": previews,
+        }
 
     def _share(self, station: str) -> float:
         """Return the used share of the fullest budget; a station with refusals comes first."""

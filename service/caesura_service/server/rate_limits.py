@@ -21,6 +21,7 @@ BYTE_RATE = Rate(16e6, 32e6)  # bytes of them
 COMMAND_RATE = Rate(500.0, 1000.0)  # of a station
 QUERY_RATE = Rate(2000.0, 4000.0)  # to the instance
 WORK_RATE = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
+PREVIEW_RATE = Rate(0.25, 30.0)  # [s] of the worker's time, for previews of a station's sessions
 
 
 @dataclass(frozen=True)
@@ -32,3 +33,4 @@ class RateLimits:
     commands: Rate = COMMAND_RATE
     queries: Rate = QUERY_RATE
     work: Rate = WORK_RATE
+    previews: Rate = PREVIEW_RATE

@@ -18,7 +18,7 @@ from typing import TypeVarTuple
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key
-from caesura_protocol.messages import Ack, Control, Heartbeat, SampleBatch
+from caesura_protocol.messages import Ack, Control, Heartbeat, Preview, SampleBatch
 from caesura_protocol.messages import Command as Wanted
 from caesura_service.ownership.registry import REBUILDING, Registry
 from caesura_service.publishing.events import (
@@ -86,6 +86,7 @@ class Worker(BackgroundThread):
         self._queue = queue
         self._publisher = publisher
         self._budgets = budgets
+        self._previewing: set[str] = set()  # lanes whose work is a preview
         self._refused: set[str] = set()  # stations whose status says that their work is used up
         self._clock = clock
         self._log_rate = RateLimit(LOG_RATE)
@@ -122,16 +123,22 @@ class Worker(BackgroundThread):
                 self._queue.charge(time.perf_counter() - began)
             else:
                 lane = _lane_of(arrival)
-                if not self._run_slice(arrival, lane):
+                done = self._run_slice(arrival, lane)
+                if not done:
                     self._queue.put_back(Unfinished(lane))
                 self._charge(lane, time.perf_counter() - began)
+                if done:
+                    self._previewing.discard(lane)
             if self._chores or not len(self._queue):
                 return
 
     def _charge(self, lane: str, took_s: float) -> None:
         """Charge the time of an arrival [s] to its lane and its station's budget."""
         self._queue.charge(took_s)
-        self._budgets.charge_work(lane, took_s)
+        if lane in self._previewing:
+            self._budgets.charge_preview(lane, took_s)
+        else:
+            self._budgets.charge_work(lane, took_s)
         self._registry.record_work(lane, took_s)
 
     def _run_slice(self, arrival: StationArrival | Unfinished, lane: str) -> bool:
@@ -240,6 +247,10 @@ class Worker(BackgroundThread):
         except ProtocolError as error:
             logger.debug("refused on %s: %s", content.key, error)
             return [Reply(error), *self._registry.reject(station, error)]
+        if isinstance(command, Preview):
+            if (refusal := self._budgets.reject_preview(station)) is not None:
+                return [Reply(refusal)]
+            self._previewing.add(station)
         return self._registry.handle_command(station, command, self._clock())
 
     def emit(self, outputs: Iterable[Output]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ROOT, session_key, station_key
-from caesura_protocol.messages import MAX_BUDGETS, Budget, Program, SessionStatus
+from caesura_protocol.messages import MAX_BUDGETS, Budget, Edit, Insert, Preview, Program, SessionStatus
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -228,6 +229,45 @@ def test_what_a_station_has_used_and_what_was_refused_for_it_is_known_by_budget(
     )
     assert [one.station for one in budgets.busiest()] == ["c", "b", "a"], "nearest to a limit first"
     assert budgets.budgets_of("d").work == Budget(per_s=0.5, at_once=2.0, used=0.0, refused=0)
+
+
+def test_previews_have_a_budget_of_their_own():
+    budgets = Budgets(RateLimits(previews=Rate(0.5, 2.0), work=Rate(0.5, 2.0)), clock=Clock())
+    assert budgets.reject_preview("a") is None
+    budgets.charge_preview("a", 2.5)
+    assert (refusal := budgets.reject_preview("a")) is not None
+    assert "budget of previews: 2.5 of 2 s of the worker's time" in refusal.message
+    assert budgets.reject_command("a") is None
+    assert budgets.reject_put("a", 1) is None
+    known = budgets.budgets_of("a")
+    assert (known.previews, known.work.used) == (Budget(per_s=0.5, at_once=2.0, used=2.5, refused=1), 0.0)
+
+
+def test_a_station_whose_previews_are_used_up_is_edited_and_taught_as_before(config, network, monkeypatch):
+    charged: list[str] = []
+    for name in ("charge_work", "charge_preview"):
+        charge = getattr(Budgets, name)
+
+        def noted(self, station, seconds, name=name, charge=charge):
+            charged.append(name)
+            charge(self, station, seconds)
+
+        monkeypatch.setattr(Budgets, name, noted)
+    rates = RateLimits(previews=Rate(1e-9, 1e-9))
+    fake = {"pipeline_factory": make_fake_pipeline, "join": in_memory(network)}
+    with Service(replace(config, rates=rates), **fake), MemoryPeer(network) as peer:
+        peer.command(opening("s1"))
+        for message in batches(5, "s1"):
+            peer.send(message)
+        action = Insert(t=0.5)
+        asked = Preview(session="s1", revision=0, action=action)
+        assert peer.command(asked).effect is not None
+        with pytest.raises(ProtocolError, match="budget of previews"):
+            peer.command(asked)
+        assert peer.command(Edit(session="s1", revision=0, author="a", action=action)).revision == 1
+        assert charged.count("charge_preview") == 1, "a refused one is no preview"
+        budgets = peer.snapshot("s1").status.budgets
+        assert (budgets.previews.refused, budgets.work.refused, budgets.commands.refused) == (1, 0, 0)
 
 
 def test_a_list_of_busy_stations_has_a_bound_and_no_names_that_are_none():

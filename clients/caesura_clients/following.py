@@ -15,20 +15,22 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
+from caesura_clients.program_decoder import ProgramDecoder
 from caesura_clients.query import services, snapshots
 from caesura_clients.refresh_backoff import RefreshBackoff
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
 from caesura_clients.service_liveliness import Change, LiveServices
-from caesura_protocol.codec import Encoded, decode
+from caesura_protocol.codec import Encoded, decode, encoding_of
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
-from caesura_protocol.messages import MAX_WHOLE_BYTES, Snapshot
+from caesura_protocol.messages import MAX_WHOLE_BYTES, Program, Snapshot
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import Transport
 
 STREAMS: tuple[SessionPart, ...] = ("changepoints", "segments", "posterior", "hints", "status")
 SNAPSHOT_ATTEMPTS = 3
+PROGRAM = encoding_of(Program)
 ALL = ("*", "*")
 ALL_S = 600.0  # after which all are queried, whatever is received: the service may have dropped some
 
@@ -115,6 +117,7 @@ class _Follower:
         )  # of sessions, and of all of them
         self._live_services = LiveServices()
         self._reassembler = Reassembler()
+        self._programs: dict[str, ProgramDecoder] = {}  # by their keys
         self._asked_all = float("-inf")  # [s]
 
     def apply_liveliness(self, presence: TokenChange) -> Iterator[Event]:
@@ -217,7 +220,11 @@ class _Follower:
         """The message that this completes, unless it is rubbish: one bad sender must not end every reader."""
         try:
             whole = self._reassembler.add(delivery.key, Encoded(delivery.payload, delivery.encoding))
-            return whole and decode(*whole, *PUBLISHED, limit=MAX_WHOLE_BYTES)
+            if whole is None:
+                return None
+            if whole.encoding == PROGRAM:
+                return self._programs.setdefault(delivery.key, ProgramDecoder()).decode(whole.payload)
+            return decode(*whole, *PUBLISHED, limit=MAX_WHOLE_BYTES)
         except ProtocolError as error:
             if error.code == "unsupported_version":
                 raise

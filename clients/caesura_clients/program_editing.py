@@ -89,6 +89,7 @@ FIELD_WORDS: Mapping[str, str] = {
     "name": "name",
     "note": "note",
     "target": "target",
+    "target_name": "position name",
     "speed": "speed",
     "force_n": "force",
     "tolerance_m": "tolerance",

@@ -97,6 +97,16 @@ def app_title(kind: str) -> str:
     return kind if found is None else found.title
 
 
+def step_title(kind: str, name: str | None, target_name: str | None) -> str:
+    """What people call an app and its target, in scripts and behaviour trees.
+
+    >>> step_title("cartesian_motion", None, "above the tray")
+    'move: above the tray'
+    """
+    title = name or app_title(kind)
+    return f"{title}: {target_name}" if target_name else title
+
+
 def app_name(index: int, kind: str) -> str:
     """An app in a message; index: in the program, from 0.
 

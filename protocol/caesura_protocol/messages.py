@@ -104,10 +104,11 @@ HintText = Annotated[str, Field(min_length=1, max_length=200, pattern=LINE)]
 AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-AppField = Literal["name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"]
+AppField = Literal[
+    "name", "note", "target", "target_name", "speed", "force_n", "tolerance_m", "gripper_width"
+]
 ChangedField = AppField | Literal["place", "added", "taught_again"]
-EditState = Literal["applied", "not_applied", "undone"]
-CorrectionState = Literal["applied", "undone"]
+EditState = Literal["applied", "not_applied", "undone"]  # of a correction, or of an edit of a program
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
@@ -334,11 +335,12 @@ class ChangeApp(Message):
     name: AppLabel | None = None
     note: Note | None = None
     target: FiniteVector | None = None  # [m] base frame; its path keeps the via points
+    target_name: AppLabel | None = None  # such as "above the tray"
     speed: SpeedFactor | None = None  # a factor of the taught speed
     force_n: Newtons | None = None  # [N] in the direction that was taught
     tolerance_m: Tolerance | None = None  # that its path has to keep
     gripper_width: Amount | None = None  # [m]
-    as_taught: Annotated[Listed[AppField], Field(max_length=7)] = ()  # fields that lose their edits
+    as_taught: Annotated[Listed[AppField], Field(max_length=8)] = ()  # fields that lose their edits
 
 
 class MoveApp(Message):
@@ -815,7 +817,8 @@ class App(Message):
     note: Note | None = None
     speed: SpeedFactor | None = None  # a factor of the taught speed; None: as taught
     added: Count | None = None  # the number of the edit that added it; None: it was taught
-    changes: Annotated[Listed[AppChange], Field(max_length=10)] = ()  # what people set, a field once
+    changes: Annotated[Listed[AppChange], Field(max_length=11)] = ()  # what people set, a field once
+    target_name: AppLabel | None = None  # what people call its target
 
 
 class Correction(Message):
@@ -825,7 +828,8 @@ class Correction(Message):
     author: Author
     at: Seconds  # [s] time of day (UTC)
     action: Annotated[Change, Field(discriminator="do")]
-    state: CorrectionState = "applied"
+    state: EditState = "applied"
+    reason: str | None = None  # why it is not applied
 
 
 class ProgramEdit(Message):

@@ -10,5 +10,7 @@ TARED_BIAS_N = 2.3
 # A hand turns a tool about its palm: what it does with a point of the tool at a hand's breadth, it does with
 # the orientation. So 10 mm/s of movement are 0.1 rad/s of turning.
 HANDS_BREADTH_M = 0.1
+# A hand that stops creeps on for a while: motion starts and stops where its speed passes 5 to 10 mm/s.
+CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 GRID_HZ = 100  # [1/s] of the grid to which samples are brought before they are filtered

@@ -145,7 +145,7 @@ def test_a_program_at_half_its_speed_is_written_checked_and_refused_out_of_range
         assert caesura(*words).output == caesura("program", "--file", slow, *words[-2:]).output
         assert caesura(*words).output != caesura("program", "--file", taught, *words[-2:]).output
     said = caesura("check", slow, "--scenario", "dispenser").output
-    assert "warning: program: re-timed (speed 0.5): apps 1, 3, 4, 6; 10.20 s taught, 15.80 s now" in said
+    assert "warning: program: re-timed (speed 0.5): apps 1, 3, 4, 6; 10.17 s taught, 15.78 s now" in said
     content = json.loads(slow.read_text("utf-8"))
     content["timing"]["speed"] = 9.0
     slow.write_text(json.dumps(content), encoding="utf-8")

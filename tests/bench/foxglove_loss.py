@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
@@ -27,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_protocol.codec import decode, unpack_samples
+from caesura_protocol.codec import decode
 from caesura_protocol.keys import session_key, station_key
 from caesura_protocol.messages import Heartbeat, Posterior, SampleBatch
 from caesura_protocol.recording import Recording
@@ -90,8 +89,11 @@ def loss(caesura: Caesura, endpoint: str, seconds: float, pace: float) -> bool:
 
 
 def lags(caesura: Caesura, session: str) -> list[float]:
-    """[ms] from the arrival of each batch at a subscriber to the posterior of its time there."""
-    inbox, newest_s, received, found = Inbox(), -np.inf, deque[tuple[float, float]](), list[float]()
+    """[ms] from the arrival of the newest batch at a subscriber to that of the posterior which it completes.
+
+    A batch comes each 0.1 s. From its samples on, the delay would be that of waiting for the next batch.
+    """
+    inbox, received, found = Inbox(), np.inf, list[float]()
     source = FileSource(recording(TURN_S), pace=1.0)
     with (
         caesura.transport.subscribe(station_key(STATION, "samples"), inbox),
@@ -107,12 +109,9 @@ def lags(caesura: Caesura, session: str) -> list[float]:
             now = time.monotonic()
             message = decode(item.payload, item.encoding, SampleBatch, Heartbeat, Posterior)
             if isinstance(message, SampleBatch):
-                newest_s = float(unpack_samples(message)[-1, 0])
-                received.append((newest_s, now))
-            elif isinstance(message, Posterior) and message.t > WARM_UP_S:
-                while received and received[0][0] < message.t:
-                    received.popleft()
-                found.extend(1e3 * (now - when) for _, when in list(received)[:1])
+                received = now
+            elif isinstance(message, Posterior) and message.t > WARM_UP_S and received < now:
+                found.append(1e3 * (now - received))
     return found
 
 

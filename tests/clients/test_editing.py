@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import typer
 from click.testing import Result
+from rich.console import Console
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect, editing, query
@@ -22,11 +23,12 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli import edit_program as edit_program_command
 from caesura_clients.cli.commands import register
-from caesura_clients.cli.edit import nearest_named, parse
+from caesura_clients.cli.edit import corrections_table, nearest_named, parse
 from caesura_clients.cli.pedal import marking
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import (
+    Correction,
     Edit,
     Insert,
     LimitForce,
@@ -38,6 +40,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.recording import Recording
+from caesura_protocol.session_clock import NO_OFFSET
 from clients.conftest import free_port
 from clients.examples import LiveSource, snapshot
 from clients.fake_service import eventually
@@ -240,6 +243,20 @@ def test_the_command_line_lists_corrections_and_takes_any_of_them_back(
     assert states == ["applied"] * 3
 
 
+def test_a_correction_that_is_not_applied_is_listed_with_its_reason():
+    gone = Correction(
+        number=4,
+        author="Ann",
+        at=0.0,
+        action=LimitForce(t=3.0, newton=2.0),
+        state="not_applied",
+        reason="no app exerts a force at 3.00 s any more",
+    )
+    shown = StringIO()
+    Console(file=shown, width=200).print(corrections_table([gone], NO_OFFSET))
+    assert "not applied: no app exerts a force at 3.00 s any more" in shown.getvalue()
+
+
 def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint: str, caesura: Caesura):
     session = taught(caesura, "cell-17")
     before = caesura.snapshot("cell-17", session)
@@ -254,7 +271,7 @@ def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint
     assert (after.status.seq, after.status.revision) == (before.status.seq, before.status.revision)
     done = typed(endpoint, *words)
     assert done.stdout.splitlines() == [
-        f"removed the changepoint at 4.15 s; cell-17/{session} is at revision 1",
+        f"removed the changepoint at 4.24 s; cell-17/{session} is at revision 1",
         *effect,
     ]
     segments = [one for one in segments_of(caesura, "cell-17") if one[0] < 4.15 < one[1]]
@@ -407,6 +424,9 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     assert (beneath.apps, beneath.edit_revision) == (inferred.apps, 2)
     assert "undone: 'move to contact'" in edit("undo")
     assert "undone" in edit()
+    assert "position name set" in edit("change", "1", "position=above the part")
+    assert "above the part" in run("program", "--station", "cell-9", "--session", session)
+    assert "position name as taught" in edit("change", "1", "as-taught=position")
     wrong = ["edit-program", "cell-9", session, "change", "1", "width=3", "--connect", endpoint]
     refused = CliRunner().invoke(app, wrong)
     assert refused.exit_code == 1
@@ -424,8 +444,8 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     ],
 )
 def test_a_value_that_cannot_be_read_is_named_with_what_is_expected(typed: str, message: str):
-    with pytest.raises(CaesuraError, match=message):
-        edit_program_command.parse(["insert", "0", "grasp", typed], snapshot(1).program)
+    with pytest.raises(typer.BadParameter, match=message):
+        edit_program_command.typed(["insert", "0", "grasp", typed])
 
 
 # --- a part that was taught again -------------------------------------------------------------------------
@@ -438,11 +458,15 @@ def with_times(*times: tuple[float, float]) -> Program:
 
 def test_a_part_is_named_by_the_numbers_of_its_apps_or_by_times():
     program = with_times((0.0, 2.0), (2.0, 3.0), (3.0, 6.0), (6.0, 7.0))
-    part = edit_program_command.Part
-    by_number = edit_program_command.parse(["replace", "2", "3"], program, part(session="s2"))
+
+    def parsed(words: list[str], t0: float | None = None, tn: float | None = None) -> object:
+        typed = edit_program_command.typed(words, edit_program_command.Part(t0, tn, "s2"))
+        return edit_program_command.parse(typed, program)
+
+    by_number = parsed(["replace", "2", "3"])
     assert isinstance(by_number, ReplacePart)
     assert (by_number.first.t0, by_number.last.t0, by_number.session) == (2.0, 3.0, "s2")
-    by_time = edit_program_command.parse(["replace"], program, part(1.5, 4.5, "s2"))
+    by_time = parsed(["replace"], 1.5, 4.5)
     assert by_time == by_number, "half of an app has to lie between the times"
 
 
@@ -456,14 +480,27 @@ def test_a_part_is_named_by_the_numbers_of_its_apps_or_by_times():
         (["replace", "1", "9"], (None, None, "s2"), "there is no app '9'"),
         (["replace"], (40.0, 50.0, "s2"), "no app has half of its time between 40 and 50 s"),
         (["replace"], (0.0, 3.0, "s2"), "do not follow each other"),
-        (["replace", "1", "1"], (None, None, "S 2"), "session is 'S 2'"),
+        (["replace", "1", "1"], (None, None, "S 2"), "SESSION is 'S 2'"),
         (["delete", "1"], (None, None, "s2"), "--from, --to and --with belong to replace, not to delete"),
     ],
 )
 def test_a_part_that_is_not_clear_is_refused(words: list[str], part: tuple, message: str):
     program = with_times((0.0, 1.0), (5.0, 6.0), (2.0, 3.0))
-    with pytest.raises(CaesuraError, match=message):
-        edit_program_command.parse(words, program, edit_program_command.Part(*part))
+    with pytest.raises((CaesuraError, typer.BadParameter), match=message):
+        edit_program_command.parse(
+            edit_program_command.typed(words, edit_program_command.Part(*part)), program
+        )
+
+
+def test_what_is_typed_wrong_is_refused_before_anything_is_asked():
+    """It connected first: without a service, a wrong word was answered with that."""
+    commands = typer.Typer()
+    register(commands)
+    for command in ("edit-program", "edit"):
+        words = [command, "cell-1", "s1", "turn", "3", "--connect", "tcp/127.0.0.1:1"]
+        refused = CliRunner().invoke(commands, words, env={"COLUMNS": "200"})
+        assert refused.exit_code == 2
+        assert "'turn 3' is no" in refused.output
 
 
 def test_a_part_is_taught_again_from_the_command_line(endpoint: str, caesura: Caesura):

@@ -81,8 +81,9 @@ def subscribed(viewer: Viewer) -> None:
 
 
 def test_minutes_at_100_hz_arrive_without_loss_beside_a_viewer_that_hangs_and_one_that_leaves(station):
-    rows = rows_of(200 * RATE_HZ)  # 60,000 messages to each viewer: nearly four times its backlog
-    assert 3 * len(rows) > 3 * BACKLOG
+    seconds = 100  # 30,000 messages to each viewer: nearly twice its backlog
+    rows = rows_of(seconds * RATE_HZ)
+    assert 3 * len(rows) > 1.5 * BACKLOG
     port = station.server.port
     with viewing(port, hangs=True), viewing(port) as viewer, ExitStack() as leaving:
         left = leaving.enter_context(viewing(port))
@@ -100,7 +101,7 @@ def test_minutes_at_100_hz_arrive_without_loss_beside_a_viewer_that_hangs_and_on
         assert np.array_equal([one["force"] for one in wrenches], rows[:, 4:7])
         times = np.array([when for when, _ in viewer.messages["/state"]])
         assert np.abs(times - BEGAN * NS - np.round(rows[:, 0] * NS)).max() <= 1000
-        assert 150 <= viewer.count("/path") <= 250
+        assert 0.75 * seconds <= viewer.count("/path") <= 1.25 * seconds
         last = json.loads(viewer.messages["/path"][-1][1])
         assert PATH_POINTS / 2 <= len(last["poses"]) <= PATH_POINTS
         assert viewer.statuses[-1] == f"session {SESSION}"

@@ -105,6 +105,16 @@ class SlowSocket:
             self._held.append(message)
 
 
+def settled(page: Page) -> None:
+    """Until what is drawn was loaded for what is in sight."""
+    page.wait_for_function(
+        """() => {
+          const plots = document.querySelector(".plots").plots;
+          return plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading;
+        }"""
+    )
+
+
 class Visitor:
     """One page of a browser; remembers which hosts it asked for and what went wrong in it."""
 

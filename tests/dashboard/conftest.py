@@ -14,6 +14,8 @@ from clients.examples import snapshot
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+    from dashboard.stage import Stage
+
 Make = Callable[..., Update]
 T = TypeVar("T")
 
@@ -31,6 +33,15 @@ def browser() -> Iterator[Browser]:
 
     with chromium() as browser:
         yield browser
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """A service with a dashboard for the tests of one module."""
+    from dashboard.stage import staged  # noqa: PLC0415 - nicegui may not be installed
+
+    with staged(tmp_path_factory.mktemp("stage")) as stage:
+        yield stage
 
 
 @pytest.fixture

@@ -27,20 +27,36 @@ PAGES = {
     "replay": ("/sessions/cell-2/done-1", "move to contact"),
     "system": ("/system", "caesura-1"),
     "recordings": ("/recordings", "Drop a recording here"),
+    "compare": ("/compare?first=cell-2/done-1&second=cell-3/done-2", "apps differ"),
     "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }
 PHONE = {"width": 390, "height": 844}
 TYPE = {"15px", "21px"}  # of text, and of titles
 MEGABYTE = 1_000_000
+# What a pointer can press or type into, and is shown; each gets a number.
+NUMBERED = """() => {
+  const all = [...document.querySelectorAll("a[href], button, input, select, textarea, summary, [tabindex]")];
+  const shown = all.filter((one) => one.checkVisibility({ visibilityProperty: true })
+    && !one.disabled && one.tabIndex >= 0);
+  shown.forEach((one, number) => { one.dataset.number = number; });
+  return shown.map((one) => one.outerHTML.slice(0, 100));
+}"""
+# The number of what has the focus, and whether a person sees that it has.
+FOCUSED = """() => {
+  const one = document.activeElement, look = getComputedStyle(one);
+  return [one.dataset.number ?? null, look.outlineStyle !== "none" && parseFloat(look.outlineWidth) > 0];
+}"""
 
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    """Station cell-1 is being taught; at cell-2 a demonstration is over."""
+    """Station cell-1 is being taught; at cell-2 and cell-3 a demonstration is over."""
     with staged(tmp_path_factory.mktemp("stage")) as stage:
         stage.teach("cell-2", guided(), session="done-1", pace="4")
+        stage.teach("cell-3", guided(1), session="done-2", pace="fast")
         stage.teach("cell-1", patient())
         stage.wait("cell-2")
+        stage.wait("cell-3")
         yield stage
 
 
@@ -74,6 +90,24 @@ def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visit
     eventually(lambda: visitor.sideways_px() == 0)
     visitor.picture(f"{name}-phone")
     assert visitor.errors == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_tab_reaches_everything_and_shows_where_it_is(stage: Stage, visitor: Visitor, name: str):
+    path, words = PAGES[name]
+    page = goto(stage, visitor, path)
+    expect(page.get_by_text(words).first).to_be_visible()
+    everything = page.evaluate(NUMBERED)
+    assert everything
+    reached, unseen = set[int](), set[str]()
+    for _ in range(2 * len(everything)):  # a card that came meanwhile has no number
+        page.keyboard.press("Tab")
+        number, is_seen = page.evaluate(FOCUSED)
+        if number is not None:
+            reached.add(int(number))
+            unseen |= set() if is_seen else {everything[int(number)]}
+    assert [one for number, one in enumerate(everything) if number not in reached] == []
+    assert unseen == set()
 
 
 def test_stations_are_reported_at_a_glance(stage: Stage, visitor: Visitor):
@@ -145,8 +179,11 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
 
 def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stage: Stage, visitor: Visitor):
     for path in ("/sessions/cell-2/done-1", "/sessions"):
-        link = goto(stage, visitor, path).locator("a.dataset")
-        expect(link).to_contain_text("LeRobot dataset")
+        page = goto(stage, visitor, path)
+        if path == "/sessions":
+            page.locator(".by-station").select_option("cell-2")
+        link = page.locator("a.dataset")
+        expect(link).to_contain_text(re.compile("LeRobot dataset$|of this session"))
         answer = visitor.page.request.get(f"{stage.dashboard.url}{link.get_attribute('href')}")
         assert (answer.status, answer.body()[:2]) == (200, b"PK"), answer.text()
         assert 'filename="cell-2-done-1-lerobot.zip"' in answer.headers["content-disposition"]

@@ -20,8 +20,8 @@ from caesura_protocol.messages import Remove
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import snapshot
-from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
-from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
+from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium, settled
+from dashboard.stage import KINDS, Dashboard, Stage, patient
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -36,12 +36,6 @@ LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(tmp_path_factory.mktemp("stage")) as stage:
-        yield stage
-
-
 class Operator:
     """Somebody at the dashboard, whose station is being taught, and the wire beside it."""
 
@@ -52,9 +46,10 @@ class Operator:
 
     @classmethod
     def at(cls, page: Page, visitor: Visitor) -> Operator:
-        """Somebody at a page that is open already, without the wire."""
+        """Somebody at a page that is open already and has its samples, without the wire."""
         operator = cls.__new__(cls)
         operator.page, operator.visitor = page, visitor
+        settled(page)
         return operator
 
     def wait_for_three_segments(self) -> None:
@@ -395,10 +390,53 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, brow
         assert kept == [pytest.approx(1.6, abs=NEAR_S)]
         looks_right(visitor, "corrections")
 
-        page.get_by_role("button", name="Redo", exact=True).click()
+        def states() -> list[str]:
+            return [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
+
+        expect(page.get_by_role("button", name="Redo", exact=True)).to_have_count(0)
+        page.locator(".plots").press("Control+z")
+        expect(page.locator(".message").first, "the taking back is undone").to_have_text(
+            "Correction 2 counts again."
+        )
         expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
-        states = [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
-        assert states == ["applied"] * 3
+        assert states() == ["applied"] * 3
+        page.locator(".plots").press("Control+y")
+        expect(rows.nth(1)).to_contain_text("undone")
+        assert states() == ["applied", "undone", "applied"]
+        page.get_by_role("button", name="Undo", exact=True).click()
+        expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
+        page.locator(".plots").press("Control+z")
+        expect(rows.first, "then the newest correction").to_contain_text("undone")
+        assert states() == ["applied", "applied", "undone"]
+        caesura.redo("cell-list", "over", author="Bo")
+        expect(rows.first.get_by_role("button", name="Undo")).to_be_visible()
+        page.locator(".plots").press("Control+z")
+        expect(rows.first, "another editor was first: the newest one").to_contain_text("undone")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage, browser: Browser):
+    stage.teach("cell-gone", guided(), session="over", pace="fast")
+    stage.wait("cell-gone")
+    visitor = Visitor(browser)
+    page = visitor.page
+    with stage.reader() as caesura:
+        (pressing,) = [one for one in caesura.snapshot("cell-gone", "over").program.apps if one.force]
+        middle = 0.5 * (pressing.t0 + pressing.tn)
+        caesura.limit_force("cell-gone", "over", middle, 4.0, author="Ann")
+        page.goto(f"{stage.dashboard.url}/sessions/cell-gone/over")
+        row = page.locator(".corrections li").last
+        expect(row).to_contain_text("Ann limited the force")
+        expect(row).not_to_contain_text("Not applied")
+        caesura.relabel("cell-gone", "over", middle, "motion", author="Bo")
+        expect(row).to_contain_text(f"Not applied: no app exerts a force at {middle:.2f} s any more")
+        looks_right(visitor, "correction-gone")
+        page.locator(".corrections li").first.get_by_role("button", name="Undo").click()
+        expect(page.locator(".who")).to_be_visible()
+        page.locator(".who .author").fill("Cem")
+        page.locator(".who .save-name").click()
+        expect(row, "its app is back").not_to_contain_text("Not applied")
     assert visitor.errors == []
     visitor.close()
 
@@ -457,6 +495,7 @@ def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage,
         page.goto(f"{stage.dashboard.url}/sessions/cell-preview/over")
         expect(page.locator(".app").first).to_be_visible()
         operator = Operator.at(page, visitor)
+        expect(operator.plot, "the last samples push nothing out").to_have_attribute("data-from", "0")
 
         page.mouse.click(*operator.place(first.tn), button="right")
         menu = page.locator(".correct-menu")
@@ -560,12 +599,15 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         card.get_by_text("Edit", exact=True).click()
         card.locator(".app-name").fill("Press the pump")
         card.locator(".app-force_n").fill("4")
+        card.locator(".app-target_name").fill("pump head")
         card.locator(".save").click()
-        expect(said).to_contain_text("name set, force set")
+        expect(said).to_contain_text("name set, position name set, force set")
+        expect(card.locator("dl")).to_contain_text("pump head")
         expect(card.locator("h3")).to_contain_text("Press the pump")
         expect(card.locator(".marks")).to_contain_text("force by Ann (taught")
         edited = caesura.snapshot("cell-program", "over").program
         assert edited.apps[pressing].name == "Press the pump"
+        assert edited.apps[pressing].target_name == "pump head"
         assert max(map(abs, edited.apps[pressing].force or ())) <= 4.01
 
         apps.first.get_by_text("Edit", exact=True).focus()

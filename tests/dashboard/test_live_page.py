@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page
 
 from caesura_clients.dashboard.station_summary import reached
 from dashboard.browser import Visitor, needs_chromium
-from dashboard.stage import Stage, staged
+from dashboard.stage import Stage
 from dashboard.subscriber import Subscriber
 from harness.demonstrations import taught
 
@@ -45,12 +45,6 @@ DRAWN_AND_WHOLE = """async () => {
   };
   return columns.map((name) => [name, rows(held, name), rows(found, name)]);
 }"""
-
-
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(tmp_path_factory.mktemp("stage")) as stage:
-        yield stage
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import httpx
 from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.messages import Changepoint
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium, settled
 from dashboard.stage import Stage, staged
 from harness.journals import COLUMNS, ended, taught, written
 from harness.processes import DEADLINE_S, eventually
@@ -88,16 +88,6 @@ def visitor(opened: Visitor) -> Iterator[Visitor]:
 def view(page: Page) -> tuple[float, float]:
     found = [page.locator(".plots").get_attribute(f"data-{name}") for name in ("from", "to")]
     return float(found[0] or "nan"), float(found[1] or "nan")
-
-
-def settled(page: Page) -> None:
-    """Until what is drawn was loaded for what is in sight."""
-    page.wait_for_function(
-        """() => {
-          const plots = document.querySelector(".plots").plots;
-          return plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading;
-        }"""
-    )
 
 
 def check(page: Page, hour: np.ndarray, name: str, first: int, off: np.ndarray) -> None:

@@ -19,7 +19,7 @@ from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
 from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
-from dashboard.stage import Stage, patient, staged
+from dashboard.stage import Stage, patient
 from harness.demonstrations import guided
 from harness.forked import Forked
 from harness.processes import CAESURA, DEADLINE_S, environment, eventually, start
@@ -49,12 +49,6 @@ class StandbyBridge:
         if self._process is not None:
             self._process.kill()
             self._process.wait(DEADLINE_S)
-
-
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(tmp_path_factory.mktemp("stage")) as stage:
-        yield stage
 
 
 @pytest.fixture(scope="module")

@@ -34,6 +34,7 @@ RUN = "CAESURA_TEST_RUN"  # of the environment: the folder of a test run, as in 
 PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 LIMIT = 1 << 20  # [bytes] of one order
 LOCK, ADDRESS = "forking.lock", "forking.socket"  # in the folder of the run
+TIMES = "processor_time"  # in the same folder, where `harness.processor_time` wants to know
 CAN_FORK = hasattr(os, "pidfd_open")  # on Linux
 
 
@@ -60,6 +61,7 @@ class Forked:
         self._status, status = os.pipe()
         order = {"argv": self.args[1:], "env": dict(env or os.environ), "cwd": os.getcwd(), "path": sys.path}
         order["imports"] = list(imports)
+        order["test"] = os.environ.get("PYTEST_CURRENT_TEST", "no test")
         try:
             self.pid = _parent().fork(order, (out, error, status))
         except BaseException:  # else the test that follows fails at pipes that are not closed
@@ -201,10 +203,15 @@ class Child(NamedTuple):
     pid: int
     status: int
     link: socket.socket
+    test: str  # which asked for it
 
-    def reap(self, ended: int) -> None:
+    def reap(self, ended: int, folder: Path) -> None:
         """ended: the descriptor that shows its end."""
-        code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        _, status, used = os.wait4(self.pid, 0)
+        code = os.waitstatus_to_exitcode(status)
+        if (folder / TIMES).exists():
+            with (folder / TIMES).open("a") as file:
+                file.write(json.dumps([self.test, 0.0, used.ru_utime + used.ru_stime]) + "\n")
         with suppress(BrokenPipeError):  # no process waits for it
             os.write(self.status, str(code).encode())
         os.close(self.status)
@@ -228,10 +235,10 @@ def serve(listener: socket.socket, folder: Path) -> list[str]:
         if ready is listener:
             links.append(listener.accept()[0])
         elif ready in living:
-            living.pop(ready).reap(ready)
+            living.pop(ready).reap(ready, folder)
         elif (said := received(ready)) is None:
             links.remove(ready)
-            leave_nothing(ready, living)
+            leave_nothing(ready, living, folder)
             if not links:
                 end_unless_awaited(listener, folder)
         else:
@@ -242,7 +249,7 @@ def serve(listener: socket.socket, folder: Path) -> list[str]:
                 for end in (ends[2], *living, *(child.status for child in living.values())):
                     os.close(end)
                 return become(order, ends[0], ends[1])
-            living[os.pidfd_open(pid)] = Child(pid, ends[2], ready)
+            living[os.pidfd_open(pid)] = Child(pid, ends[2], ready, order["test"])
             os.close(ends[0])
             os.close(ends[1])
             with suppress(BrokenPipeError, ConnectionResetError):  # its process has ended
@@ -263,13 +270,13 @@ def received(link: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
     return order, list(ends)
 
 
-def leave_nothing(link: socket.socket, living: dict[int, Child]) -> None:
+def leave_nothing(link: socket.socket, living: dict[int, Child], folder: Path) -> None:
     """Kill what was forked for a process that has ended."""
     link.close()
     for ended in [ended for ended, child in living.items() if child.link is link]:
         child = living.pop(ended)
         os.kill(child.pid, signal.SIGKILL)
-        child.reap(ended)
+        child.reap(ended, folder)
 
 
 def end_unless_awaited(listener: socket.socket, folder: Path) -> None:

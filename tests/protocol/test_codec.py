@@ -47,7 +47,7 @@ def refusal_of(payload, encoding=None, *expected):
 
 
 @pytest.mark.parametrize("model", MESSAGE_TYPES.values(), ids=MESSAGE_TYPES)
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_every_message_round_trips(model, data):
     message = data.draw(messages(model))

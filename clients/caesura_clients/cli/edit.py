@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -16,6 +16,7 @@ from rich.text import Text
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
+from caesura_clients.cli.typed_actions import validated, wrong
 from caesura_clients.client import Caesura
 from caesura_clients.correction_words import described, effect_words, in_words, meant, no_corrections
 from caesura_clients.editing import edit as edit_session
@@ -30,7 +31,6 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, moment
-from caesura_protocol.validation_words import first_finding
 
 
 class _Form(NamedTuple):
@@ -125,7 +125,7 @@ NOT_SEEN = _SessionSeen(NO_OFFSET, None)
 
 def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
     """What was done; of an undo, what it took back, where that is known."""
-    applied = [one for one in seen.corrections if one.state == "applied"]
+    applied = [one for one in seen.corrections if one.state != "undone"]
     if isinstance(action, TakeBack):
         applied = [one for one in applied if one.number == action.number]
     if isinstance(action, Undo | TakeBack) and applied:
@@ -189,16 +189,11 @@ def parse(words: list[str]) -> Action:
     typed, *values = words
     form = next((one for one in FORMS if _matches(one, typed, values)), None)
     if form is None:
-        raise typer.BadParameter(f"{' '.join(words)!r}, expected one of: {USAGE}", param_hint="ACTION")
+        raise wrong(f"{' '.join(words)!r} is no correction, expected one of: {USAGE}")
     given: dict[str, Any] = dict(zip(form.words, values, strict=True))
     if given.get("newton") == "none":
         given["newton"] = None
-    try:
-        return _ACTION.validate_python({"do": form.do, **given})
-    except ValidationError as error:
-        raise typer.BadParameter(
-            first_finding(error, named=lambda place: str(place[-1]).upper()), param_hint="ACTION"
-        ) from error
+    return validated(_ACTION, {"do": form.do, **given})
 
 
 def _matches(form: _Form, typed: str, values: Sequence[str]) -> bool:
@@ -209,6 +204,7 @@ def corrections_table(corrections: Sequence[Correction], clock: SessionClock) ->
     """The corrections of a session, one a line."""
     table = Table("#", "correction", "at [UTC]", "state", title="corrections", **PLAIN)
     for one in corrections:
-        words = map(Text, (described(one, clock), moment(one.at), one.state))
+        state = one.state.replace("_", " ") + (f": {one.reason}" if one.reason else "")
+        words = map(Text, (described(one, clock), moment(one.at), state))
         table.add_row(str(one.number), *words)
     return table

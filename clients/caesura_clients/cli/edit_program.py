@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -15,13 +15,13 @@ from rich.text import Text
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
+from caesura_clients.cli.typed_actions import validated, wrong
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
-from caesura_protocol.validation_words import first_finding
 
 MM = 0.001  # [m]
 
@@ -48,6 +48,7 @@ CHANGES: Mapping[str, _Value] = {
     "name": _Value("name", str),
     "note": _Value("note", str),
     "target": _TARGET,
+    "position": _Value("target_name", str),
     "speed": _Value("speed", float),
     "force": _Value("force_n", float),
     "tolerance": _Value("tolerance_m", _length),
@@ -113,16 +114,17 @@ def edit_program(
     config: Config = None,
 ) -> None:
     """Edit the program of a session, open or closed; what was inferred stays beneath the edits."""
+    found = typed(action, Part(begins, ends, replacing)) if action else None
     with reported():
         named(station)
         with connected(endpoint, config) as caesura:
             snapshot = caesura.snapshot(station, session)
             program, clock = snapshot.program, clock_of(snapshot.segments.segments)
-            if not action:
+            if found is None:
                 edits = edits_table(program, clock) if program.edits else "no edits"
                 Console().print(*clock_lines(clock), program_view(program, clock), edits, sep="\n")
                 return
-            wanted = parse(action, program, Part(begins, ends, replacing), clock)
+            wanted = parse(found, program, clock)
             seen = program.edit_revision if revision is None else revision
             send_edit(
                 caesura.transport,
@@ -166,62 +168,76 @@ class Part(NamedTuple):
 NO_PART = Part()
 
 
-def parse(
-    words: Sequence[str], program: Program, part: Part = NO_PART, clock: SessionClock = NO_OFFSET
-) -> ProgramAction:
-    """An action as it is typed. Raises CaesuraError, which names what there is."""
+class Typed(NamedTuple):
+    """An edit as it is typed: its first word, the words behind it, and values; apps are still numbers."""
+
+    do: str
+    words: Mapping[str, str]
+    values: Mapping[str, Any]
+    part: Part
+
+
+def typed(words: Sequence[str], part: Part = NO_PART) -> Typed:
+    """Read what needs no program. Raises BadParameter, which names what there is."""
     do, *rest = words
     if do == "replace":
-        return _replacement(rest, program, part, clock)
+        _check_part(rest, part)
+        return Typed(do, dict(zip(WORDS[do], rest, strict=False)), {}, part)
     if part != NO_PART:
-        raise CaesuraError(f"--from, --to and --with belong to replace, not to {do}")
+        raise wrong(f"--from, --to and --with belong to replace, not to {do}")
     names = WORDS.get(do)
     if names is None or len(rest) < len(names) or (do not in VALUES and len(rest) > len(names)):
-        raise CaesuraError(f"{' '.join(words)!r} is no edit, expected one of: {USAGE}")
-    given: dict[str, Any] = dict(zip(names, rest, strict=False))
+        raise wrong(f"{' '.join(words)!r} is no edit, expected one of: {USAGE}")
+    given = dict(zip(names, rest, strict=False))
+    if given.get("kind", "grasp") not in APP_KINDS:
+        raise wrong(f"{given['kind']!r} is no kind of app, expected one of: {', '.join(APP_KINDS)}")
+    values: dict[str, Any] = {}
+    for text in rest[len(names) :]:
+        values |= _value(text, VALUES[do])
+    return Typed(do, given, values, part)
+
+
+def parse(found: Typed, program: Program, clock: SessionClock = NO_OFFSET) -> ProgramAction:
+    """An edit of a program, as it was typed. Raises BadParameter or CaesuraError."""
+    if found.do == "replace":
+        first, last = _part(found, program, clock)
+        fields = {"do": "replace_part", "first": first, "last": last, "session": found.part.session}
+        return validated(_ACTION, fields)
+    given: dict[str, Any] = {**found.words, **found.values}
     for name in ("app", "after"):
         if name in given:
             begins = name == "after" and given[name] == "0"
             given[name] = None if begins else _reference(program, given[name])
-    if given.get("kind", "grasp") not in APP_KINDS:
-        raise CaesuraError(f"{given['kind']!r} is no kind of app, expected one of: {', '.join(APP_KINDS)}")
-    for text in rest[len(names) :]:
-        given |= _value(text, VALUES[do])
-    return _action({"do": do, **given})
+    return validated(_ACTION, {"do": found.do, **given})
 
 
-def _replacement(numbers: Sequence[str], program: Program, part: Part, clock: SessionClock) -> ProgramAction:
-    """A part by the numbers of its first and last app, or by times. Raises CaesuraError."""
+def _check_part(numbers: Sequence[str], part: Part) -> None:
     t0, tn, session = part
     if session is None or len(numbers) != (2 if t0 is None else 0) or (t0 is None) != (tn is None):
-        raise CaesuraError(
+        raise wrong(
             "the part is not clear, expected: replace FIRST LAST --with SESSION, or "
             "replace --from T1 --to T2 --with SESSION"
         )
+
+
+def _part(found: Typed, program: Program, clock: SessionClock) -> tuple[AppReference, AppReference]:
+    """A part by the numbers of its first and last app, or by times. Raises CaesuraError."""
+    t0, tn, _ = found.part
     if t0 is not None and tn is not None:
-        first, last = part_between(program, clock.read(t0), clock.read(tn), clock)
-    else:
-        first, last = (_reference(program, number) for number in numbers)
-    return _action({"do": "replace_part", "first": first, "last": last, "session": session})
-
-
-def _action(fields: Mapping[str, Any]) -> ProgramAction:
-    try:
-        return _ACTION.validate_python(fields)
-    except ValidationError as error:
-        raise CaesuraError(first_finding(error, named=lambda place: str(place[-1]))) from error
+        return part_between(program, clock.read(t0), clock.read(tn), clock)
+    return _reference(program, found.words["first"]), _reference(program, found.words["last"])
 
 
 def _value(text: str, values: Mapping[str, _Value]) -> dict[str, Any]:
-    name, _, typed = text.partition("=")
+    name, _, given = text.partition("=")
     if name not in values:
         expected = ", ".join(f"{known}=…" for known in values)
-        raise CaesuraError(f"{text!r} is no value, expected one of: {expected}")
+        raise wrong(f"{text!r} is no value, expected one of: {expected}")
     value = values[name]
     try:
-        return {value.field: value.read(typed)}
+        return {value.field: value.read(given)}
     except (KeyError, ValueError) as error:
-        raise CaesuraError(f"{name} is {typed!r}, expected {value.expected}") from error
+        raise wrong(f"{name} is {given!r}, expected {value.expected}") from error
 
 
 def _reference(program: Program, number: str) -> AppReference:

@@ -190,13 +190,19 @@ def apps_table(apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET)
         table.add_row(
             app_number(index),
             _title_of(app),
-            "" if app.target is None else " ".join(fixed(1000 * x, 0) for x in app.target),
+            _target_of(app),
             path_in_words(app, unit=""),
             _effort_of_app(app),
             f"{clock.shown(app.t0)}–{clock.shown(app.tn)}",
             f"{app.confidence:.2f}",
         )
     return table
+
+
+def _target_of(app: App) -> Text:
+    """The place [mm] to which an app goes, and what people call it."""
+    place = "" if app.target is None else " ".join(fixed(1000 * x, 0) for x in app.target)
+    return Text(f"{place}\n{app.target_name}" if app.target_name else place)
 
 
 def _title_of(app: App) -> Text:

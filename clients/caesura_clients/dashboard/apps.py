@@ -118,6 +118,7 @@ def _lines(app: App) -> list[tuple[str, str]]:
     taught = f"{vector(app.force_taught, 'N', 1)}: {path_force_in_words(app)}" if limited else ""
     return [
         ("target", "" if app.target is None else vector(scaled(app.target, 1000.0), "mm", 0)),
+        ("position", app.target_name or ""),
         ("path", path(app)),
         ("turn", "" if app.screw is None else screw_in_words(app.screw)),
         ("force", vector(app.force, "N", 1)),

@@ -100,7 +100,7 @@ def changepoint_row(one: Changepoint) -> Cells:
 
 def correction_rows(corrections: Iterable[Correction]) -> list[Cells]:
     """As the module says."""
-    return [[one.number, described(one), one.at, one.state == "undone"] for one in corrections]
+    return [[one.number, described(one), one.at, one.state, one.reason] for one in corrections]
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:

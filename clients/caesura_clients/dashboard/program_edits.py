@@ -122,6 +122,7 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
         "target": app.target,
         "name": app.name or "",
         "note": app.note or "",
+        "target_name": app.target_name or "",
         "values": {name: read(app) for name, has, read in _VALUES if has(app)},
         "changes": [_change(mark) for mark in app.changes],
         "set": [mark.field for mark in app.changes if mark.field not in PLACED],

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Grade = Literal["ok", "warn", "bad"]
+Fault = tuple[object, Grade, str]  # whether it applies, how bad it is, what to do
 
 MARKS: Mapping[Grade, str] = {"ok": "✓", "warn": "!", "bad": "✗"}
 
@@ -22,19 +23,22 @@ class CheckResult:
     station: str | None = None  # None: it concerns all
 
 
-def ok(check: str, found: str, *, station: str | None = None) -> CheckResult:
+def graded(check: str, found: str, *faults: Fault) -> CheckResult:
+    """Grade a finding by the first of the faults that applies; it is ok where none does."""
+    for applies, grade, remedy in faults:
+        if applies:
+            return CheckResult(grade, check, found, remedy)
+    return CheckResult("ok", check, found)
+
+
+def ok(check: str, found: str) -> CheckResult:
     """As it should be."""
-    return CheckResult("ok", check, found, station=station)
+    return CheckResult("ok", check, found)
 
 
-def warn(check: str, found: str, remedy: str, *, station: str | None = None) -> CheckResult:
+def warn(check: str, found: str, remedy: str) -> CheckResult:
     """Make a warning: the check passes, with a limitation."""
-    return CheckResult("warn", check, found, remedy, station)
-
-
-def warn_if(limited: bool, check: str, found: str, remedy: str) -> CheckResult:
-    """Make a warning where a limitation applies, else a passed check without the remedy."""
-    return warn(check, found, remedy) if limited else ok(check, found)
+    return CheckResult("warn", check, found, remedy)
 
 
 def bad(check: str, found: str, remedy: str, *, station: str | None = None) -> CheckResult:

@@ -11,7 +11,6 @@ from caesura_clients.doctor import instances, signal, stations
 from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
 from caesura_clients.doctor.probes import ProbeResult, probe_network
 from caesura_clients.doctor.reach import check_endpoint, no_session
-from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import CaesuraError, Unreachable
 from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.recording import Recording
@@ -60,9 +59,9 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
 
 def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
     """Every check on what was seen."""
-    yield from instances.check_services(probed, installed_version())
-    for check in instances.CHECKS:
-        yield from check(probed)
+    yield from instances.check_services(probed)
+    yield from instances.check_credentials(probed)
+    yield from instances.check_owners(probed)
     for reported in probed.reported:
         yield from instances.check_instance(reported)
     known = stations.stations_of(probed)
@@ -81,7 +80,6 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     samples = signal.CheckedSamples(
         recording.t,
         recording.signals,
-        recording.wrench_source,
         recording.length_unit,
         recording.declared_units,
     )
@@ -92,7 +90,7 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     for doubt in recording.doubts:
         yield warn("units", doubt, "compare the values with the units that are declared")
     yield from signal.check_rate(samples)
-    yield from signal.check_signals(samples)
+    yield signal.check_signals(samples)
     yield from _check_wrench(recording)
     yield from signal.check_noise(samples)
     force = recording.signals.get("force")

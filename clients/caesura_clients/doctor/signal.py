@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_clients.doctor.findings import CheckResult, bad, ok, warn, warn_if
-from caesura_protocol.messages import Quantity, WrenchSource
+from caesura_clients.doctor.findings import CheckResult, graded
+from caesura_protocol.messages import Quantity
 from caesura_protocol.plausibility import METRES, implausible
 from caesura_protocol.recording import unit_remedy
 
@@ -24,10 +25,10 @@ CELL_S = 0.1  # a movement is between means over cells: a tremor is none
 REST_CELLS = 3  # the fewest that say something of noise
 BIAS_LIMIT_N = 5.0  # sensors were measured with 1 to 5 N; more is a tool or a hand that was not tared
 NOISE_LIMIT_N = 1.0
-WHAT_FOR: Mapping[str, str] = {
-    "force": "contact and load cannot be found",
-    "quat": "apps have no orientation",
-    "gripper": "grasps are not seen",
+WITHOUT: Mapping[str, tuple[str, str]] = {  # a signal: what else has it, and what its absence means
+    "force": ("tau", "contact and load cannot be found"),
+    "quat": ("q", "apps have no orientation"),
+    "gripper": ("gripper", "grasps are not seen"),
 }
 
 
@@ -37,9 +38,15 @@ class CheckedSamples:
 
     t: Array
     signals: Mapping[str, Array]
-    wrench_source: WrenchSource | None = None
     length_unit: str = "m"
     declared_units: tuple[Quantity, ...] = ()
+
+
+def check_samples(samples: CheckedSamples) -> Iterator[CheckResult]:
+    """Rate, signals and noise."""
+    yield from check_rate(samples)
+    yield check_signals(samples)
+    yield from check_noise(samples)
 
 
 def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
@@ -47,55 +54,42 @@ def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
     steps = np.diff(samples.t)
     advancing = steps[steps > 0]
     if advancing.size == 0:
-        yield warn("rate", "time does not advance", "check the robot's clock: `t` in seconds")
+        remedy = "check the robot's clock: `t` in seconds"
+        yield CheckResult("warn", "rate", "time does not advance", remedy)
         return
-    middle = float(np.median(advancing))
+    middle, pause = float(np.median(advancing)), float(advancing.max())
     rate, remedy = 1.0 / middle, f"expected {FEWEST_HZ:.0f} to 1000 Hz: is `t` in seconds?"
-    yield warn_if(not FEWEST_HZ <= rate <= MOST_HZ, "rate", f"{rate:.0f} Hz", remedy)
-    yield _regularity(advancing, middle)
-    back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
-    if back.max() > PAUSE_LIMIT_S:
-        row = int(back.argmax()) + 1
-        found = f"sample {row}: time goes back by {back.max():.6g} s"
-        yield bad("clock", found, "it was set, or two recordings are one: divide them there")
-    elif advancing.size < steps.size:
-        found = f"{steps.size - advancing.size} samples whose time does not advance, which are ignored"
-        yield warn("repeats", found, "the source sends samples twice, or its clock steps back")
-
-
-def _regularity(advancing: Array, middle: float) -> CheckResult:
-    pause = float(advancing.max())
+    yield graded("rate", f"{rate:.0f} Hz", (not FEWEST_HZ <= rate <= MOST_HZ, "warn", remedy))
     uneven = float(np.mean(np.abs(advancing - middle) > UNEVEN * middle))
     found = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
-    if pause > PAUSE_LIMIT_S:
-        remedy = f"a pause over {1000 * PAUSE_LIMIT_S:.0f} ms is a gap in the results: look at the source"
-        return warn("regularity", found, remedy)
-    if uneven > UNEVEN_SHARE:
-        remedy = "give samples the time at which they were measured, not at which they were sent"
-        return warn("regularity", found, remedy)
-    return ok("regularity", found)
+    gap = f"a pause over {1000 * PAUSE_LIMIT_S:.0f} ms is a gap in the results: look at the source"
+    late = "give samples the time at which they were measured, not at which they were sent"
+    yield graded(
+        "regularity", found, (pause > PAUSE_LIMIT_S, "warn", gap), (uneven > UNEVEN_SHARE, "warn", late)
+    )
+    back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
+    if back.max() > PAUSE_LIMIT_S:
+        found = f"sample {int(back.argmax()) + 1}: time goes back by {back.max():.6g} s"
+        yield CheckResult("bad", "clock", found, "it was set, or two recordings are one: divide them there")
+    elif advancing.size < steps.size:
+        found = f"{steps.size - advancing.size} samples whose time does not advance, which are ignored"
+        yield CheckResult("warn", "repeats", found, "the source sends samples twice, or its clock steps back")
 
 
-def check_signals(samples: CheckedSamples) -> Iterator[CheckResult]:
+def check_signals(samples: CheckedSamples) -> CheckResult:
     """What is there, and what its absence means."""
-    there = ", ".join(samples.signals)
-    if "pos" not in samples.signals and "q" not in samples.signals:
-        yield warn("signals", f"{there or 'none'}", "neither pos nor q: there is nothing to divide")
-        return
-    missing = [name for name in WHAT_FOR if not _has(samples, name)]
-    if not missing:
-        yield ok("signals", there)
-        return
-    meaning = "; ".join(f"without {name} {WHAT_FOR[name]}" for name in missing)
-    yield warn("signals", there, f"{meaning}: send them if the robot has them")
-
-
-def _has(samples: CheckedSamples, name: str) -> bool:
-    if name == "quat" and "q" in samples.signals:
-        return True  # the joints determine it
-    if name == "force" and "tau" in samples.signals:
-        return True  # an estimate of it
-    return name in samples.signals
+    there = samples.signals
+    nothing = not {"pos", "q"} & {*there}
+    absent = (
+        f"without {name} {what}" for name, (other, what) in WITHOUT.items() if not {name, other} & {*there}
+    )
+    meaning = "; ".join(absent)
+    return graded(
+        "signals",
+        ", ".join(there) or "none",
+        (nothing, "warn", "neither pos nor q: there is nothing to divide"),
+        (meaning, "warn", f"{meaning}: send them if the robot has them"),
+    )
 
 
 def check_noise(samples: CheckedSamples) -> Iterator[CheckResult]:
@@ -110,7 +104,7 @@ def check_noise(samples: CheckedSamples) -> Iterator[CheckResult]:
         f"over {NOISE_LIMIT_N:.0f} N: a hand in the force (say flange_sensor_with_hand), a loose cable, "
         "or no filter in the sensor"
     )
-    yield warn_if(noise > NOISE_LIMIT_N, "wrench noise", found, remedy)
+    yield graded("wrench noise", found, (noise > NOISE_LIMIT_N, "warn", remedy))
 
 
 def check_bias(bias: Array | None) -> Iterator[CheckResult]:
@@ -119,46 +113,34 @@ def check_bias(bias: Array | None) -> Iterator[CheckResult]:
         return
     x, y, z = bias.tolist()
     size = float(np.linalg.norm(bias))
-    found = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, taken off"
     remedy = (
         f"over {BIAS_LIMIT_N:.0f} N: tare the sensor, and let the robot take off the weight of hand and "
         "tool: it turns with the flange, and what is taken off once does not follow"
     )
-    yield warn_if(size > BIAS_LIMIT_N, "wrench bias", found, remedy)
+    found = f"({x:.1f}, {y:.1f}, {z:.1f}) N, {size:.1f} N in all, taken off"
+    yield graded("wrench bias", found, (size > BIAS_LIMIT_N, "warn", remedy))
 
 
 def check_units(samples: CheckedSamples) -> Iterator[CheckResult]:
     """Are times, positions, joints and forces in the units that they are said to have?"""
-    found = implausible(
-        samples.t, samples.signals, length_unit=samples.length_unit, declared=samples.declared_units
-    )
+    unit = samples.length_unit
+    found = implausible(samples.t, samples.signals, length_unit=unit, declared=samples.declared_units)
     if found is not None:
-        yield bad("units", str(found), unit_remedy(found, samples.length_unit))
+        yield CheckResult("bad", "units", str(found), unit_remedy(found, unit))
 
 
 def cells_at_rest(samples: CheckedSamples) -> list[slice]:
-    """Cells of CELL_S in which the robot stayed where it was in the cell before."""
-    is_place = "pos" in samples.signals
-    limit = REST_M_PER_S / METRES[samples.length_unit] if is_place else REST_RAD_PER_S
-    return [cell for cell, moved in _cells(samples) if moved <= limit * CELL_S]
-
-
-def _cells(samples: CheckedSamples) -> list[tuple[slice, float]]:
-    """Cells of CELL_S, each with how far its mean lies from that of the cell before [length_unit or rad].
-
-    Without those that follow a hole.
-    """
+    """Cells of CELL_S in which the robot stayed where it was in the cell before; none after a hole."""
     name = "pos" if "pos" in samples.signals else "q"
     if name not in samples.signals or not len(samples.t):
         return []
+    limit = REST_M_PER_S / METRES[samples.length_unit] if name == "pos" else REST_RAD_PER_S
     numbers = np.floor((samples.t - samples.t[0]) / CELL_S)
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1])
-    starts, ends = starts[:-1], starts[1:]  # the last cell is not whole
-    if len(starts) < 2:
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1])  # the last cell is not whole
+    if len(edges) < 3:
         return []
-    values = samples.signals[name]
-    means = np.array([values[i:j].mean(axis=0) for i, j in zip(starts, ends, strict=True)])
+    cells = [slice(int(i), int(j)) for i, j in pairwise(edges)]
+    means = np.array([samples.signals[name][cell].mean(axis=0) for cell in cells])
     moved = np.linalg.norm(np.diff(means, axis=0), axis=1)
-    follows = np.diff(numbers[starts]) == 1.0
-    cells = [slice(int(i), int(j)) for i, j in zip(starts[1:], ends[1:], strict=True)]
-    return [one for one, near in zip(zip(cells, moved.tolist(), strict=True), follows, strict=True) if near]
+    follows = np.diff(numbers[edges[:-1]]) == 1.0
+    return [cells[i + 1] for i in np.flatnonzero((moved <= limit * CELL_S) & follows)]

@@ -13,9 +13,7 @@ from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus
 from caesura_clients.doctor.signal import (
     CheckedSamples,
     check_bias,
-    check_noise,
-    check_rate,
-    check_signals,
+    check_samples,
     check_units,
 )
 from caesura_protocol.codec import signals_of, unpack_samples
@@ -135,8 +133,7 @@ def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckR
         return
     if status.refused:  # what the service takes is plausible, or its unit was declared
         yield from check_units(samples)
-    for check in (check_rate, check_signals, check_noise):
-        yield from check(samples)
+    yield from check_samples(samples)
 
 
 def _counted_rate(station: StationProbe) -> CheckResult:
@@ -172,7 +169,7 @@ def _samples(station: StationProbe, status: SessionStatus) -> CheckedSamples | N
     if len(matrix) < FEWEST_SAMPLES:
         return None
     signals = signals_of(columns.pop(), matrix)
-    return CheckedSamples(matrix[:, 0], signals, status.wrench.source, status.length_unit)
+    return CheckedSamples(matrix[:, 0], signals, status.length_unit)
 
 
 def _longest_run(numbers: Sequence[int]) -> Sequence[int]:

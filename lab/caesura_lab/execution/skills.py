@@ -41,9 +41,11 @@ NOTHING_TO_PRESS = "there is nothing to press on: no contact was made before"
 BOTTOM_M_PER_S = 0.02  # with which the bottom of what is pushed in is met: it may be hard
 SINKING_PER_S = 6.0  # for each metre that is left to the bottom it may sink so many metres a second faster
 SUNK_M = 0.002  # above the bottom
+RESISTS_SHARE = 0.85  # of a force, from which on what sinks is pressed and not only pushed aside
 URGING_NS_PER_M = 300.0  # by which it is sped up, as long as it resists with less than the force
 SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
+MOST_CREEP_M_PER_S = 0.01  # of a hand in a rest
 JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
 
@@ -94,7 +96,7 @@ class SkillController:
         if self.contact_direction is None and path is not None and seconds > 0.0:
             start, here = np.array(path.start.position), self.setpoint.position
             way = float(np.linalg.norm(start - here))
-            if way <= ASTRAY_M and way <= CREEP_M_PER_S * seconds:
+            if way <= ASTRAY_M and way <= MOST_CREEP_M_PER_S * seconds:
                 creep = Curve.through([0.0, seconds], [here, start])
                 for k in range(1, round(seconds / DT) + 1):
                     self.tick(self._setpoint_at(creep, k * DT))
@@ -104,10 +106,17 @@ class SkillController:
         force_n = rest_newtons(following)[0] if following is not None and rises else None
         self.hold_position(max(seconds - self._settled_s - RELEASE_S * leaves, 0.0), force_n)
 
-    def send_fingers(self, width_m: float) -> None:
-        """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles."""
+    def send_fingers(self, width_m: float, place: ViaPoint | None = None) -> None:
+        """Hold still, move the fingers to a width [m] or onto an object, and wait until the arm settles.
+
+        place: where they move; in contact the tool slides there first.
+        """
         world, safety = self.arm.world, self.safety
-        self.hold_position(SETTLE_S, STANDING_N)
+        if place is None or self.contact_direction is None:
+            self.hold_position(SETTLE_S, STANDING_N)
+        else:
+            way_s = math.dist(place.position, self.setpoint.position) / safety.contact_speed_m_per_s
+            self.rest_until(place, min(STANDING_N, safety.most_force_n), max(way_s, SETTLE_S))
         world.send_fingers(width_m, safety.gripper_m_per_s)
         for _ in range(round(safety.gripper_width_m / safety.gripper_m_per_s / FINGER_POLL_S)):
             self.hold_position(FINGER_POLL_S, STANDING_N)
@@ -205,7 +214,9 @@ class SkillController:
             if torque_stop.reached(measured):
                 break
             self._pressed_n = want
-            wrong = 0.0 if slowed_n or sinks else want + float(along @ self.felt)
+            wrong = 0.0 if slowed_n else want - resists
+            if sinks and resists < RESISTS_SHARE * want:
+                wrong = -self._correction_n  # what was added to press on something else
             corrected = self._correction_n + gain_per_s * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
             sunk += DT * float(along @ measured.twist[:3])
@@ -372,14 +383,21 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
 
 def _grasp(controller: SkillController, app: App, following: App | None) -> None:
     world = controller.arm.world
-    controller.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0))
+    controller.send_fingers(max((app.gripper_width or 0.0) - SQUEEZE_M, 0.0), _place_of(app))
     if not world.held_kg:
         raise RobotStopped(f"nothing between the fingers, which stand at {1000 * world.width_m:.0f} mm")
 
 
 def _move_fingers(controller: SkillController, app: App, following: App | None) -> None:
     width = controller.safety.gripper_width_m if app.gripper_width is None else app.gripper_width
-    controller.send_fingers(width)
+    controller.send_fingers(width, _place_of(app))
+
+
+def _place_of(app: App) -> ViaPoint | None:
+    """Where the fingers were moved."""
+    return (
+        None if app.target is None else ViaPoint(t=app.t0, position=app.target, orientation=app.orientation)
+    )
 
 
 _SKILLS: Mapping[AppKind, Callable[[SkillController, App, App | None], None]] = {

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
-from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, app_title
+from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
 from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import AppPath
 from caesura_protocol.paths import turning_at_points
@@ -93,7 +93,7 @@ def behaviour_tree(program: ProgramFile) -> str:
     name = f"{program.station}/{program.session}, revision {program.revision}"
     sequence = Xml.SubElement(tree, "Sequence", {"name": name})
     for index, app in enumerate(program.apps):
-        title = NO_XML.sub("\N{REPLACEMENT CHARACTER}", app.name or app_title(app.kind))
+        title = NO_XML.sub("\N{REPLACEMENT CHARACTER}", step_title(app.kind, app.name, app.target_name))
         given = {"name": f"{app_number(index)} {title}"} | _inputs(app, program)
         Xml.SubElement(sequence, action_name(app.kind), given)
     models = Xml.SubElement(root, "TreeNodesModel")

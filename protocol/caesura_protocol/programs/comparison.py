@@ -123,7 +123,11 @@ def _of_programs(one: ProgramFile, other: ProgramFile) -> Iterator[str]:
 
 
 def _of_apps(one: App, other: App, least: LeastDifferences, between: str) -> Iterator[str]:
-    for what, text, before in (("name", one.name, other.name), ("note", one.note, other.note)):
+    for what, text, before in (
+        ("name", one.name, other.name),
+        ("note", one.note, other.note),
+        ("position name", one.target_name, other.target_name),
+    ):
         if text != before:
             yield f"{what} {_or_none(text)}{between}{_or_none(before)}"
     yield from _of_poses(one, other, least)

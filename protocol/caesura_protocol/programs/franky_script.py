@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pprint import pformat
 from typing import Any
 
-from caesura_protocol.app_kinds import app_title
+from caesura_protocol.app_kinds import step_title
 from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.paths import turn_of, turning_at_points
@@ -47,7 +47,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
     """What the script needs of an app."""
     row: dict[str, Any] = {
         "kind": app.kind,
-        "title": app.name or app_title(app.kind),
+        "title": step_title(app.kind, app.name, app.target_name),
         "t0": round(app.t0, 3),
         "tn": round(app.tn, 3),
     }

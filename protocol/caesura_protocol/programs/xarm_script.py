@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pprint import pformat
 from typing import Any
 
-from caesura_protocol.app_kinds import APP_KINDS, app_title
+from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
@@ -59,7 +59,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     app = planned.app
     row: dict[str, Any] = {
         "kind": app.kind,
-        "title": app.name or app_title(app.kind),
+        "title": step_title(app.kind, app.name, app.target_name),
         "pause": round(planned.pause_s, 3),
         "wait": round(planned.wait_s, 3),
         "hold": round(planned.hold_s, 3),

@@ -39,7 +39,7 @@ from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
-from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
+from caesura_service.constants import CREEP_M_PER_S, HANDS_BREADTH_M, REST_M_PER_S, TURN_SHARE
 
 
 def correlation(time_s: float) -> float:
@@ -50,8 +50,6 @@ def correlation(time_s: float) -> float:
 # A hand's velocity, its errors on the way, and a sensor's bias that wanders with the pose all last about one
 # submovement.
 MEMORY_S = 0.5
-# A hand that stops creeps on for a while: motion starts and stops where its speed passes 5 to 10 mm/s.
-CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next

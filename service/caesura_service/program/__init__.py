@@ -13,6 +13,7 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
+from caesura_service.program.segment_interpretation import may_press_in
 from caesura_service.program.strokes import may_end_movement
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "holds",
     "log_of",
     "may_end_movement",
+    "may_press_in",
     "observed_share",
     "task_program",
     "with_edits",

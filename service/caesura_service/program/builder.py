@@ -29,6 +29,7 @@ from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
+    OBSERVED_S,
     GripperAction,
     Moment,
     MomentAt,
@@ -37,7 +38,7 @@ from caesura_service.program.program_segment import (
     observed,
 )
 from caesura_service.program.segment_interpretation import ARRIVES_M, kept_steps, pushes_back
-from caesura_service.program.strokes import INSERTED_M, rest_force_n, stroke_force
+from caesura_service.program.strokes import INSERTED_M, rest_force_n, stands, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
@@ -77,8 +78,9 @@ def task_program(
     for number, group in enumerate(groups):
         build = _BUILDERS.get(_group_key(group[0]))
         if build is not None:
+            before = groups[number - 1][-1] if number else None
             after = groups[number + 1 : number + 3]
-            apps += build(_Group(group, after, rest, moment_at, force_limit_n, paths))
+            apps += build(_Group(group, before, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
     return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
 
@@ -94,6 +96,7 @@ class _Group:
     """Consecutive segments that make up one thing, and what is needed to build its apps."""
 
     steps: list[ProgramSegment]
+    before: ProgramSegment | None  # the last step of the group before it
     after: Sequence[Sequence[ProgramSegment]]  # the steps of the two groups that follow
     grips: list[GripperAction]  # not yet used; those that belong to a contact are taken out
     moment_at: MomentAt
@@ -126,9 +129,13 @@ class _Group:
         step: ProgramSegment,
         end: _End | None = None,
         changes: Mapping[str, object] = UNCHANGED,
+        begun: float | None = None,
     ) -> App:
-        """An app over a step with the path to its end, which may lie elsewhere."""
+        """An app over a step; its path goes from `begun` [s] to its end, which may lie elsewhere."""
         t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
+        if begun is not None:
+            late = begun - t0 > OBSERVED_S
+            t0, changes = begun, {**changes, **({"t0": begun} if late else {})}
         path = self.paths.between(t0, tn) if self.paths is not None and tn > t0 else None
         screw = exerted(step.segment.screw) if step.segment.kind == "turning" else None
         return self.app(kind, [step], path=path, screw=screw, **({} if end is None else end.where), **changes)
@@ -184,6 +191,25 @@ class _Group:
         t = early[-1] if early else next(filter(pushes, observed(begin, contact.tn)), first)
         return _End(t, _where(self.moment_at(t)))
 
+    def fingers_moved(self) -> float | None:
+        """When [s] the fingers had moved in a rest before a press: what is pressed was touched after that."""
+        following = self.after[0][0] if self.after else None
+        if following is None or not following.touches or _arrives(following):
+            return None
+        if any(grip.is_near(following.t0, following.tn) for grip in self.grips):
+            return None
+        t0, tn = self.steps[0].segment.t0, self.steps[-1].segment.tn
+        moved = [grip.t for grip in self.grips if t0 <= grip.t < tn - GRIP_SLACK_S]
+        return max(moved) + OBSERVED_S if moved else None
+
+    def landed(self) -> float | None:
+        """When [s] a stroke that begins in the air touches: the way there belongs to what came before it."""
+        first = self.steps[0]
+        if first.rests_before or first.approach or self.before is None or self.before.touches:
+            return None
+        t = self.touched(first).t
+        return t if t < first.segment.tn - OBSERVED_S else None
+
     def pressed(self, hardest: ProgramSegment) -> _End | None:
         """Where it was pressed last with most of the force: the segment's end may lie in the letting go."""
         times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
@@ -214,7 +240,7 @@ def _motions(group: _Group) -> Iterable[App]:
 
 
 def _turns(group: _Group) -> Iterable[App]:
-    """A rest is left out, but for a turn in it."""
+    """A rest is left out, but for a turn in it, and where a press follows after the fingers moved."""
     for step in group.steps:
         turning = group.paths and group.paths.turning(step.segment.t0, step.segment.tn)
         if group.paths and turning:
@@ -222,6 +248,10 @@ def _turns(group: _Group) -> Iterable[App]:
             where = _where(group.moment_at(tn))
             path = group.paths.between(t0, tn)
             yield group.app("cartesian_motion", [step], t0=t0, tn=tn, path=path, **where)
+    if (moved := group.fingers_moved()) is not None:
+        rest, end = group.steps[-1], group.touched(group.after[0][0])
+        path = None if group.paths is None else group.paths.between(moved, end.t)
+        yield group.app("move_to_contact", [rest], t0=moved, tn=rest.segment.tn, path=path, **end.where)
 
 
 def _contacts(group: _Group) -> Iterable[App]:
@@ -289,7 +319,10 @@ def _slides(group: _Group) -> Iterable[App]:
     for step in group.steps:
         force = stroke_force(step, group.moment_at) or step.force
         rests = {"rest_before": _rest(step.rests_before, group), "rest_after": _rest(step.rests_after, group)}
-        yield group.moving("apply_force", step, changes=_forces(force, group.force_limit_n) | rests)
+        begun = group.landed() if step is group.steps[0] else None
+        yield group.moving(
+            "apply_force", step, changes=_forces(force, group.force_limit_n) | rests, begun=begun
+        )
 
 
 def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
@@ -333,6 +366,8 @@ def _average(steps: Sequence[ProgramSegment], value: Callable[[Segment], float])
 def _group_key(step: ProgramSegment) -> str:
     """Transport and hold are one carry; pushing in what gives way is part of the press."""
     kind, contact = step.segment.kind, step.segment.contact
+    if stands(step) and not step.segment.corrected and not step.rests_before and not step.rests_after:
+        return "contact"
     if kind == "turning":
         return TURNS_AS[contact]
     if kind == "sliding" and step.gives_way:

@@ -456,7 +456,7 @@ def _set(name: str) -> Callable[[App, Any], dict[str, Any]]:
 
 
 _SETTERS: Mapping[str, Callable[[App, Any], dict[str, Any]]] = {
-    **{name: _set(name) for name in ("name", "note", "speed", "gripper_width")},
+    **{name: _set(name) for name in ("name", "note", "target_name", "speed", "gripper_width")},
     "target": _set_target,
     "force_n": _set_force,
     "tolerance_m": _set_tolerance,
@@ -476,6 +476,7 @@ def _lacks_force(app: App) -> str:
 #: Why an app cannot have a field, empty where it can; fields that are not here every app has.
 _LACKS: Mapping[str, Callable[[App], str]] = {
     "target": lambda app: "" if "target" in APP_KINDS[app.kind].ports else "has no target",
+    "target_name": lambda app: "has no target" if app.target is None else "",
     "speed": lambda app: "" if may_retime(app) else "is no movement in free space: its speed stays as taught",
     "force_n": _lacks_force,
     "tolerance_m": lambda app: "has no path" if app.path is None else "",

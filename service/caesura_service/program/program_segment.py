@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -78,6 +78,11 @@ class ProgramSegment:
     def tn(self) -> float:
         """When it ends with its rests [s]."""
         return self.parts[-1].segment.tn
+
+    def joined_to(self, before: ProgramSegment) -> ProgramSegment:
+        """It with the segment that it goes on from: one segment from where that one begins."""
+        whole = {"t0": before.segment.t0, "position_start": before.segment.position_start}
+        return replace(self, approach=before.parts, segment=self.segment.model_copy(update=whole))
 
     @property
     def seconds(self) -> float:

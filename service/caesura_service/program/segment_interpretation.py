@@ -6,19 +6,22 @@ A segment is judged by itself. Here it is seen that
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
-- what is held keeps its weight: where its force changes and stays so, it touches;
+- what is held keeps its weight: where its force changes and stays so, it touches. So does a movement before a
+  contact that is pushed back all the way;
 - what the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot. What stands where it was
   gripped is not held yet;
-- a movement far out of what was pressed goes on in the air.
+- a movement far out of what was pressed goes on in the air;
+- a carry, or a turn in the air, that leads nowhere is a rest.
 What an operator has named is what it is.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import takewhile
+from itertools import groupby, takewhile
 from statistics import median
 
 import numpy as np
@@ -26,7 +29,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_service.constants import GRAVITY
+from caesura_protocol.rotations import angle_between
+from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     UNLIKE_N,
@@ -38,8 +42,10 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
+from caesura_service.program.sensor_bias import bias_between
 from caesura_service.program.strokes import (
     DECAY_REACH_M,
+    LEAST_TURN_RAD,
     OUT_M,
     OUT_SHARE,
     with_approaches,
@@ -52,6 +58,9 @@ LASTING = 5  # observations over which a force is averaged
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
+MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
+NOWHERE_RAD = math.radians(3.0)  # of a turn in the air: a check names what is more
+HELD_M = 0.01  # what is carried by less is held: its hold has the path
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -71,24 +80,67 @@ def kept_steps(
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
     kept: list[ProgramSegment] = []
     before: ProgramSegment | None = None
+    earlier: ProgramSegment | None = None  # the one before that: both last for the minimum time
     touched = -1  # the last step in contact, however short
-    for behind, beside, step in zip([None, None, *steps], [None, *steps], steps, strict=False):
+    around = zip([None, None, *steps], [None, *steps], steps, [*steps[1:], None], strict=False)
+    for behind, beside, step, ahead in around:
         touched = beside.index if beside is not None and beside.touches else touched
         if not step.lasts(least_s):
             continue
         last = kept[-1] if kept else None
         if not _lets_go(before, kept, step, moment_at):
             read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
-            read = _leaving(_as_touching(last, read, grips, moment_at))
-            contact = _contact_before(behind, beside, last, grips, least_s)
+            read = _resting(_leaving(_as_touching(last, read, grips, moment_at)), grips, moment_at)
+            contact = _contact_before(behind, beside, earlier, last, grips, least_s)
             if last is not None and not read.touches:
                 if contact is not None:
                     read = _still_touching(contact, _base(last, moment_at), read, moment_at)
-                elif last.segment.contact == read.segment.contact == "transport":
+                elif last.segment.contact == read.segment.contact and (
+                    read.segment.contact == "transport" or _arrives_at(read, ahead)
+                ):
                     read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
-        before = step
-    return with_rests(with_ends(with_approaches(kept, grips), grips, moment_at), grips, moment_at)
+        earlier, before = before, step
+    based = _with_bases(_as_one_hold(kept), grips, moment_at)
+    return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
+
+
+def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:
+    """The same steps; holds that follow each other at once are one."""
+    joined: list[ProgramSegment] = []
+    for step in kept:
+        last = joined[-1] if joined else None
+        holds_on = last is not None and last.segment.kind == step.segment.kind == "hold"
+        if last is None or not holds_on or last.segment.corrected or step.segment.corrected:
+            joined.append(step)
+            continue
+        joined[-1] = step.joined_to(last)
+    return joined
+
+
+def _with_bases(
+    kept: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
+) -> list[ProgramSegment]:
+    """The same steps; of contacts, the force that the sensor makes up is read on both sides of them.
+
+    Where the fingers move, or more has changed than a sensor makes up, something else did change it.
+    """
+    based: list[ProgramSegment] = []
+    for touches, run in groupby(kept, key=lambda step: step.touches):
+        steps, place = list(run), len(based)
+        based += steps
+        if not touches or place == 0 or len(based) == len(kept):
+            continue
+        before, after = kept[place - 1].segment, kept[len(based)].segment
+        changed = np.subtract(_force_at_start(after, moment_at), steps[0].base)
+        if before.contact != after.contact or length(changed) >= MOST_WANDER_N:
+            continue
+        if any(grip.is_near(before.tn, after.t0) for grip in grips):
+            continue
+        bias = bias_between(before, after, steps[0].base, moment_at)
+        for k, step in enumerate(steps, start=place):
+            based[k] = replace(step, base=bias(0.5 * (step.segment.t0 + step.segment.tn)))
+    return based
 
 
 def _hangs(segment: Segment) -> bool:
@@ -119,6 +171,7 @@ def _base(before: ProgramSegment, moment_at: MomentAt) -> Vector:
 def _contact_before(
     behind: ProgramSegment | None,
     beside: ProgramSegment | None,
+    earlier: ProgramSegment | None,
     last: ProgramSegment | None,
     grips: Sequence[GripperAction],
     least_s: float,
@@ -127,15 +180,16 @@ def _contact_before(
 
     That one was read as a contact itself, or is shorter than the minimum time [s]. With something between the
     fingers there may be more of them: what it weighs is known.
-    behind, beside: the last but one and the last step before it, however short; last: the last one kept.
+    behind, beside: the last but one and the last step before it, however short; earlier: the last but one
+    that lasts; last: the last one kept.
     """
     if beside is None or beside.touches:
         return beside
     if not beside.lasts(least_s) and behind is not None and behind.touches:
         return behind
     read = last is not None and last.touches and last.index == beside.index
-    known = (behind is not None and behind.touches) or holds(beside, grips)
-    return last if read and known else None
+    after_contact = any(one is not None and one.touches for one in (behind, earlier))
+    return last if read and (after_contact or holds(beside, grips)) else None
 
 
 def _still_touching(
@@ -145,8 +199,21 @@ def _still_touching(
     return _touching(direction(replace(contact, base=base).force), PUSHES_BACK_N, base, step, moment_at)
 
 
+def _arrives_at(step: ProgramSegment, ahead: ProgramSegment | None) -> bool:
+    """Is it a short movement with nothing in hand, directly before a contact?"""
+    return step.segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
+
+
+def may_press_in(step: ProgramSegment) -> bool:
+    """Is a movement so short that it may press something in? Then it depends on the force before it."""
+    return length(step.moved) < ARRIVES_M
+
+
 def _set_down(base: Vector, step: ProgramSegment, moment_at: MomentAt) -> ProgramSegment:
-    """A load keeps its weight: where its force changes by more than a bias can and stays so, it touches."""
+    """A load keeps its weight, and in the air nothing resists.
+
+    Where the force changes by more than a bias can and stays so, it touches.
+    """
     forces = _forces(observed(step.segment.t0, step.segment.tn), moment_at)
     changed = np.median(forces, axis=0) - base if len(forces) else np.zeros(3)
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, moment_at)
@@ -182,6 +249,13 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
     """[N] median of its last second, for its very end may lie in the contact; 0 where there is no force."""
     forces = _forces(observed(max(segment.t0, segment.tn - BASE_S), segment.tn), moment_at)
+    x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
+    return x, y, z
+
+
+def _force_at_start(segment: Segment, moment_at: MomentAt) -> Vector:
+    """[N] median of its first second; 0 where there is no force."""
+    forces = _forces(observed(segment.t0, min(segment.t0 + BASE_S, segment.tn)), moment_at)
     x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
     return x, y, z
 
@@ -241,6 +315,27 @@ def _leaving(step: ProgramSegment) -> ProgramSegment:
     segment = step.segment
     leaves = segment.kind == "sliding" and step.gives_way and -step.pushed_in >= ARRIVES_M
     return _as(step, "free") if leaves else step
+
+
+def _resting(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt) -> ProgramSegment:
+    """A carry, or a turn in the air, that leads nowhere is a rest: a person and a robot differ in it.
+
+    The path of what the fingers hold is kept; of a turn in the air, only what is less than a check names.
+    """
+    segment = step.segment
+    carried = segment.contact == "transport" and holds(step, grips)
+    turned = segment.contact == "free" and segment.kind == "turning"
+    if segment.corrected or segment.motion == "steady" or not (carried or turned):
+        return step
+    seen = [moment_at(t) for t in observed(segment.t0, segment.tn)]
+    way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
+    turns = [one.orientation for one in seen if one.orientation is not None]
+    most_m, most_rad = (HELD_M, LEAST_TURN_RAD) if carried else (OUT_M, NOWHERE_RAD)
+    if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
+        return step
+    kind = KINDS["steady", segment.contact]
+    still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}
+    return replace(step, segment=segment.model_copy(update=still))
 
 
 def _lets_go(

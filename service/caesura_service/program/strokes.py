@@ -54,8 +54,7 @@ def with_approaches(steps: Sequence[ProgramSegment], grips: Sequence[GripperActi
         if last is None or not touched or not _ends(last, step) or _fingers_move(last.tn, step, grips):
             joined.append(step)
             continue
-        whole = {"t0": last.segment.t0, "position_start": last.segment.position_start}
-        joined[-1] = replace(step, approach=(*last.parts,), segment=step.segment.model_copy(update=whole))
+        joined[-1] = step.joined_to(last)
     return joined
 
 
@@ -98,7 +97,10 @@ def _one_with(
 def with_rests(
     steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
 ) -> list[ProgramSegment]:
-    """The same steps, each stroke with the rests at its ends; those between two strokes end the first."""
+    """The same steps, each stroke with the rests at its ends.
+
+    Those between two strokes end the first, but where they are pressed as the second is and not as the first.
+    """
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
     runs = [
@@ -110,9 +112,11 @@ def with_rests(
         last = joined[-1] if joined else None
         pressed = last is not None and last.touches and not _is_stroke(last)
         ends = last is not None and not last.rests_after and _goes_on(last, run[0])
-        if rests and last is not None and ends and _belong(run, last, moment_at):
+        leads = rests and _leads_to(run, following, moment_at)
+        ends = ends and rests and last is not None and _belong(run, last, moment_at)
+        if ends and last is not None and not (leads and _is_begun(run, last, following[0], moment_at)):
             joined[-1] = replace(last, rests_after=run)
-        elif rests and _leads_to(run, following, moment_at) and not pressed:
+        elif leads and not pressed:
             begins = run
         else:
             joined += (replace(run[0], rests_before=begins), *run[1:])
@@ -137,6 +141,13 @@ def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float 
     time before the touch is left out.
     """
     return _rest_force_n(rests, _felt(rests, moment_at))
+
+
+def stands(step: ProgramSegment) -> bool:
+    """Is a turn in contact so small that it is a rest?"""
+    segment = step.segment
+    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
+    return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
 
 
 def may_end_movement(step: ProgramSegment) -> bool:
@@ -229,9 +240,7 @@ def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
     """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
     segment = step.segment
     pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
-    still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
-    stands = segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
-    if segment.corrected or not (segment.kind == "contact" or pushes or stands):
+    if segment.corrected or not (segment.kind == "contact" or pushes or stands(step)):
         return False
     return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
 
@@ -248,6 +257,17 @@ def _leads_to(
 ) -> bool:
     """Are rests part of the stroke that follows, if one does?"""
     return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
+
+
+def _is_begun(
+    rests: Sequence[ProgramSegment], last: ProgramSegment, following: ProgramSegment, moment_at: MomentAt
+) -> bool:
+    """Are rests between two strokes pressed as hard as the second one is, and not as the first?"""
+    level_n = _level_n(rests, _felt(rests, moment_at))
+    ended, begun = (stroke_force(one, moment_at) for one in (last, following))
+    if level_n is None or ended is None or begun is None:
+        return False
+    return abs(level_n - length(begun)) < UNLIKE_N <= abs(level_n - length(ended))
 
 
 def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegment], bool]) -> int:

@@ -21,7 +21,7 @@ from caesura_service.publishing.session_state import (
     segments_of,
     status_of,
 )
-from caesura_service.segmentation.corrections import EditHistory
+from caesura_service.segmentation.corrections import EditHistory, with_states
 from caesura_service.segmentation.encoded_log import AT_ONCE, M, alike
 from caesura_service.segmentation.view import PipelineView
 
@@ -116,7 +116,9 @@ def update_program(state: SessionState, *, note: str | None = None) -> SessionSt
     header, view = state.program_header, state.view
     notes = (*view.notes, note) if note else view.notes
     complete = not state.is_open
-    if (view.apps, notes, complete) == (state.apps, header.notes, header.complete):
+    corrections = with_states(header.corrections, view.unapplied)
+    known = (state.apps, header.notes, header.complete, header.corrections)
+    if (view.apps, notes, complete, corrections) == known:
         return state
     return _next_program(state, notes=notes, complete=complete)
 
@@ -162,13 +164,17 @@ def replay_edit(state: SessionState, view: PipelineView, edited: EditOutcome, ve
 def apply_corrected_view(state: SessionState, view: PipelineView) -> SessionState:
     """Replace the view by that of the corrections that have been counted already."""
     state, _ = apply_view(state, view, state.counters)
-    header = state.program_header.model_copy(update={"t": observed_until_s(view), "notes": view.notes})
+    corrections = with_states(state.program_header.corrections, view.unapplied)
+    changes = {"t": observed_until_s(view), "notes": view.notes, "corrections": corrections}
+    header = state.program_header.model_copy(update=changes)
     return state._replace(program_header=header, apps=view.apps)
 
 
 def _next_program(state: SessionState, **changes: Any) -> SessionState:
     header, view = state.program_header, state.view
-    changes |= {"version": header.version + 1, "t": observed_until_s(view)} | _program_context(view)
+    corrections = with_states(changes.get("corrections", header.corrections), view.unapplied)
+    changes |= {"version": header.version + 1, "t": observed_until_s(view), "corrections": corrections}
+    changes |= _program_context(view)
     return state._replace(program_header=header.model_copy(update=changes), apps=view.apps)
 
 

@@ -11,11 +11,13 @@ Rules
 - Undo takes the last one away, take_back any of them. Redo puts back what was taken away last, at its place
   among the others, and a new one ends what could be put back.
 - A correction that set a changepoint stays while a later one refers to that changepoint.
+- A correction whose place is gone is listed as not applied, and is applied again once its place is back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -43,6 +45,7 @@ from caesura_service.journal import Edit, Resolution
 REACH_S = 0.5  # a changepoint this close is meant
 AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
 NAMED = 3  # changepoints that a refusal names
+OVERLAP = 16  # apps that may begin before a time and reach beyond it, at most
 # What a later correction did to the changepoint that an earlier one set.
 _REFERS = {
     "move": "moved that changepoint on",
@@ -246,9 +249,11 @@ class FilterConstraints:
         self._known = known
         self._inserted = sorted(inserted, reverse=True)
         self._certain: set[int] = set()
+        self._placed: set[int] = set()
         self.anew = sum(one.anew for one in corrections)  # corrections that were resolved once more
         self._labels = [one.label for one in corrections if one.label is not None]
         self._forces = [one.force for one in corrections if one.force is not None]
+        self._made = [one for one in corrections if one.made is not None]
         self._names = [one.name for one in corrections if one.name is not None]
 
     def start(self, index: int, until: float) -> bool | None:
@@ -261,10 +266,15 @@ class FilterConstraints:
         said = [self._known[index]] if index in self._known else []
         while self._inserted and self._inserted[-1][0] < until:
             said.append((self._inserted.pop()[1], True))
+            self._placed.add(index)
         answer = max(said)[1] if said else None
         if answer:
             self._certain.add(index)
         return answer
+
+    def is_placed(self, index: int) -> bool:
+        """Return whether a correction states the time of a start there."""
+        return index in self._placed
 
     def is_certain(self, index: int) -> bool:
         """Return whether a correction sets a start there."""
@@ -285,10 +295,49 @@ class FilterConstraints:
         given = [name for t, name in self._names if phase.t0 <= t < phase.tn]
         return phase.model_copy(update={"name": given[-1]}) if given else phase
 
+    def unapplied(self, apps: Sequence[App], is_beyond: Callable[[float], bool]) -> Mapping[int, str]:
+        """Return why corrections are not applied, by their numbers; those that are applied are left out.
+
+        apps: of the program, in the order of their beginnings; is_beyond: will a time [s] never be observed?
+        """
+        reasons = {}
+        for one in self._made:
+            if one.inserted is not None and is_beyond(one.inserted):
+                reasons[one.number] = f"the session ended before {one.inserted:.2f} s"
+            elif one.force is not None and not _is_exerted(one.force[0], apps):
+                reasons[one.number] = f"no app exerts a force at {one.force[0]:.2f} s any more"
+        return reasons
+
+    def notes(self, unapplied: Mapping[int, str]) -> Iterator[str]:
+        """Say of each correction that is not applied whose it is, and why."""
+        for number, reason in unapplied.items():
+            made = next(one.made for one in self._made if one.made is not None and one.number == number)
+            yield f"Correction {number} by {made.author} ({made.action.do}) is not applied: {reason}."
+
     @property
     def limits_forces(self) -> bool:
         """Return whether a correction limits a force."""
         return bool(self._forces)
+
+
+def with_states(corrections: Sequence[Correction], unapplied: Mapping[int, str]) -> tuple[Correction, ...]:
+    """Return corrections as the program lists them. unapplied: reasons, by number."""
+
+    def stated(one: Correction) -> Correction:
+        reason = unapplied.get(one.number)
+        if one.state == "undone" or one.reason == reason:
+            return one
+        state = "applied" if reason is None else "not_applied"
+        return one.model_copy(update={"state": state, "reason": reason})
+
+    return tuple(map(stated, corrections))
+
+
+def _is_exerted(t: float, apps: Sequence[App]) -> bool:
+    """Does an app exert a force at a time [s]? Of the thousands of an hour only the nearest are read."""
+    behind = bisect_right(apps, t, key=lambda app: app.t0)
+    near = (apps[index] for index in range(max(0, behind - OVERLAP), behind))
+    return any(app.force is not None and t <= app.tn for app in near)
 
 
 def resolved(action: Change, shown: EditContext) -> ResolvedEdit:

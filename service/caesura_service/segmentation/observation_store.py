@@ -25,7 +25,7 @@ Row = tuple[float, ...]
 _T, _POSITION, _FORCE = 0, slice(1, 4), slice(4, 7)
 _SUMS, _HOLDING, _AFTER_GAP, _GRIPPER = slice(7, 9), 9, 10, 11
 _ORIENTATION, _JOINTS = slice(12, 16), slice(16, 16 + JOINTS_MOST)  # nan where unknown, as the gripper
-_SCALE, _ROTATION, _TORQUE, _COLUMNS = 24, slice(25, 28), slice(28, 31), 31
+_SCALE, _ROTATION, _TORQUE, _BOUNDARY, _COLUMNS = 24, slice(25, 28), slice(28, 31), 31, 32
 _ROW = struct.Struct(f"{_COLUMNS}d")
 _NO_ORIENTATION, _NO_JOINTS, _UNTURNED = (np.nan,) * 4, (np.nan,) * JOINTS_MOST, (0.0,) * 3
 _NO_TORQUE = (np.nan,) * 3
@@ -75,6 +75,7 @@ class ObservationStore:
                 force_scale(observation),
                 *(_UNTURNED if observation.rotation is None else observation.rotation.tolist()),
                 *(_NO_TORQUE if observation.torque_base is None else observation.torque_base.tolist()),
+                np.nan if observation.boundary_before is None else observation.boundary_before,
             )
         )
         self._count += 1
@@ -94,6 +95,11 @@ class ObservationStore:
     def t(self, index: int) -> float:
         """[s] time of an observation."""
         return self._row(index)[_T]
+
+    def boundary_before(self, index: int) -> float | None:
+        """[s] where a segment begins that starts with the observation before; None where it is unknown."""
+        found = self._row(index)[_BOUNDARY]
+        return None if math.isnan(found) else found
 
     def position(self, index: int) -> tuple[float, float, float]:
         """[m] flange position."""
@@ -124,12 +130,12 @@ class ObservationStore:
         return x, y, z
 
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
-        """Times (n,) [s] and flange poses (n, 7) from the last observation up to t0 to the last up to tn.
+        """Times (n,) [s] and flange poses (n, 7) from the observation nearest to t0 to that nearest to tn.
 
         So what begins where another ends has that end as its start; behind a gap it starts there. Poses are
         (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
         """
-        start, end = (max(self._first_from(t + SAME_S) - 1, 0) for t in (t0, tn))
+        start, end = self.nearest(t0), self.nearest(tn)
         if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
             start += 1
         rows = self._rows(start, end, POSES)
@@ -170,9 +176,9 @@ class ObservationStore:
 
     def moment(self, t: float) -> Moment:
         """The pose at the observation nearest to a time [s]."""
-        return self.moment_at(self._nearest(t))
+        return self.moment_at(self.nearest(t))
 
-    def _nearest(self, t: float) -> int:
+    def nearest(self, t: float) -> int:
         """The observation nearest to a time [s], or the earlier of two. Raises IndexError without one."""
         if not self._count:
             raise IndexError("no observation yet")

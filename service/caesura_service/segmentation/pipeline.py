@@ -22,7 +22,7 @@ from caesura_protocol.messages import App, Change, Gap, Open, Phase, WrenchRepor
 from caesura_protocol.plausibility import UNITS, FirstSecond
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.changepoint.preset import STEP_S, Preset
+from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import KNOWN_PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
 from caesura_service.coaching import (
@@ -180,11 +180,13 @@ class _Happened(NamedTuple):
         (),
         None,
     )  # grips, gaps, tare
+    last_start_t: float = 0.0  # [s]
 
     def is_like(self, before: Self) -> bool:
         """Is nothing else than before, but that some segments have become final?"""
         (known, growing_before), (final, growing) = before.outline, self.outline
-        return growing == growing_before[final - known :] and self.beside == before.beside
+        alike = self.beside == before.beside and self.last_start_t == before.last_start_t
+        return alike and growing == growing_before[final - known :]
 
 
 class _Looked(NamedTuple):
@@ -289,7 +291,7 @@ class SegmentationPipeline:
 
     def observation_at(self, t: float) -> int:
         """The observation at which a changepoint that is inserted at a time [s] starts a segment."""
-        return max(1, bisect_right(self._division.places, t, key=lambda place: place + 0.5 * STEP_S))
+        return max(1, bisect_right(range(len(self._history)), t, key=self._history.t))
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Self:
         """The same demonstration with these corrections from its first sample on; takes the place of this."""
@@ -416,7 +418,9 @@ class SegmentationPipeline:
 
     def _happened(self) -> _Happened:
         beside = len(self._grips), self._gaps.all, self._conditioner.tare
-        return _Happened(self._division.outline(), beside)
+        outline = self._division.outline()
+        last_start_t = self._division.start_t(outline[1][-1][0]) if outline[1] else 0.0
+        return _Happened(outline, beside, last_start_t)
 
     def _newest(self) -> dict[str, Any]:
         """What every observation changes of a view."""
@@ -444,12 +448,13 @@ class SegmentationPipeline:
         give_way()
         phases = self._phases_with(parts) if before is None else before.phases
         give_way()
+        unapplied = self._heeded.unapplied(apps, self._is_beyond)
         return PipelineView(
             **self._newest(),
             changepoints=division.settled.changepoints(parts),
             segments=division.settled.segments(parts),
             apps=apps,
-            notes=self._notes(),
+            notes=(*self._notes(), *self._heeded.notes(unapplied)),
             gaps=self._gaps.all,
             wrench=_wrench_report(
                 self._opening,
@@ -463,6 +468,7 @@ class SegmentationPipeline:
             force_limit_n=self._opening.force_limit_n,
             robot=self._opening.robot,
             phases=phases,
+            unapplied=unapplied,
         )
 
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
@@ -485,6 +491,10 @@ class SegmentationPipeline:
             growing = bool(steps) and not self._finished
             self._program.paths.settled_until = steps[-1].segment.t0 if growing else math.inf
         return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
+
+    def _is_beyond(self, t: float) -> bool:
+        """Has the session ended before a changepoint at this time [s]?"""
+        return self._finished and self.observation_at(t) >= self._division.online.count
 
     def _limited(self, app: App) -> App:
         limit_n = self._heeded.force_limit(app)

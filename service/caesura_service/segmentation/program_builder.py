@@ -2,10 +2,10 @@
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
 it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments, is not
-part of a carry, and is too long for the end of another motion. The program is then that of the segments up to
-it, and that of the segments from it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the
-last of them in no contact. A gap that touches what lies before it is known by then: it ends where a segment
-begins, and the quiet place is one.
+part of a carry, is too long for the end of another motion, and that no contact follows where it may press
+something in. The program is then that of the segments up to it, and that of the segments from it on. Where
+nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them in no contact. A gap that touches
+what lies before it is known by then: it ends where a segment begins, and the quiet place is one.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from caesura_service.program import (
     ProgramSegment,
     holds,
     may_end_movement,
+    may_press_in,
     task_program,
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
@@ -124,7 +125,8 @@ class IncrementalProgramBuilder:
         for i in range(last, begin, -1):
             step, t0 = steps[i], steps[i].segment.t0
             before, kind = steps[i - 1], step.segment.kind
-            touched = before.touches or (i > 1 and steps[i - 2].touches)
+            touched = before.touches or (i > 1 and steps[i - 2].touches) or self._touched_earlier(steps, i)
+            touched = touched or (may_press_in(step) and (i + 1 >= settled or steps[i + 1].touches))
             moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             if self._lasts(step) and moves and not holds(step, known) and not gripped:
@@ -132,6 +134,11 @@ class IncrementalProgramBuilder:
         if last < begin + MOST_UNQUIET:
             return 0
         return next((i for i in range(last, begin, -1) if not steps[i].touches), last)
+
+    def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
+        """Was the last step but one that lasts, before a place, in contact?"""
+        earlier = next((steps[k] for k in range(i - 2, -1, -1) if self._lasts(steps[k])), None)
+        return earlier is not None and earlier.touches
 
     def _lasts(self, step: ProgramSegment) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""

@@ -17,7 +17,7 @@ from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.segments import Classification, InferredSegment, outline, stretches
 from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 from caesura_service.changepoint.turn_in_place import centre_of
-from caesura_service.constants import TARED_BIAS_N
+from caesura_service.constants import GRID_HZ, TARED_BIAS_N
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.segmentation.corrections import FilterConstraints
 from caesura_service.segmentation.finalized_segments import FinalizedSegments, SegmentEntry
@@ -73,7 +73,9 @@ class Segmenter:
         self.tared, self._orientation = tared, orientation
         self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
         self.settled = FinalizedSegments()
-        self.places = array("d")  # [s] where a segment begins whose first own observation is this one
+        # [s] Where a segment begins whose first own observation is this one: midway from the one before, as
+        # the posterior has it, and where the speed has it, as it is shown.
+        self.places, self._starts_t = array("d"), array("d")
         self._preset, self._history, self._heeded = preset, history, heeded
         self._bias_n = _bias_n(source, tared=tared)
         self._decided = (
@@ -92,15 +94,29 @@ class Segmenter:
     def step(self, index: int) -> None:
         """Filter an observation, with its corrections.
 
-        A segment that joins the one before begins somewhere between two observations: midway, then.
+        A segment that joins the one before begins somewhere between two observations: it is shown midway
+        until the next observation has the place.
         """
         history, after_gap = self._history, self._history.after_gap(index)
         joins = index and self._preset.continuous and not after_gap
         place = 0.5 * (history.t(index - 1) + history.t(index)) if joins else history.t(index)
+        self._place_before(index)
         self.places.append(place)
+        self._starts_t.append(place)
         said = self._heeded.start(index, place + 0.5 * STEP_S)
         follower = self._decided or self.online
         follower.step(history.observed(index), boundary=after_gap, changepoint=said)
+
+    def _place_before(self, index: int) -> None:
+        """Put the start with the observation before this one where the speed has it, if no person has."""
+        place = self._history.boundary_before(index)
+        if place is None or not self._preset.continuous or self._heeded.is_placed(index - 1):
+            return
+        self._starts_t[index - 1] = max(place, self._starts_t[index - 2] + 1.0 / GRID_HZ)
+
+    def start_t(self, index: int) -> float:
+        """[s] where a segment is shown to begin whose first own observation is this one."""
+        return self._starts_t[index]
 
     def outline(self) -> tuple[int, list[tuple[int, int]]]:
         """Changes where the demonstration is divided otherwise, evidence names it otherwise, or it settles.
@@ -175,7 +191,7 @@ class Segmenter:
         seen = self._seen.get(stretch.start)
         if seen is None or self._finished:
             return _Seen(stretch, load, self._segment(stretch, load), self._changepoint(stretch))
-        stays, start_stays = self._stays(seen, stretch, load), _starts_alike(seen.stretch, stretch)
+        stays, start_stays = self._stays(seen, stretch, load), self._start_stays(seen, stretch)
         segment = seen.segment if stays else self._segment(stretch, load)
         changepoint = seen.changepoint if start_stays else self._changepoint(stretch)
         return _Seen(stretch, load, segment, changepoint)
@@ -186,17 +202,30 @@ class Segmenter:
         return (
             (before.end, before.end_final, before.verdict)
             == (stretch.end, stretch.end_final, stretch.verdict)
-            and seen.segment.tn == self._end(stretch.end)
+            and (seen.segment.t0, seen.segment.tn) == (self._starts_t[stretch.start], self._end(stretch.end))
             and seen.load == load
         )
 
+    def _start_stays(self, seen: _Seen, stretch: InferredSegment) -> bool:
+        """Does it begin where what was seen does, for all that is known?"""
+        before, shown = seen.stretch, seen.changepoint
+        known = before.start_probability, before.start_interval, before.start_final
+        now = stretch.start_probability, stretch.start_interval, stretch.start_final
+        return known == now and (shown.t, shown.t_low, shown.t_high) == self._start_times(stretch)
+
+    def _start_times(self, stretch: InferredSegment) -> tuple[float, float, float]:
+        """[s] where a segment begins, and between which middles that lies with probability 0.9."""
+        t, (low, high) = self._starts_t[stretch.start], stretch.start_interval
+        return t, min(t, self.places[low]), max(t, self.places[high])
+
     def _segment(self, stretch: InferredSegment, load: Load | None) -> Segment:
         found, history = stretch.verdict, self._history
-        begin, last = stretch.start - self._joins(stretch.start), stretch.end - 1
+        t0, tn = self._starts_t[stretch.start], self._end(stretch.end)
+        begin, last = self._ends(stretch, t0, tn)
         turn, centre = self._turn(begin, last, found.kind.name)
         return Segment(
-            t0=self.places[stretch.start],
-            tn=self._end(stretch.end),
+            t0=t0,
+            tn=tn,
             kind=found.kind.name,
             motion=found.kind.motion,
             contact=found.kind.contact,
@@ -216,6 +245,14 @@ class Segmenter:
             centre=centre,
             screw=self._screw(begin, last, found.kind),
         )
+
+    def _ends(self, stretch: InferredSegment, t0: float, tn: float) -> tuple[int, int]:
+        """The observations nearest to the times [s] between which a segment lies, as its path has them."""
+        own = stretch.start - self._joins(stretch.start), stretch.end - 1
+        if not self._preset.continuous:
+            return own
+        begin, last = self._history.nearest(t0), self._history.nearest(tn)
+        return (begin, last) if begin < last else own
 
     def _turn(self, begin: int, last: int, kind: str) -> tuple[Vector | None, Vector | None]:
         """By how much the robot turns from one observation to another [rad], and where the axis lies [m]."""
@@ -240,16 +277,17 @@ class Segmenter:
     def _end(self, end: int) -> float:
         """[s] Where a segment ends that has observations up to `end`, which is not its own."""
         missing = end == self.online.count or end in self.online.boundaries
-        return self._history.t(end - 1) if missing else self.places[end]
+        return self._history.t(end - 1) if missing else self._starts_t[end]
 
     def _changepoint(self, stretch: InferredSegment) -> Changepoint:
         final = stretch.start_final or self._finished
+        t, t_low, t_high = self._start_times(stretch)
         return Changepoint(
-            t=self.places[stretch.start],
+            t=t,
             probability=stretch.start_probability,
             certainty="final" if final else "provisional",
-            t_low=self.places[stretch.start_interval[0]],
-            t_high=self.places[stretch.start_interval[1]],
+            t_low=t_low,
+            t_high=t_high,
             corrected=self._heeded.is_certain(stretch.start),
         )
 
@@ -257,9 +295,3 @@ class Segmenter:
 def _bias_n(source: WrenchCapabilities, *, tared: bool) -> float:
     """[N] scale of what free space reads. A tracked bias is scaled to that of a tared sensor."""
     return TARED_BIAS_N if tared or source.bias == "mixture" else UNTARED_BIAS_N
-
-
-def _starts_alike(one: InferredSegment, other: InferredSegment) -> bool:
-    """Is the same shown of where they begin?"""
-    known = one.start_probability, one.start_interval, one.start_final
-    return known == (other.start_probability, other.start_interval, other.start_final)

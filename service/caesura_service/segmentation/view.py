@@ -6,7 +6,8 @@ and the program lie behind it; ordering, numbering and the wire lie before it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -61,6 +62,7 @@ class PipelineView(NamedTuple):
     robot: str | None = None  # None: not stated
     phases: Sequence[Phase] = ()
     hints: tuple[Hint, ...] = ()  # active ones, and the newest of those that are cleared
+    unapplied: Mapping[int, str] = MappingProxyType({})  # why corrections are not applied, by their numbers
 
 
 class Pipeline(Protocol):

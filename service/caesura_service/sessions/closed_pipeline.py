@@ -85,6 +85,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
         robot=snapshot.program.robot,
         phases=packed(Phase, snapshot.segments.phases),
         hints=snapshot.hints.hints if snapshot.hints else (),
+        unapplied={one.number: one.reason for one in snapshot.program.corrections if one.reason is not None},
     )
 
 

@@ -21,6 +21,8 @@ class Backend(NamedTuple):
     flange_rows: Callable[..., None]
     openings: Callable[..., float]
     fit: Callable[..., float]
+    speeds_of: Callable[..., None]
+    boundary_row: Callable[..., int]
     finish: Callable[..., None]
 
 

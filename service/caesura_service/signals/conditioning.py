@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import GRID_HZ
+from caesura_service.constants import GRID_HZ, HANDS_BREADTH_M
 from caesura_service.signals.backend import Backend, best
 from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
+from caesura_service.signals.boundary_place import RecentRows
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
 from caesura_service.signals.grid import MAX_WAITING_SAMPLES, NOTHING, Block, GridState, Resampler
@@ -111,6 +112,7 @@ class _State(NamedTuple):
     rows: int = 0  # of the segmentation grid
     bias: BiasState = BiasState()
     turned: Turned = Turned()  # by the last observation
+    recent: RecentRows = RecentRows()  # of the last observations
 
 
 class Conditioner:
@@ -308,15 +310,25 @@ class Conditioner:
             row, velocity, speed = self._fit(recent, i)
             t = self._resampler.time_of(anchor, first + i)
             after_gap = state.after_gap and not filtered
-            filtered.append(FilteredRow(state.rows + len(filtered), t, row, velocity, speed, after_gap))
+            speeds = self._speeds(recent, max(i + 1 - every, half), i)
+            filtered.append(
+                FilteredRow(state.rows + len(filtered), t, row, velocity, speed, speeds, after_gap)
+            )
         return filtered
+
+    def _speeds(self, rows: Array, first: int, last: int) -> Array:
+        """Speeds (n,) [m/s] at rows first to last, see `numpy_operations.speeds_of`."""
+        speeds = np.empty(last + 1 - first)
+        lever = HANDS_BREADTH_M if self._columns.orientation is not None else 0.0
+        self._arithmetic.speeds_of(rows, first, self._filter.taps[1], lever, speeds)
+        return speeds
 
     def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:
         """Hand out the waiting rows as observations once the tare is known."""
         tare = state.tare.tare
         if tare is None or not state.waiting:
             return state, ()
-        turned, bias, observations = state.turned, state.bias, []
+        turned, bias, recent, observations = state.turned, state.bias, state.recent, []
         for filtered in state.waiting:
             row = tared_row(filtered.row, self._columns, tare, self._arithmetic)
             if self._columns.orientation is not None:
@@ -327,5 +339,14 @@ class Conditioner:
                 mean, scale = tracker.estimate(bias)
                 bias, force = tracker.advance(bias, force), force - mean
                 force.setflags(write=False)
-            observations.append(observation_of(filtered, row, self._columns, tare, turned, force, scale))
-        return state._replace(waiting=(), turned=turned, bias=bias), tuple(observations)
+            recent = recent.with_row(filtered, force)
+            boundary = recent.boundary(
+                self._every,
+                self.parameters.grid_hz,
+                self._arithmetic,
+                contact=self.layout.source.contact_models,
+            )
+            observations.append(
+                observation_of(filtered, row, self._columns, tare, turned, force, scale, boundary)
+            )
+        return state._replace(waiting=(), turned=turned, bias=bias, recent=recent), tuple(observations)

@@ -118,6 +118,38 @@ def fit(rows: Array, centre: int, taps: Array, moving: int, both: Array) -> floa
     return length(both[1, :FORCE])
 
 
+def speeds_of(rows: Array, first: int, slopes: Array, lever: float, speeds: Array) -> None:
+    """Speeds (n,) [m/s] at rows first, first + 1, …: the flange's, or by what it turns at a lever if more.
+
+    slopes: (window,) weights of the rows about each in the slope of a polynomial. lever [m]; 0 where there is
+    no quaternion. A unit quaternion changes by half the rotation.
+    """
+    window = len(slopes)
+    for k in range(len(speeds)):
+        start = first + k - window // 2
+        slope = np.add.reduce(slopes[:, None] * rows[start : start + window], axis=0)
+        speeds[k] = length(slope[:FORCE])
+        if lever:
+            speeds[k] = max(speeds[k], 2.0 * lever * length(slope[TURN : TURN + 4]))
+
+
+def boundary_row(speeds: Array, first: int, last: int, creep: float, rest: float) -> int:
+    """The row, of rows first to last of speeds (n,) [m/s], at which a boundary lies.
+
+    The one nearest to where the speed leaves `rest` for the last time, or comes down to it for the first.
+    Without either it is the slowest row of a movement, or the fastest of a rest. Of a rest that is never
+    faster than `creep` it is the middle one. creep, rest [m/s].
+    """
+    seen = speeds[first : last + 1]
+    moving = seen >= rest
+    if moving[0] == moving[-1]:
+        at = int(np.argmin(seen) if moving[0] else np.argmax(seen))
+        return first + at if moving[0] or seen[at] >= creep else (first + last) // 2
+    passes = np.flatnonzero(moving[:-1] != moving[1:])
+    at = int(passes[-1] if moving[-1] else passes[0])
+    return first + at + int(abs(seen[at + 1] - rest) < abs(seen[at] - rest))
+
+
 def finish(x: float, y: float, z: float, oriented: bool, row: Array) -> None:
     """Take a bias off the force of a flange row (columns,), and bring its quaternion to unit length."""
     row[FORCE : FORCE + 3] -= (x, y, z)

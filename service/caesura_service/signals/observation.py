@@ -38,6 +38,7 @@ class Observation:
     bias_n: float | None = None  # [N] scale of what free space reads, where it is tracked
     rotation: Array | None = None  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
     torque_base: Array | None = None  # (3,) [Nm] of the environment about the flange, where it is tared
+    boundary_before: float | None = None  # [s] of a segment that starts with the observation before
 
 
 class FilteredRow(NamedTuple):
@@ -48,6 +49,7 @@ class FilteredRow(NamedTuple):
     row: Array  # (c,) a flange row
     velocity: Array  # (3,)
     speed: float
+    speeds: Array  # (n,) [m/s] at the grid rows since the observation before, the last one its own
     after_gap: bool
 
 
@@ -82,10 +84,12 @@ def observation_of(
     turned: Turned,
     force: Array,
     bias_n: float | None,
+    boundary_before: float | None,
 ) -> Observation:
     """Put the parts of a tared flange row (c,) under their names.
 
-    force: (3,) [N] less its tracked bias, of scale bias_n [N]; None where none is tracked.
+    force: (3,) [N] less its tracked bias, of scale bias_n [N]; None where none is tracked. boundary_before
+    [s]: see `boundary_place`.
     """
     filtered.velocity.setflags(write=False)
     width, closed = row[columns.width :].tolist()
@@ -109,4 +113,5 @@ def observation_of(
         bias_n=bias_n,
         rotation=rotation,
         torque_base=None if taken is None else tared_torque(row, columns, taken),
+        boundary_before=boundary_before,
     )

@@ -362,14 +362,9 @@ def result_errors(
         "redoable": (status.redoable, bool(undone)),
         "author": (program.author, log[-1].author if log else None),
         "corrections": (
-            [(one.number, one.author, one.action, one.state) for one in program.corrections],
+            [(one.number, one.author, one.action, one.state == "undone") for one in program.corrections],
             [
-                (
-                    number,
-                    made[number].author,
-                    made[number].action,
-                    "undone" if number in undone else "applied",
-                )
+                (number, made[number].author, made[number].action, number in undone)
                 for number in sorted([*active, *undone])
             ],
         ),

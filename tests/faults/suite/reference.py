@@ -7,7 +7,7 @@ recording is conditioned at once by `signals/numpy_operations.py`, and filtered 
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,12 +16,12 @@ import numpy as np
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.presets import preset_named
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
-from caesura_service.changepoint.segments import stretches
-from caesura_service.constants import TARED_BIAS_N
+from caesura_service.changepoint.segments import InferredSegment, stretches
+from caesura_service.constants import GRID_HZ, TARED_BIAS_N
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.pipeline import layout_of, observed
 from caesura_service.segmentation.view import PipelineView
-from caesura_service.signals import Conditioner
+from caesura_service.signals import Conditioner, Observation
 from caesura_service.signals.backend import REFERENCE
 from faults.suite.outcome import FULL, Row, Scale
 from faults.suite.stations import demonstration, undisturbed
@@ -54,17 +54,30 @@ def by_reference(recording: Recording) -> list[Part]:
     online = RunLengthFilter(lattice, preset.hazard, preset.filter)
     for observation in observations:
         online.step(observed(observation), boundary=observation.after_gap)
-    t = [observation.t for observation in observations]
-    places = [t[0], *(0.5 * (a + b) for a, b in pairwise(t)), t[-1]]
-    return [
-        part(
-            one.verdict.kind.name,
-            (places[one.start], places[one.end], one.verdict.probability),
-            [observations[index].position_base for index in (max(one.start - 1, 0), one.end - 1)],
-            [observations[index].force_base for index in (max(one.start - 1, 0), one.end - 1)],
-        )
-        for one in stretches(online)
-    ]
+    places = _places(observations)
+    return [_part_between(observations, places[one.start], places[one.end], one) for one in stretches(online)]
+
+
+def _places(observations: Sequence[Observation]) -> list[float]:
+    """[s] where a segment begins, by its first observation, and where the last one ends."""
+    places = [observations[0].t]
+    for before, own, after in zip(observations, observations[1:], [*observations[2:], None], strict=False):
+        found = None if after is None else after.boundary_before
+        middle = 0.5 * (before.t + own.t)
+        places.append(middle if found is None else max(found, places[-1] + 1.0 / GRID_HZ))
+    return [*places, observations[-1].t]
+
+
+def _part_between(observations: Sequence[Observation], t0: float, tn: float, one: InferredSegment) -> Part:
+    """A segment from t0 to tn [s], with what was observed next to these; of two as near, the earlier one."""
+    t = np.array([observation.t for observation in observations])
+    ends = [observations[int(np.argmin(np.abs(t - at + 1e-6)))] for at in (t0, tn)]
+    return part(
+        one.verdict.kind.name,
+        (t0, tn, one.verdict.probability),
+        [end.position_base for end in ends],
+        [end.force_base for end in ends],
+    )
 
 
 def by_pipeline(view: PipelineView) -> list[Part]:

@@ -18,7 +18,7 @@ from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.guided_arm import start_posture
 from caesura_lab.teacher.person import THESIS
-from caesura_lab.teacher.scenarios import SCENARIOS, Surface, tips
+from caesura_lab.teacher.scenarios import HOLE_FLOOR_M, HOLE_PLACE, SCENARIOS, Surface, tips
 from caesura_protocol.messages import App, AppPath, RestForce, ScrewMotion, ViaPoint
 from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.safety import DEFAULT, Safety
@@ -250,6 +250,33 @@ def test_a_press_whose_bottom_lies_deeper_meets_it_gently(robot: Robot) -> None:
     assert pushed[-1] == pytest.approx(20.0, abs=1.0)
 
 
+def test_what_sinks_under_its_resistance_is_pressed_with_the_force_that_was_asked_for(robot: Robot) -> None:
+    """A peg was pressed with 3 N less all the way, because a correction from before it sank stayed."""
+    scenario = SCENARIOS["peg"]
+    hole = replace(scenario, start=(*HOLE_PLACE[:2], HOLE_PLACE[2] + 1e-3))
+    arm = SimulatedArm(robot, CellSimulation(hole, 0.25))
+    controller = SkillController(arm, DEFAULT)
+    controller.contact_direction = np.array([0.0, 0.0, -1.0])
+    controller.press(8.0, 0.5)
+    controller._correction_n = -4.0
+    begun = arm.t
+    controller.press(18.0, 2.0, depth_m=HOLE_FLOOR_M)
+    sinking = arm.trace().contact[round(1000 * begun) + 300 : round(1000 * begun) + 900, 2]
+    assert np.median(sinking) == pytest.approx(18.0, abs=1.5)
+
+
+def test_fingers_move_where_they_were_taught_to_though_it_was_touched_elsewhere(robot: Robot) -> None:
+    """A hand slid on by 12 mm between touch and grasp: the fingers closed at the touch."""
+    aside = (-0.014, -0.661, 0.107)
+    touch, grasp, *rest = pick_and_place()
+    apps = (touch.model_copy(update={"target": aside}), grasp, *rest)
+    done = executed(apps, PICKING)
+    assert done.stopped is None
+    closed = int(np.flatnonzero(np.diff(done.trace.width) < 0.0)[0])
+    place = robot.flange_poses(done.trace.q[closed : closed + 1])[0][0]
+    assert place == pytest.approx(grasp.target, abs=2e-3)
+
+
 def test_a_push_across_its_contact_towards_a_deeper_target_has_no_force_into_it(robot: Robot) -> None:
     """It was divided by the force into the contact, which is 0 there."""
     arm = SimulatedArm(robot, CellSimulation(PRESSING.scenario, 0.25))
@@ -269,9 +296,9 @@ def test_what_a_hand_crept_in_a_rest_is_crept_before_the_next_path(robot: Robot)
         deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
     )  # fmt: skip
     following = app("cartesian_motion", 2.0, 3.0, (-0.02, -0.57, 0.33), path=path)
-    controller.pause(0.4, following)  # too fast for a rest
+    controller.pause(0.3, following)  # too fast for a rest
     assert controller.setpoint.position != pytest.approx(crept, abs=1e-3)
-    controller.pause(1.0, following)
+    controller.pause(0.6, following)
     assert controller.setpoint.position == pytest.approx(crept, abs=1e-6)
 
 

@@ -14,7 +14,8 @@ from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
 from caesura_lab.report.tables import notes, program_table, ranges, segments_table
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
-from caesura_service.offline_segmentation import views
+from caesura_service.offline_segmentation import batches, opening_of, views
+from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
 from harness.demonstrations import guided
 
 DATA = Path(__file__).parents[3] / "data"
@@ -44,13 +45,19 @@ def with_gap(recording: Recording, t0: float, tn: float) -> Recording:
     )
 
 
-def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(content: ReportData):
-    t, drawn = content.changes.t, content.changes.online
-    changepoints = np.array([one.t for one in content.view.changepoints])
-    for one in content.view.changepoints:
-        others = np.isin(t.round(6), changepoints[changepoints != one.t].round(6))
-        around = drawn[(np.abs(t - one.t) < 0.15) & ~others].sum()
-        assert min(around, 1.0) == pytest.approx(one.probability, abs=1e-12)
+def test_every_chosen_changepoint_is_as_probable_as_the_drawn_ones_around_it(
+    recording: Recording, content: ReportData
+):
+    pipeline = make_pipeline(opening_of(recording), "default")
+    assert isinstance(pipeline, SegmentationPipeline)
+    for samples in batches(recording):
+        pipeline.push(samples)
+    pipeline.finish()
+    starts = [span.start for span in pipeline._shown().spans][1:]
+    drawn = np.append(0.0, content.changes.online)  # no curve has the first observation
+    for one, start in zip(content.view.changepoints, starts, strict=True):
+        around = [index for index in range(start - 1, start + 2) if index == start or index not in starts]
+        assert min(drawn[around].sum(), 1.0) == pytest.approx(one.probability, abs=1e-12)
 
 
 @pytest.mark.parametrize("preset", ["default", "integrated"])
@@ -87,7 +94,7 @@ def test_the_image_of_a_long_recording_is_no_larger_than_allowed(content: Report
 def test_signals_meet_the_segments_at_their_ends(content: ReportData):
     t, position = content.signals.t, content.signals.position
     for one in content.view.segments:
-        last = np.searchsorted(t, one.tn + 1e-9) - 1  # what a segment ends with came before its end
+        last = np.argmin(np.abs(t - one.tn + 1e-6))  # of two that are as near, the earlier one
         assert position[last] == pytest.approx(one.position_end)
 
 

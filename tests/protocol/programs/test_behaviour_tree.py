@@ -79,6 +79,13 @@ def test_a_title_that_xml_cannot_have_is_written_without_it() -> None:
     assert node.get("name") == "1 a\N{REPLACEMENT CHARACTER}b</Task>\N{REPLACEMENT CHARACTER}"
 
 
+def test_a_title_names_the_position_too() -> None:
+    first, *rest = pick_and_place()
+    named = first.model_copy(update={"target_name": "above the tray"})
+    (node, *_) = tree((named, *rest)).iterfind("BehaviorTree/Sequence/*")
+    assert node.get("name") == "1 move to contact: above the tray"
+
+
 def test_the_force_of_a_rest_beside_a_way_is_a_port() -> None:
     _, stroke = tree(pressed_harder_before()).iterfind("BehaviorTree/Sequence/*")
     assert (stroke.attrib["force_before"], stroke.attrib["force_after"]) == ("12", "5")

@@ -30,6 +30,11 @@ def test_differences_are_named_with_their_values():
     )
 
 
+def test_names_of_positions_are_compared():
+    (one,) = compared([move(target_name="above the tray")], [move()], REPETITION, " and ")
+    assert one.words == ("position name 'above the tray' and none",)
+
+
 def test_an_app_that_only_one_has_is_named_and_the_rest_stays_paired():
     press = move(kind="apply_force")
     pairs = compared([move(), press, move()], [move(), move()], REPETITION)

@@ -89,14 +89,14 @@ def follow(
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model(model: ChannelModel) -> None:
-    stream = [(observed, i == 20) for i, observed in enumerate(observations(40))]
+    stream = [(observed, i == 13) for i, observed in enumerate(observations(26))]
     follow(alone(model), stream, FilterParameters(window=12))
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model_where_an_observation_has_no_step(model: ChannelModel) -> None:
     """At the beginning, and after a gap, which may follow another one at once."""
-    stream = [(observed, i in {1, 2, 20, 21}) for i, observed in enumerate(observations(40))]
+    stream = [(observed, i in {1, 2, 12, 13}) for i, observed in enumerate(observations(26))]
     stepwise = replace(alone(model), stepwise=True)
     follow(stepwise, stream, FilterParameters(window=12), Refractory(8.0, 3))
 
@@ -105,9 +105,9 @@ def test_every_model_where_an_observation_has_no_step(model: ChannelModel) -> No
 @pytest.mark.parametrize(
     ("parameters", "count"),
     [
-        (FilterParameters(), 60),
-        (FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0), 40),
-        (FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2), 90),
+        (FilterParameters(), 50),
+        (FilterParameters(prune_ratio=0.0, keep_youngest=0, cap=500, window=24, certain=1.0), 32),
+        (FilterParameters(keep_youngest=2, cap=6, window=8, certain=0.8, certain_after=2), 60),
     ],
     ids=["as is", "unpruned", "tight"],
 )

@@ -50,9 +50,6 @@ def that(holds: str) -> pytest.MarkDecorator:
     )
 
 
-every_model = pytest.mark.parametrize("name", EVERYTHING)
-
-
 def data(count: int, *, seed: int = 1, down: float = 0.0) -> np.ndarray:
     """(count, 3) in an entry's unit."""
     return np.random.default_rng(seed).normal([0.0, 0.0, -down], 0.5, (count, 3))
@@ -234,18 +231,10 @@ def test_evidence_is_the_sum_over_all_parameters(name: str, n: int) -> None:
 # Pure, independent, serialisable, seeded, constant work
 
 
-@every_model
-def test_rows_and_observations_are_never_changed(name: str) -> None:
+@pytest.mark.parametrize("name", EVERYTHING)
+def test_a_model_is_pure_its_hypotheses_are_independent_and_it_can_be_stored(name: str) -> None:
     contract.check_pure(EVERYTHING[name], observations(8))
-
-
-@every_model
-def test_hypotheses_do_not_know_of_each_other(name: str) -> None:
     contract.check_independent(EVERYTHING[name], observations(8))
-
-
-@every_model
-def test_model_and_rows_can_be_written_down_and_go_on(name: str) -> None:
     contract.check_serialisable(EVERYTHING[name], observations(10))
 
 

@@ -169,6 +169,23 @@ def test_a_copy_and_an_inserted_app_are_edited_like_others():
     assert {one.field for one in made.apps[0].changes} == {"added", "name", "target", "place"}
 
 
+def test_a_position_gets_a_name_and_loses_it_again():
+    approach = taught()[0]
+    named = ChangeApp(app=ref(approach), target_name="above the tray")
+    made = edited(taught(), named).apps[0]
+    assert (made.target_name, made.target, made.joints) == (
+        "above the tray",
+        approach.target,
+        approach.joints,
+    )
+    assert [one.field for one in made.changes] == ["target_name"]
+    again = edited(taught(), named, ChangeApp(app=ref(approach), as_taught=("target_name",)))
+    assert again.apps == taught()
+    nowhere = approach.model_copy(update={"target": None})
+    (listed,) = edited([nowhere], named).edits
+    assert (listed.state, listed.reason) == ("not_applied", "'move to contact' has no target")
+
+
 @pytest.mark.parametrize(
     ("action", "reason"),
     [

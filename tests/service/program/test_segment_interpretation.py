@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import App, ScrewMotion, Segment
+from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
 
@@ -118,6 +119,20 @@ def test_between_fingers_that_are_shut_there_is_nothing() -> None:
     for width, becomes in ((0.001, "cartesian_motion"), (0.04, "transport")):
         (app,) = program(carry, at=lambda t, width=width: replace(moment_at(t), gripper_width=width))
         assert app.kind == becomes
+
+
+def test_a_rest_after_a_soft_stroke_is_in_contact_though_something_short_was_before_the_stroke() -> None:
+    """The stroke after that rest began without a contact, and was said to be 6 N softer than it was."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(13.0)),
+        segment("motion", 3.0, 3.1, **ACROSS),
+        segment("motion", 3.1, 5.0, **ACROSS),
+        segment("steady", 5.0, 6.0, position_start=(0.1, 0.0, 0.2), position_end=(0.1, 0.0, 0.2)),
+        segment("sliding", 6.0, 8.0, **held(16.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 13.0 if t < 3.0 else 6.0 if t < 6.0 else 16.0),
+    )
+    assert math.hypot(*(made[-1].force_taught or ())) == pytest.approx(16.0)
 
 
 @pytest.mark.parametrize("rest", ["contact", "steady"])
@@ -588,16 +603,150 @@ def test_a_load_that_weighs_something_else_is_set_down() -> None:
     assert kinds(carried(-1.0)) == ["grasp", "transport", "hold", "transport", "hold", "transport"]
 
 
-def test_a_rest_between_a_soft_and_a_hard_stroke_ends_the_soft_one() -> None:
+@pytest.mark.parametrize(
+    ("rest_n", "parts"), [(5.0, [(2.0, 6.0), (6.0, 8.0)]), (19.0, [(2.0, 4.0), (4.0, 8.0)])]
+)
+def test_a_rest_between_two_strokes_belongs_to_the_one_that_is_pressed_as_it_is(
+    rest_n: float, parts: list[tuple[float, float]]
+) -> None:
+    """The end of a soft stroke was said to be pressed with the force of the hard one that followed."""
     made = program(
         segment("motion", 0.0, 2.0),
         segment("sliding", 2.0, 4.0, **held(4.0), **ACROSS),
-        segment("contact", 4.0, 6.0, **held(19.0)),
+        segment("contact", 4.0, 6.0, **held(rest_n)),
         segment("sliding", 6.0, 8.0, **held(20.0), **ACROSS),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 4.0 else 20.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 4.0 if t < 4.0 else rest_n if t < 6.0 else 20.0),
     )
-    assert [(app.t0, app.tn, app.segments) for app in made[1:]] == [(2.0, 6.0, (1, 2)), (6.0, 8.0, (3,))]
-    assert [forces_of(app) for app in made[1:]] == [pytest.approx([4.0, 20.0]), pytest.approx([20.0])]
+    assert [(app.t0, app.tn) for app in made[1:]] == parts
+    soft, hard = made[1:]
+    rest = soft.rest_after if rest_n < 10.0 else hard.rest_before
+    assert rest is not None
+    assert rest.newton_taught == pytest.approx(rest_n)
+    assert (hard.rest_before if rest_n < 10.0 else soft.rest_after) is None
+
+
+def test_the_bias_of_a_sensor_is_read_on_both_sides_of_a_contact() -> None:
+    """It wandered by 3 N over a stroke, whose force was said to be 1.5 N too large."""
+
+    def wandering(t: float) -> Moment:
+        pushed_n = 10.0 if 2.0 < t < 6.0 else 0.0
+        return drifted(t, pushed_n=pushed_n + min(max(0.75 * (t - 2.0), 0.0), 3.0))
+
+    stroke, rest = (
+        segment("sliding", 2.0, 5.0, **held(11.1), **ACROSS),
+        segment("contact", 5.0, 6.0, **held(12.6)),
+    )
+    off = segment("motion", 6.0, 8.0, **OFF)
+    apps = program(segment("motion", 0.0, 2.0), stroke, rest, off, at=wandering)
+    assert forces_of(apps[1]) == pytest.approx([10.0, 10.0], abs=0.5)
+    held_until = program(segment("motion", 0.0, 2.0), stroke, rest, at=wandering)  # not yet let go
+    assert forces_of(held_until[1]) == pytest.approx([11.1, 12.6], abs=0.1)
+
+
+@pytest.mark.parametrize("grips", [(), (GripperAction(5.2, "open", 0.08),)])
+def test_what_is_in_the_air_after_a_contact_is_no_bias_where_it_is_more_than_that(
+    grips: tuple[GripperAction, ...],
+) -> None:
+    left_n = 2.0 if grips else 9.0
+    stroke, off = segment("sliding", 2.0, 5.0, **held(20.0), **ACROSS), segment("motion", 5.0, 8.0, **OFF)
+    at = lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 20.0 if t < 5.0 else left_n)  # noqa: E731
+    apps = program(segment("motion", 0.0, 2.0), stroke, off, at=at, grips=grips)
+    assert forces_of(apps[1]) == pytest.approx([20.0], abs=1e-6)
+
+
+def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> None:
+    """Its segment began on the way down: the path of a stroke began 9 mm above the surface."""
+
+    def down_then_across(t: float) -> Moment:
+        x, z = (0.0, 0.1 + 0.05 * (3.0 - t)) if t < 3.0 else (0.1 * (t - 3.0), 0.1)
+        return replace(drifted(t, pushed_n=8.0 if t > 3.0 else 0.0), position=(x, 0.0, z))
+
+    def poses(t0: float, tn: float) -> tuple[Any, Any]:
+        times = np.arange(t0, tn + 1e-9, 0.05)
+        return times, np.array([down_then_across(t).position for t in times])
+
+    begun = {"position_start": (0.0, 0.0, 0.12), "position_end": (0.2, 0.0, 0.1)}
+    steps = [
+        ProgramSegment(0, segment("motion", 0.0, 2.6), 1.0),
+        ProgramSegment(1, segment("sliding", 2.6, 5.0, **held(8.0), **begun), 1.0),
+    ]
+    _, stroke = task_program(steps, (), down_then_across, paths=Paths(poses))
+    assert stroke.path is not None
+    assert stroke.path.start.position == pytest.approx((0.0, 0.0, 0.1), abs=0.006)
+    assert stroke.t0 == stroke.path.start.t == pytest.approx(3.05)
+
+
+@pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.008, "hold"), (0.02, "transport")])
+def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
+    """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""
+
+    def there_and_back(t: float) -> Moment:
+        x = way_m * (1.0 - abs(t - 2.5) / 0.5) if 2.0 < t < 3.0 else 0.0
+        return replace(moment_at(0.0), position=(x, 0.0, 0.0))
+
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.0), "position_end": (0.0, 0.0, 0.0)}
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01}
+    made = program(
+        segment("transport", 0.0, 2.0, **load, **ACROSS),
+        segment("transport", 2.0, 3.0, **load, **here),
+        segment("transport", 3.0, 5.0, **load, **ACROSS),
+        grips=(GripperAction(-1.0, "grasp", 0.05),),
+        at=lambda t: there_and_back(t) if 2.0 < t < 3.0 else replace(moment_at(t), position=(t, 0.0, 0.0)),
+    )
+    assert [app.kind for app in made if app.segments] == ["transport", becomes, "transport"]
+
+
+def test_holds_that_follow_each_other_are_one() -> None:
+    """The robot stood for 0.3 s before and after 6 mm that the person had moved in one hold."""
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01}
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.0), "position_end": (0.0, 0.0, 0.0)}
+    made = program(
+        segment("transport", 0.0, 2.0, **load, **ACROSS),
+        segment("hold", 2.0, 2.4, **load, **here),
+        segment("transport", 2.4, 3.0, **load, **here),
+        segment("hold", 3.0, 3.4, **load, **here),
+        segment("transport", 3.4, 5.0, **load, **ACROSS),
+        grips=(GripperAction(-1.0, "grasp", 0.05),),
+        at=lambda t: replace(moment_at(t), position=(0.0 if 2.0 < t < 3.4 else t, 0.0, 0.0)),
+    )
+    carried = [(app.kind, app.t0, app.tn, app.segments) for app in made if app.segments]
+    assert carried == [
+        ("transport", 0.0, 2.0, (0,)),
+        ("hold", 2.0, 3.4, (1, 2, 3)),
+        ("transport", 3.4, 5.0, (4,)),
+    ]
+
+
+@pytest.mark.parametrize(("turned_rad", "becomes"), [(0.01, []), (0.5, ["cartesian_motion"])])
+def test_a_turn_in_the_air_by_next_to_nothing_is_a_rest(turned_rad: float, becomes: list[str]) -> None:
+    """Beside a turn of 127 degrees stood a movement of 1.5 mm and 0.4 degrees."""
+
+    def turning(t: float) -> Moment:
+        half = 0.5 * turned_rad * min(max(t - 2.0, 0.0), 1.0)
+        return replace(moment_at(0.0), orientation=(0.0, 0.0, math.sin(half), math.cos(half)))
+
+    turn = segment("motion", 2.0, 3.0, position_start=(0.0, 0.0, 0.2), position_end=(0.0, 0.0, 0.2))
+    turn = turn.model_copy(update={"kind": "turning", "turn": (0.0, 0.0, turned_rad)})
+    made = program(segment("motion", 0.0, 2.0), turn, segment("motion", 3.0, 5.0), at=turning)
+    assert kinds(made) == ["cartesian_motion", *becomes, "cartesian_motion"]
+
+
+@pytest.mark.parametrize(("resists_n", "becomes"), [(7.0, ["apply_force"]), (2.0, ["move_to_contact"])])
+def test_a_movement_that_is_pushed_back_all_the_way_to_a_contact_is_part_of_the_press(
+    resists_n: float, becomes: list[str]
+) -> None:
+    """A pump that sank slowly was a movement in the air, and its bottom the only press."""
+    down: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.178)}
+    bottom: dict[str, Any] = {"position_start": (0.0, 0.0, 0.178), "position_end": (0.0, 0.0, 0.178)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 2.2),
+        segment("motion", 2.2, 2.8, **down),
+        segment("contact", 2.8, 5.0, **bottom, **held(12.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.2 else resists_n if t < 2.8 else 12.0),
+    )
+    assert kinds(made)[1:] == [*([] if resists_n > 3.0 else becomes), "apply_force"]
+    assert made[-1].segments == ((2, 3) if resists_n > 3.0 else (3,))
 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.5])
@@ -792,6 +941,21 @@ def test_a_press_that_follows_a_rest_was_touched_by_the_movement_before_it() -> 
     assert kinds(made) == ["move_to_contact", "apply_force"]
 
 
+def test_a_press_after_a_rest_in_which_the_fingers_move_was_touched_after_they_moved() -> None:
+    """No app made its contact, so the program's own check refused the press."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 4.0),
+        segment("contact", 4.0, 6.0, **held(9.0)),
+        grips=(GripperAction(2.8, "open", 0.08),),
+        at=lambda t: drifted(t, pushed_n=9.0 if t > 4.0 else 0.0),
+    )
+    assert kinds(made) == ["cartesian_motion", "gripper_move", "move_to_contact", "apply_force"]
+    assert made[2].target == pytest.approx((0.0, 0.0, 0.405))
+    assert made[1].tn < made[2].t0 < made[2].tn <= made[3].t0
+    assert not [one for one in order_findings(made) if one.kind == "apply_force"]
+
+
 def test_the_path_to_a_contact_ends_before_the_rest_that_follows() -> None:
     """The rest was a pause after the contact, and its three seconds were in the path of 2 s too."""
 
@@ -824,7 +988,7 @@ def test_fingers_that_open_in_a_rest_open_before_what_is_pressed_after_it(
     assert made[0].kind == becomes
     assert "gripper_move" in kinds(made)
     if becomes == "cartesian_motion":
-        assert kinds(made)[1:] == ["gripper_move", "apply_force"]
+        assert kinds(made)[1:] == ["gripper_move", "move_to_contact", "apply_force"]
         assert made[0].target == pytest.approx(moment_at(2.0).position)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -66,11 +67,14 @@ ENTRIES: dict[str, Callable[[str], object]] = {
 }
 
 
-@pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("entry", ENTRIES)
-def test_what_is_no_name_is_refused_at_every_entry(entry, name):
-    with pytest.raises((ProtocolError, SecurityError)):
-        ENTRIES[entry](name)
+def test_what_is_no_name_is_refused_at_every_entry(entry):
+    taken = []
+    for name in HOSTILE:
+        with suppress(ProtocolError, SecurityError):
+            ENTRIES[entry](name)
+            taken.append(name)
+    assert taken == []
 
 
 @pytest.mark.parametrize("name", [name for name in HOSTILE if name != "*"])
@@ -85,19 +89,19 @@ def test_keys_are_not_built_from_what_is_no_name(name):
             build()
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-@pytest.mark.parametrize("kind", MESSAGES)
-def test_a_message_with_such_a_name_is_refused(kind, name):
-    content = encode(MESSAGES[kind].model_copy(update={"session": name}))
-    with pytest.raises(ProtocolError, match="malformed"):
-        decode(content.payload, content.encoding, kind)
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-def test_so_is_a_preset(name):
-    content = encode(opening("s1").model_copy(update={"preset": name}))
-    with pytest.raises(ProtocolError, match="malformed"):
-        decode(content.payload, content.encoding, Open)
+@pytest.mark.parametrize(
+    ("kind", "field"), [*((kind, "session") for kind in MESSAGES), (Open, "preset")], ids=str
+)
+def test_a_message_with_such_a_name_is_refused(kind, field):
+    taken = []
+    for name in HOSTILE:
+        content = encode(MESSAGES[kind].model_copy(update={field: name}))
+        try:
+            taken.append(decode(content.payload, content.encoding, kind))
+        except ProtocolError as error:
+            if error.code != "malformed":
+                taken.append(error)
+    assert taken == []
 
 
 @pytest.fixture

@@ -45,6 +45,7 @@ from caesura_service.publishing.events import Output, TakeoverFailed
 from caesura_service.publishing.session_state import SessionState, program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit, correction_of
 from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
+from caesura_service.sessions.closed_pipeline import state_from_snapshot
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 from harness.sessions import (
@@ -294,7 +295,24 @@ def compared(standing: SessionState) -> tuple[object, ...]:
     return standing.view, program, standing.lifecycle, standing.revision, standing.undoable, standing.redoable
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+def test_a_correction_without_a_place_is_listed_with_its_reason_also_when_the_session_is_stored():
+    real = Real(MemoryJournal())
+    real.open()
+    real.feed(0, real.count)
+    t = real.standing.view.t + 1.0
+    real.edit(Insert(t=t))
+    assert program_of(real.standing).corrections[0].state == "applied"
+    close = Close(session=NAME, last_seq=real.count - 1)
+    said = real.registry.handle_command(STATION, close, 1.0)
+    reason = f"the session ended before {t:.2f} s"
+    (listed,) = published(said, Program)[-1].corrections
+    assert (listed.state, listed.reason) == ("not_applied", reason)
+    stored = state_from_snapshot(snapshot_of(real.standing), OWNER)
+    assert program_of(stored) == program_of(real.standing)
+    assert stored.view.unapplied == {1: reason}
+
+
+@settings(max_examples=4, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1))
 def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):
     rng = np.random.default_rng(seed)

@@ -379,7 +379,7 @@ def test_a_program_follows_another_after_two_to_three_seconds_where_the_gripper_
 
 def test_a_segment_that_is_shown_again_is_as_if_made_anew(taught: Recording, monkeypatch: pytest.MonkeyPatch):
     shown = [[*view.segments, *view.changepoints] for view in views(taught, "default")]
-    monkeypatch.setattr("caesura_service.segmentation.segmenter._starts_alike", lambda *_: False)
+    monkeypatch.setattr(Segmenter, "_start_stays", lambda *_: False)
     monkeypatch.setattr(Segmenter, "_stays", lambda *_: False)
     assert shown == [[*view.segments, *view.changepoints] for view in views(taught, "default")]
 

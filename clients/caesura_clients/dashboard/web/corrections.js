@@ -13,10 +13,10 @@ export default {
     <details class="corrections" :open="isOpen" @toggle="chosen = $event.target.open"><summary>Corrections: {{ rows.length || !revision ? rows.length : "not listed" }}</summary>
       <p v-if="!rows.length" class="empty">{{ revision ? unlisted : "Nothing has been corrected." }}</p>
       <ol v-if="rows.length" tabindex="0" aria-label="Corrections, the newest first">
-        <li v-for="[number, words, at, isUndone] in newestFirst" :key="number" :class="{ undone: isUndone }">
-          <span class="number">{{ number }}</span><span class="words">{{ words }}</span>
+        <li v-for="[number, words, at, state, reason] in newestFirst" :key="number" :class="state">
+          <span class="number">{{ number }}</span><span class="words">{{ words }}<span v-if="reason" class="reason">. Not applied: {{ reason }}</span></span>
           <time :datetime="date(at).toISOString()" :title="date(at).toLocaleString()">{{ clock(at) }}</time>
-          <span v-if="isUndone" class="state">undone</span>
+          <span v-if="state === 'undone'" class="state">undone</span>
           <button v-else-if="editable" class="take-back" :disabled="busy" :aria-label="'Undo correction ' + number + ': ' + words"
             title="Take this correction back; the others stay" v-on="pointing(number)"
             @click="$emit('edit', { do: 'take_back', number })">Undo</button>

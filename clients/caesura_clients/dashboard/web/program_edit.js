@@ -21,6 +21,7 @@ export default {
         <fieldset v-if="draft.target"><legend>Target [mm]</legend>
           <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'Target ' + axis + ' in mm'" type="number" step="0.1"
             v-model.number="draft.target[i]" required></fieldset>
+        <label v-if="app.target">Name of the position <input class="app-target_name" v-model="draft.target_name" maxlength="64" autocomplete="off"></label>
         <label v-for="[name, field] in numbers" :key="name">{{ field.label }}
           <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]"></label>
         <div class="row"><button class="save" :disabled="busy || !changed">Save</button>
@@ -65,12 +66,12 @@ export default {
       this.open = open;
       if (open) Object.assign(this, { draft: this.start(this.app), last: this.app.number, session: "" });
     },
-    start({ name, note, values }) {
-      return { name, note, ...values, target: values.target && [...values.target] };
+    start({ name, note, target_name, values }) {
+      return { name, note, target_name, ...values, target: values.target && [...values.target] };
     },
     changes() { // only what differs from what is shown, in the units of the wire
       const { draft, app } = this, found = {}, cleared = [];
-      for (const name of ["name", "note"]) {
+      for (const name of ["name", "note", "target_name"]) {
         const text = draft[name].trim();
         if (text && text !== app[name]) found[name] = text;
         if (!text && app[name]) cleared.push(name);

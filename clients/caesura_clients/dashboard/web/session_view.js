@@ -15,6 +15,7 @@ import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
 import { PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
+import { undoing } from "caesura-dashboard/undoing.js";
 import { view } from "caesura-dashboard/view.js";
 
 const HELD_COLUMNS = 3000; // of run lengths: five minutes
@@ -47,7 +48,7 @@ const chosen = () => {
 };
 
 export default {
-  mixins: [live, keyboard, view, pair, pointer, effect],
+  mixins: [live, keyboard, view, pair, pointer, effect, undoing],
   components: { CorrectMenu, Corrections, EffectWords },
   props: { station: String, editable: Boolean, replay: Boolean },
   emits: ["edit", "preview", "run-lengths"],
@@ -161,6 +162,7 @@ export default {
     },
     restart() { // with another session, or after the connection was lost
       this.forgetEffect();
+      this.forgetActs();
       Object.assign(this, empty(), { menu: null, asked: null, relabelled: null, selected: null, cursor: null, ghost: null, end: null, span: 30,
         busy: false, columns: this.columns && [], origin: null, fitted: false });
     },
@@ -180,7 +182,9 @@ export default {
       if (this.selected !== null && !this.changepoints.some(([t]) => t === this.selected)) this.selected = null;
     },
     answered(message, failed) {
-      Object.assign(this, { message, failed, busy: false });
+      Object.assign(this, { message: failed ? message : this.undoneWords() || message, failed, busy: false });
+      if (!failed && this.act) this.acted();
+      this.act = null;
     },
     named(event) {
       this.author = event.detail;
@@ -220,7 +224,9 @@ export default {
 
     // --- signals ---
     take_data(data) {
+      const isWhole = this.replay && this.end === null && this.span >= this.longest();
       this.data = Object.freeze(data);
+      if (isWhole) this.span = this.longest(); // the last samples are later than what was found
       if (data.available.join() !== this.available.join()) this.available = data.available;
       if (!this.origin && data.points.px && data.points.px.length) {
         this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);
@@ -287,23 +293,24 @@ export default {
     },
 
     // --- corrections ---
-    edit(action) {
+    edit(action, how = {}) { // how: of an undo or a redo, as `undoing.js` has it
       if (!this.editable || this.session === "" || this.busy) return;
-      if (!this.author.trim()) return this.askName(action);
+      if (!this.author.trim()) return this.askName(action, how);
       this.preview(null);
+      this.act = { number: action.do === "take_back" ? action.number : null, ...how, seen: this.revision };
       Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null,
-        inList: action.do === "take_back" });
+        inList: action.do === "take_back" && !how.redoes });
       this.$emit("edit", { ...action, session: this.session, revision: this.revision, author: this.author.trim() });
     },
-    askName(action) { // of who corrects, at the first correction; then it is made
-      Object.assign(this, { asked: action, draft: this.author });
+    askName(action, how = {}) { // of who corrects, at the first correction; then it is made
+      Object.assign(this, { asked: action, askedHow: how, draft: this.author });
       this.$nextTick(() => this.$refs.author.focus());
     },
     name() {
       const action = this.asked;
       if (!this.draft.trim()) return;
       Object.assign(this, { author: this.draft.trim(), asked: null });
-      if (action.do) this.edit(action);
+      if (action.do) this.edit(action, this.askedHow);
       this.$refs.plots.focus({ preventScroll: true });
     },
     rename() {
@@ -333,12 +340,6 @@ export default {
     },
     move() {
       if (this.selected !== null && this.cursor !== null) this.edit({ do: "move", t: this.selected, to: this.cursor });
-    },
-    undo() {
-      if (this.undoable) this.edit({ do: "undo" });
-    },
-    redo() {
-      if (this.redoable) this.edit({ do: "redo" });
     },
   },
 };

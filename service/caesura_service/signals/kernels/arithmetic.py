@@ -194,6 +194,49 @@ def fit(rows, centre, taps, moving, both):
 
 
 @compiled
+def speeds_of(rows, first, slopes, lever, speeds):
+    """`reference.speeds_of`."""
+    window = slopes.size
+    for k in range(speeds.size):
+        start = first + k - window // 2
+        moved2 = turned2 = 0.0
+        for c in range(FORCE):
+            moved2 += slope_at(rows, start, c, slopes) ** 2
+        if lever:
+            for c in range(TURN, TURN + 4):
+                turned2 += slope_at(rows, start, c, slopes) ** 2
+        speeds[k] = max(math.sqrt(moved2), 2.0 * lever * math.sqrt(turned2))
+
+
+@compiled
+def slope_at(rows, start, c, slopes):
+    """Slope of a column about the middle of a window that begins at `start`."""
+    slope = 0.0
+    for k in range(slopes.size):
+        slope += slopes[k] * rows[start + k, c]
+    return slope
+
+
+@compiled
+def boundary_row(speeds, first, last, creep, rest):
+    """`reference.boundary_row`."""
+    starts, ends = speeds[first] >= rest, speeds[last] >= rest
+    at = first
+    if starts == ends:
+        for k in range(first, last + 1):
+            if (speeds[k] < speeds[at]) if starts else (speeds[k] > speeds[at]):
+                at = k
+        return at if starts or speeds[at] >= creep else (first + last) // 2
+    for k in range(first, last):
+        if (speeds[k] >= rest) != (speeds[k + 1] >= rest):
+            at = k
+            if starts:
+                break
+    nearer = abs(speeds[at + 1] - rest) < abs(speeds[at] - rest)
+    return at + 1 if nearer else at
+
+
+@compiled
 def finish(x, y, z, oriented, row):
     """`reference.finish`."""
     row[FORCE] -= x

@@ -1,0 +1,26 @@
+"""Actions as people type them on the command line; a wrong one is refused before anything is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import typer
+from pydantic import TypeAdapter, ValidationError
+
+from caesura_protocol.validation_words import first_finding
+
+A = TypeVar("A")
+
+
+def wrong(why: str) -> typer.BadParameter:
+    """Return the error for what was typed as an action."""
+    return typer.BadParameter(why, param_hint="ACTION")
+
+
+def validated(adapter: TypeAdapter[A], fields: Mapping[str, Any]) -> A:
+    """Return the action with these fields. Raises BadParameter, which names the value."""
+    try:
+        return adapter.validate_python(dict(fields))
+    except ValidationError as error:
+        raise wrong(first_finding(error, named=lambda place: str(place[-1]).upper())) from error

@@ -1,0 +1,95 @@
+"""Decodes the versions of a program; apps whose bytes are as before are not read again.
+
+A program is published whole at each version. While a demonstration goes on, most of its apps are those of
+the version before: a program of 2000 apps has 2 MB, and reading all of them takes a tenth of a second. So the
+payload is cut where the bytes begin to differ. What remains is decoded as any other message, with the same
+checks.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import msgpack  # type: ignore[import-untyped]
+
+from caesura_protocol.codec import decode, encoding_of
+from caesura_protocol.messages import MAX_WHOLE_BYTES, App, Program
+
+APPS = "apps"
+BLOCK = 4096  # bytes that are compared at once
+
+
+class ProgramDecoder:
+    """The programs of one station, version after version."""
+
+    def __init__(self) -> None:
+        self._list = b""  # the apps of the version before, as they were sent
+        self._ends: Sequence[int] = ()  # of each app in it
+        self._apps: tuple[App, ...] = ()
+
+    def decode(self, payload: bytes) -> Program:
+        """Return the program in a payload. Raises ProtocolError as the codec does."""
+        encoding = encoding_of(Program)
+        try:
+            program, begin, ends = self._decoded(payload, encoding)
+        except (ValueError, msgpack.UnpackException):  # no such map: the codec names what is wrong
+            self._list, self._ends, self._apps = b"", (), ()
+            return decode(payload, encoding, Program, limit=MAX_WHOLE_BYTES)
+        self._list = payload[begin : begin + ends[-1]] if ends else b""
+        self._ends, self._apps = ends, program.apps
+        return program
+
+    def _decoded(self, payload: bytes, encoding: str) -> tuple[Program, int, Sequence[int]]:
+        """Return the program, where its first app begins, and where each ends, from there on [bytes]."""
+        header, begin, count = _apps_of(payload)
+        known = min(bisect_right(self._ends, common_bytes(self._list, payload[begin:])), count)
+        ends = [*self._ends[:known]]
+        fresh = begin + (ends[-1] if ends else 0)
+        following = _ends(payload, fresh, count - known)
+        ends += [end - begin for end in following]
+        stop = following[-1] if following else fresh
+        short = payload[:header] + msgpack.Packer().pack_array_header(count - known) + payload[fresh:stop]
+        program = decode(short + payload[stop:], encoding, Program, limit=MAX_WHOLE_BYTES)
+        return program.model_copy(update={APPS: (*self._apps[:known], *program.apps)}), begin, ends
+
+
+def _apps_of(payload: bytes) -> tuple[int, int, int]:
+    """Return where the list of apps begins, where its first app does [bytes], and how many there are.
+
+    Raises ValueError where there is none.
+    """
+    unpacker = msgpack.Unpacker(max_buffer_size=MAX_WHOLE_BYTES)
+    unpacker.feed(payload)
+    for _ in range(unpacker.read_map_header()):
+        if unpacker.unpack() == APPS:
+            header = unpacker.tell()
+            count = unpacker.read_array_header()
+            return header, unpacker.tell(), count
+        unpacker.skip()
+    raise ValueError("no apps")
+
+
+def _ends(payload: bytes, begin: int, count: int) -> list[int]:
+    """Return where so many values end, the first of which begins at `begin` [bytes]."""
+    unpacker = msgpack.Unpacker(max_buffer_size=MAX_WHOLE_BYTES)
+    unpacker.feed(memoryview(payload)[begin:])
+    ends = []
+    for _ in range(count):
+        unpacker.skip()
+        ends.append(begin + unpacker.tell())
+    return ends
+
+
+def common_bytes(before: bytes, after: bytes) -> int:
+    """Return how many of the first bytes are the same.
+
+    >>> common_bytes(b"caesura", b"caesar")
+    5
+    """
+    most = min(len(before), len(after))
+    first = 0
+    while first < most and before[first : first + BLOCK] == after[first : first + BLOCK]:
+        first += BLOCK
+    stop = min(first + BLOCK, most)
+    return next((at for at in range(min(first, most), stop) if before[at] != after[at]), stop)

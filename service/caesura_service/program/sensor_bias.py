@@ -1,0 +1,56 @@
+"""The force that a sensor makes up while the tool touches, from what it reads in the air before and after.
+
+It wanders with time and with the place: a tool's weight is never compensated quite right. So it is a line in
+both, fitted by ridge regression to the last two seconds before a contact and the first two after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Segment, Vector
+from caesura_service.program.program_segment import Moment, MomentAt, observed
+
+AROUND_S = 2.0  # before and after a contact
+TOUCHING_S, LETTING_GO_S = 0.1, 0.3  # of that, what may lie in the contact: a boundary is only so exact
+WANDER_M, WANDER_S = 0.15, 10.0  # over which it wanders by about `WANDER_N`
+WANDER_N, OFFSET_N = 1.0, 3.0  # standard deviations of its wander, and of its size beside the force before
+READ_VARIANCE = 2.0  # [N²] of a reading: noise and the tool's inertia, which last over several readings
+
+Array = NDArray[np.float64]
+
+
+def bias_between(
+    before: Segment, after: Segment, base: Vector, moment_at: MomentAt
+) -> Callable[[float], Vector]:
+    """Return the bias [N] at a time [s] between two segments in the air; base: before the contact."""
+    origin = moment_at(observed(before.t0, before.tn)[-1])
+    times = [
+        *observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S),
+        *observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn)),
+    ]
+    seen = [(t, moment_at(t)) for t in times if before.t0 < t < before.tn or after.t0 < t < after.tn]
+    known = [
+        (_row(t, moment, before.tn, origin), moment.force) for t, moment in seen if moment.force is not None
+    ]
+    if not known:
+        return lambda t: base
+    rows, forces = np.array([row for row, _ in known]), np.array([force for _, force in known])
+    prior = np.diag([OFFSET_N**-2.0, *[WANDER_N**-2.0] * 4])
+    left = rows.T @ rows / READ_VARIANCE + prior
+    slopes = np.linalg.solve(left, rows.T @ (forces - base) / READ_VARIANCE)
+
+    def at(t: float) -> Vector:
+        x, y, z = (np.asarray(base) + _row(t, moment_at(t), before.tn, origin) @ slopes).tolist()
+        return x, y, z
+
+    return at
+
+
+def _row(t: float, moment: Moment, since: float, origin: Moment) -> Sequence[float]:
+    """(5,) What the bias depends on: 1, the way from an origin, the time since then."""
+    way = (np.subtract(moment.position, origin.position) / WANDER_M).tolist()
+    return [1.0, *way, (t - since) / WANDER_S]

@@ -1,0 +1,127 @@
+"""Recordings of every format, dropped from the desktop by the mouse, asked about and played as sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros2)")
+
+from playwright.sync_api import Browser, Page, expect
+
+from caesura_protocol.formats.mcap_write import McapContent, write_mcap
+from dashboard.browser import PATIENCE_MS, Visitor, needs_chromium
+from dashboard.stage import Stage
+from harness import ros
+from harness.demonstrations import guided
+
+pytestmark = needs_chromium
+expect.set_options(timeout=PATIENCE_MS)
+TAUGHT = guided()
+
+
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser)
+    visitor.page.set_viewport_size({"width": 1440, "height": 900})
+    yield visitor
+    visitor.close()
+
+
+def npz(folder: Path) -> Path:
+    TAUGHT.save(folder / "own.npz")
+    return folder / "own.npz"
+
+
+def csv(folder: Path) -> Path:
+    """As Caesura writes it."""
+    rows = [",".join(map(repr, row)) for row in TAUGHT.matrix().tolist()]
+    (folder / "own.csv").write_text("\n".join([",".join(TAUGHT.columns), *rows]) + "\n", encoding="utf-8")
+    return folder / "own.csv"
+
+
+def mcap(folder: Path) -> Path:
+    content = McapContent(
+        station="cell-1",
+        session="taught",
+        preset="default",
+        recording=TAUGHT,
+        began_s=1.7e9,
+        columns=TAUGHT.columns,
+    )
+    write_mcap(folder / "taught.mcap", content)
+    return folder / "taught.mcap"
+
+
+def bag(folder: Path) -> Path:
+    """A folder with metadata and an MCAP of ROS 2, which states no wrench source."""
+    return ros.write_bag(folder / "bag", ros.sensor_topics(TAUGHT), "mcap")
+
+
+def sqlite_bag(folder: Path) -> Path:
+    return ros.write_bag(folder / "bag3", ros.sensor_topics(TAUGHT), "sqlite3")
+
+
+def drop(page: Page, path: Path) -> None:
+    """Drag a file or a folder from the desktop into the zone, and let go, as a mouse does."""
+    zone = page.locator(".drop")
+    expect(zone).to_be_visible()
+    box = zone.bounding_box()
+    assert box is not None
+    at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
+    data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+    devtools = page.context.new_cdp_session(page)
+    for kind in ("dragEnter", "dragOver"):
+        devtools.send("Input.dispatchDragEvent", {"type": kind, **at, "data": data})
+    expect(zone, "the page shows that it takes what is above it").to_have_class("drop over")
+    devtools.send("Input.dispatchDragEvent", {"type": "drop", **at, "data": data})
+
+
+@pytest.mark.parametrize("write", [npz, csv, mcap, bag, sqlite_bag])
+def test_what_is_dropped_is_asked_about_and_becomes_a_session(
+    stage: Stage, visitor: Visitor, tmp_path: Path, write
+):
+    page, name = visitor.page, write.__name__.replace("_", "-")
+    page.goto(f"{stage.dashboard.url}/recordings")
+    drop(page, write(tmp_path))
+    form = page.locator(".questions")
+    expect(form.locator(".summary")).to_contain_text(f"{len(TAUGHT.t)} samples")
+    for label, value in (("wrench-source", "flange_sensor"), ("hand", "yes"), ("robot", "panda")):
+        form.locator(f".{label}").select_option(value)
+    form.locator(".station").fill("cell-files")
+    form.locator(".session").fill(name)
+    form.locator(".task").fill("press")
+    visitor.picture(f"dropped-{name}")
+    assert visitor.barriers() == []
+    form.locator(".play-recording").click()
+    played_here = page.locator(
+        ".plays li", has=page.get_by_role("link", name=f"cell-files/{name}", exact=True)
+    )
+    expect(played_here.locator(".play-state")).to_have_text("done")
+    with stage.reader() as caesura:
+        played = caesura.snapshot("cell-files", name)
+        opened = played.status
+        assert (opened.state, opened.samples, opened.description.task) == ("closed", len(TAUGHT.t), "press")
+        assert opened.wrench.source == "flange_sensor"
+        assert opened.wrench.hand_on_robot == "yes"
+        assert played.program.robot == "panda"
+        kinds = [one.kind for one in played.segments.segments]
+        assert kinds[:3] == ["steady", "motion", "contact"]
+    played_here.get_by_role("link").click()
+    expect(page.locator(".app").first).to_contain_text("move to contact")
+    assert visitor.errors == []
+
+
+def test_two_files_at_once_are_refused_by_name(stage: Stage, visitor: Visitor, tmp_path: Path):
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/recordings")
+    folder = tmp_path / "two"
+    folder.mkdir()
+    npz(folder)
+    csv(folder)
+    drop(page, folder)
+    expect(page.locator(".drop-state")).to_contain_text("expected one file")

@@ -1,0 +1,245 @@
+"""The operator's day in one go, in a real browser: from the start of a demonstration to the day after."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Browser, Page, expect
+
+from caesura_clients import Caesura
+from caesura_protocol.messages import Description, Insert, Snapshot
+from caesura_protocol.recording import Recording
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium, settled
+from dashboard.stage import Stage, patient
+from dashboard.test_corrections import Operator
+from dashboard.test_start_stop import StandbyBridge, session_of
+
+pytestmark = needs_chromium
+expect.set_options(timeout=PATIENCE_MS)
+SIZES = {"desktop": (1440, 900), "tablet": (820, 1180), "phone": (390, 844)}
+TAUGHT_S = 6.5  # [s] the hand has gone back and rests
+INSERTED_S = 1.4  # [s] in the middle of the first movement
+AXES = ("x", "y", "z")
+# Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
+DRAWN = """([name, from, to]) => {
+  const { state, plots } = document.querySelector(".plots").plots;
+  const panel = state.panels.find((one) => one.name === name), off = state.off(panel);
+  const [times, ...columns] = plots.get(name).plot.data;
+  const points = columns.map((values) => [...times].map((t, i) => [t, values[i]])
+    .filter(([t, value]) => value !== undefined && value !== null && t >= from && t <= to));
+  return { off: columns.map((_, k) => off[k] ?? 0), points };
+}"""
+
+
+@pytest.fixture
+def bridge(stage: Stage) -> Iterator[StandbyBridge]:
+    bridge = StandbyBridge(stage)
+    try:
+        bridge.start()
+        yield bridge
+    finally:
+        bridge.kill()
+
+
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser, accept_downloads=True)
+    at_a_desk(visitor.page)
+    yield visitor
+    visitor.close()
+
+
+def at_a_desk(page: Page) -> None:
+    width, height = SIZES["desktop"]
+    page.set_viewport_size({"width": width, "height": height})
+
+
+def looks_right(visitor: Visitor, name: str) -> None:
+    """At a desk, on a tablet and a phone, light and dark: axe finds nothing, nothing scrolls sideways."""
+    page = visitor.page
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture(f"day-{name}-{size}")
+            if size != "tablet":
+                assert visitor.barriers(*rules) == []
+        assert visitor.sideways_px() <= 0, f"{name}: a {size} scrolls sideways"
+    at_a_desk(page)
+
+
+def teach(visitor: Visitor) -> str:
+    """Start, teach, stop and name a demonstration; return its session."""
+    page, desk = visitor.page, visitor.page.locator(".desk")
+    expect(desk).to_contain_text("Ready")
+    desk.locator(".task").fill("press the pump")
+    desk.locator(".operator").fill("Ann")
+    desk.get_by_role("button", name="Start").click()
+    expect(desk).to_contain_text("Teaching")
+    shown = page.locator(".scrub output")
+    page.wait_for_function(f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}", arg=shown.element_handle())
+    visitor.picture("day-teaching-desktop")
+    desk.get_by_role("button", name="Stop").click()
+    expect(desk).to_contain_text("Ready")
+    session = session_of(page)
+    form = page.locator(".description")
+    form.locator(".name-note").fill("calm hand")
+    form.locator(".yes").click()
+    expect(form.locator(".saved")).to_contain_text("Saved.")
+    return session
+
+
+def correct(visitor: Visitor) -> None:
+    """Insert a changepoint by the menu of its time, in the name of the operator who started."""
+    page = visitor.page
+    page.locator(".plots").press("0")
+    page.locator("canvas.band").scroll_into_view_if_needed()
+    settled(page)
+    x, _ = Operator.at(page, visitor).place(INSERTED_S)
+    band = page.locator("canvas.band").bounding_box()
+    assert band is not None
+    page.mouse.click(x, band["y"] + band["height"] - 4, button="right")
+    page.locator(".correct-menu .insert").click()
+    expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
+    expect(page.locator(".corrections li")).to_have_count(1)
+    looks_right(visitor, "corrected")
+
+
+def edit(visitor: Visitor, number: int) -> None:
+    """Name an app of the program, and let it press less."""
+    card = visitor.page.locator(".app").nth(number)
+    card.get_by_text("Edit", exact=True).click()
+    card.locator(".app-name").fill("Press the pump")
+    card.locator(".app-force_n").fill("4")
+    card.locator(".save").click()
+    expect(visitor.page.locator(".program-said")).to_contain_text("name set, force set")
+    expect(card.locator(".marks")).to_contain_text("force by Ann (taught")
+    looks_right(visitor, "edited")
+
+
+def simulate(visitor: Visitor) -> None:
+    """Run the program on the simulated arm; the run is drawn, and played."""
+    path = visitor.page.locator(".program-path")
+    path.get_by_role("button", name="Simulate", exact=True).click()
+    expect(path.locator(".simulated")).to_contain_text("cell as taught: 1 level surface, nothing else")
+    run = path.get_by_role("button", name="Simulated run")
+    expect(run).to_have_attribute("aria-pressed", "true")
+    path.get_by_role("slider").press("Home")
+    path.get_by_role("button", name="Play").click()
+    expect(path.get_by_role("button", name="Pause")).to_be_visible()
+    visitor.picture("day-simulated-desktop")
+
+
+def export(visitor: Visitor) -> dict[str, object]:
+    """Return the program as the page exports it, without the number that each start of a service has."""
+    with visitor.page.expect_download() as download:
+        visitor.page.get_by_role("link", name="JSON").click()
+    exported = json.loads(Path(download.value.path()).read_text("utf-8"))
+    assert isinstance(exported, dict)
+    assert exported.pop("epoch") > 0
+    return exported
+
+
+def pressing_of(taught: Snapshot) -> int:
+    return next(i for i, one in enumerate(taught.program.apps) if one.kind == "apply_force")
+
+
+def check_signals(page: Page, sent: Recording, count: int) -> None:
+    """Within a second every sample that the bridge sent is drawn, and nothing else; likewise at the whole."""
+    page.locator(".plots").press("0")
+    settled(page)
+    drawn_as_sent(page, sent, 0.0, float(sent.t[count - 1]), every=False)
+    for _ in range(3):
+        page.get_by_role("button", name="Zoom in").click()
+    settled(page)
+    start, end = (
+        float(page.locator(".plots").get_attribute(f"data-{one}") or "nan") for one in ("from", "to")
+    )
+    assert end - start < 1.5
+    drawn_as_sent(page, sent, start, end, every=True)
+
+
+def drawn_as_sent(page: Page, sent: Recording, start: float, end: float, *, every: bool) -> None:
+    """Compare what is drawn from `start` to `end` [s] with the samples of the recording, bit by bit."""
+    inside = sent.t[(sent.t >= start) & (sent.t <= end)]
+    for panel, signal in (("position", "pos"), ("force", "force")):
+        found = page.evaluate(DRAWN, [panel, start, end])
+        for k, (off, points) in enumerate(zip(found["off"], found["points"], strict=True)):
+            samples = dict(zip(sent.t.tolist(), (sent.signals[signal][:, k] - off).tolist(), strict=True))
+            assert len(points) > 100
+            assert all(samples[t] == value for t, value in points), f"{panel} {AXES[k]}"
+            if every:
+                assert [t for t, _ in points] == inside.tolist(), f"{panel} {AXES[k]}"
+
+
+def restart(stage: Stage, bridge: StandbyBridge, page: Page) -> None:
+    """Everything dies at once, and is started again."""
+    page.goto("about:blank")  # a page that loses its dashboard reports that as an error
+    for process in (stage.dashboard, bridge, stage.service):
+        process.kill()
+    stage.service.start()
+    stage.dashboard.start()
+    bridge.start()
+
+
+def find(stage: Stage, page: Page) -> None:
+    """The day after: search the list for words of its description, and open it."""
+    page.goto(f"{stage.dashboard.url}/sessions")
+    page.locator(".words").fill("pump ann")
+    rows = page.locator("tbody tr")
+    expect(rows).to_have_count(1)
+    expect(rows).to_contain_text("yes")
+    rows.get_by_role("link", name="press the pump").click()
+    expect(page.locator(".app").first).to_be_visible()
+
+
+def check_results(caesura: Caesura, session: str, before: Snapshot) -> None:
+    """What was taught, named, corrected and edited is there as it was."""
+    after = caesura.snapshot("cell-1", session)
+    named = Description(task="press the pump", operator="Ann", note="calm hand", success=True)
+    assert after.status.description == named
+    assert after.status.samples == before.status.samples > 0
+    assert after.segments.segments == before.segments.segments
+    assert after.program.apps == before.program.apps
+    assert [(one.author, type(one.action)) for one in after.program.corrections] == [("Ann", Insert)]
+    assert [(one.author, one.state) for one in after.program.edits] == [("Ann", "applied")]
+
+
+def test_a_demonstration_from_its_start_to_the_day_after(
+    stage: Stage, bridge: StandbyBridge, visitor: Visitor
+):
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/station/cell-1")
+    session = teach(visitor)
+    correct(visitor)
+    with stage.reader() as caesura:
+        number = pressing_of(caesura.snapshot("cell-1", session))
+        edit(visitor, number)
+        simulate(visitor)
+        exported = export(visitor)
+        before = caesura.snapshot("cell-1", session)
+    assert visitor.errors == []
+
+    restart(stage, bridge, page)
+    find(stage, page)
+    with stage.reader() as caesura:
+        check_results(caesura, session, before)
+    expect(page.locator(".corrections li")).to_contain_text("inserted a changepoint at 1.")
+    expect(page.locator(".app").nth(number).locator("h3")).to_contain_text("Press the pump")
+    check_signals(page, patient(), before.status.samples)
+    looks_right(visitor, "next-day")
+    assert export(visitor) == exported
+    simulated = page.locator(".program-path")
+    simulated.get_by_role("button", name="Simulate", exact=True).click()
+    expect(simulated.locator(".simulated")).to_contain_text(re.compile(r"m/s"))
+    assert visitor.hosts == {"127.0.0.1"}
+    assert visitor.errors == []

@@ -112,8 +112,7 @@ class BatchCollector:
         known.next_seq += 1
         t_last = layout.t_last_of(content)
         if t_last >= known.due_s:
-            ahead = (t_last - known.due_s) // STEP_S if math.isfinite(t_last) else 0.0
-            known.due_s += STEP_S * (1.0 + ahead) if math.isfinite(ahead) else 0.0
+            known.due_s = _due_after(known.due_s, t_last)
             self._release(source)
         elif len(known.payloads) >= MOST or len(known.payloads) * layout.size >= MOST_BYTES:
             self._release(source)
@@ -121,7 +120,10 @@ class BatchCollector:
             self._held[source] = self._clock() + HOLD_S
 
     def _due_s(self, known: _Source, layout: BatchLayout) -> float:
-        """Return the session time [s] that completes the next observation: exact where nothing waits."""
+        """Return the session time [s] that completes the next observation: exact where nothing waits.
+
+        Where the session has batches to process first, or waits for a missing one, it is a prediction.
+        """
         awaited = self._awaited(known.station, layout.message.session)
         if awaited is None:
             return -math.inf
@@ -157,3 +159,12 @@ class BatchCollector:
             self._sources = {name: self._sources[name] for name in self._held}
         known = self._sources[source] = _Source(station)
         return known
+
+
+def _due_after(due_s: float, t_last: float) -> float:
+    """Return the due time [s] after the one that a batch has reached; predicted where none is known."""
+    if not math.isfinite(t_last):
+        return due_s
+    if not math.isfinite(due_s):
+        return t_last + STEP_S
+    return due_s + STEP_S * (1.0 + (t_last - due_s) // STEP_S)

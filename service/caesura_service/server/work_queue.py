@@ -9,8 +9,7 @@ until no other has anything to do. Within a lane items keep their order.
 
 Capacity and what is dropped: samples are dropped, newest first, when the queue is full in items or in bytes,
 or when one source has taken its share of either, so that no source shuts the others out; the session finds
-the hole by its number and asks again. A source of which one was dropped has all dropped until the overload is
-over. What comes behind a hole would only be held, and many small holes take as many questions. Commands are never dropped: there is room for as many again, of one
+the hole by its number and asks again. Commands are never dropped: there is room for as many again, of one
 station for `commands`, and past that the caller has to refuse them.
 
 Overload is known before anything is dropped: from `overloaded_at` of the capacity, or of a source's share,
@@ -55,7 +54,7 @@ class QueueSettings:
 class _Load:
     """The waiting items of one source, or of all, and their limits."""
 
-    __slots__ = ("is_cut", "items", "mark", "mark_bytes", "most", "most_bytes", "size", "source")
+    __slots__ = ("items", "mark", "mark_bytes", "most", "most_bytes", "size", "source")
 
     def __init__(self, source: str, settings: QueueSettings, parts: int = 1) -> None:
         """parts: that all which may wait is divided into."""
@@ -63,7 +62,6 @@ class _Load:
         self.most, self.most_bytes = settings.capacity / parts, settings.capacity_bytes / parts
         self.mark, self.mark_bytes = (settings.overloaded_at * of for of in (self.most, self.most_bytes))
         self.items = self.size = 0  # size [bytes]
-        self.is_cut = False  # was one dropped since the overload began?
 
     def has_room(self, items: int, size: int, room: float) -> bool:
         """Whether so many more items of that size in all [bytes] fit. room: a factor on the limits."""
@@ -129,10 +127,7 @@ class WorkQueue(Generic[T]):
             room = 1.0 if self._is_announced else 2.0
             load = self._of_source.get(source) or self._add_source(source)
             self._total.items = self._waiting
-            load.is_cut = load.is_cut and not self.overloaded_sources.isdisjoint((WHOLE, source))
-            fits = self._total.has_room(count, size, room) and load.has_room(count, size, room)
-            if load.is_cut or not fits:
-                load.is_cut = True
+            if not (self._total.has_room(count, size, room) and load.has_room(count, size, room)):
                 self._drop(source, count)
                 return False
             load.items += count

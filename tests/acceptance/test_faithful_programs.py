@@ -21,10 +21,10 @@ from typer.testing import CliRunner
 from caesura_clients.cli import build
 from caesura_clients.cli.result_tables import apps_table
 from caesura_protocol.messages import MAX_VIA_POINTS, App, Gap
-from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import ProgramFile, read_document
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
+from caesura_protocol.reproduced_path import curve_of
 
 Array = NDArray[np.float64]
 

@@ -28,6 +28,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Un
 from caesura_protocol.messages import BridgeState, Description, SessionStatus
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.examples import LiveSource, samples
+from clients.guided_arms import ARMS, M_PER_STATE, RATE_HZ, GuidedArm
 from harness.demonstrations import guided
 from harness.processes import (
     CAESURA,
@@ -89,12 +90,14 @@ def caesura(router) -> Iterator[Caesura]:
 
 
 @contextmanager
-def standing_by(endpoint: str, *sources: Source, settings=QUICK) -> Iterator[Standby]:
+def standing_by(endpoint: str, *sources: Source, settings=QUICK, released_s=None) -> Iterator[Standby]:
     """A bridge in standby in a thread of its own; each loss of a source opens the next one."""
     rest = chain(sources, repeat(sources[-1]))
     with ExitStack() as stack:
         transport = stack.enter_context(ZenohTransport(endpoint, timeout_s=DEADLINE_S))
-        standby = Standby(transport, STATION, lambda: nullcontext(next(rest)), settings=settings)
+        standby = Standby(
+            transport, STATION, lambda: nullcontext(next(rest)), settings=settings, released_s=released_s
+        )
         thread = threading.Thread(target=standby.run)
         thread.start()
         stack.callback(thread.join, DEADLINE_S)
@@ -347,3 +350,153 @@ def test_a_bridge_in_standby_takes_no_options_of_one_session(words):
     register(app)
     refusal = CliRunner().invoke(app, ["bridge", "--standby", *words])
     assert (refusal.exit_code, words[0] in refusal.output) == (2, True)
+
+
+# --- the hand-guiding button -----------------------------------------------------------------------------
+
+
+class ArmWithButton(Robot):
+    """A live source whose samples and button a test gives."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.button_pressed = False
+
+    def guide(self, chunk: np.ndarray, *, pressed: bool) -> None:
+        """Give a chunk, with the button as it is then; returns once it was taken."""
+        self._pressed = pressed
+        until = self.read + len(chunk)
+        self.give(chunk)
+        eventually(lambda: self.read == until)
+
+    def chunks(self) -> Iterator[np.ndarray]:
+        while (chunk := self._given.get()) is not None:
+            self.button_pressed = self._pressed
+            yield chunk
+            self.read += len(chunk)
+
+
+def positions(caesura: Caesura, session: str) -> np.ndarray:
+    return caesura.samples(STATION, session, 0.0, 60.0)["px"][:, -1]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_press_begins_a_demonstration_that_a_regrip_goes_on_with_and_a_release_ends(
+    router, service, caesura, monkeypatch, name
+):
+    go, over = threading.Event(), threading.Event()
+    phases = [(1.0, True), (1.0, False), (0.6, True), (0.8, False), (0.6, True), (3.0, False)]
+    arm = GuidedArm(monkeypatch, name, phases, go, over)
+    with standing_by(router.endpoint, arm, released_s=1.0) as standby, released(go, over):
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        go.set()
+        eventually(lambda: standby.status.last_session is not None)
+        (session,) = [one.session for one in caesura.sessions(STATION)]
+        status = known(caesura, session)
+        assert (status.state, status.gaps, status.description) == ("closed", (), Description())
+        assert standby.status.outcome.endswith("the button was released for 1 s, which are left out")
+        assert standby.status.state == "ready"
+    chunk = 0.02 * RATE_HZ[name]
+    taught_s = (positions(caesura, session) - 0.4) / M_PER_STATE / RATE_HZ[name]
+    lead, release = 2.0 - 0.5, 2.0 + 0.6 + 0.8 + 0.6
+    assert taught_s[0] == pytest.approx(lead, abs=0.04), "the arm rests before the press"
+    assert taught_s[-1] == pytest.approx(release, abs=0.04), "what comes after the release is left out"
+    assert status.samples == pytest.approx((release - lead) * RATE_HZ[name], abs=2 * chunk)
+
+
+@contextmanager
+def released(*events: threading.Event) -> Iterator[None]:
+    """Let the arm go at the end, whatever came before."""
+    try:
+        yield
+    finally:
+        for event in events:
+            event.set()
+
+
+def test_a_stop_ends_what_the_button_began_and_a_button_that_is_held_begins_nothing(router, service, caesura):
+    arm = ArmWithButton()
+    with standing_by(router.endpoint, arm, released_s=1.0) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        arm.guide(samples(100, t0=50.0), pressed=True)  # held before the bridge was there
+        arm.guide(samples(700, t0=50.1), pressed=False)
+        assert standby.status.state == "ready"
+        arm.guide(samples(100, t0=50.8), pressed=True)
+        reaches(standby, "teaching")
+        first = standby.status.session
+        arm.guide(samples(200, t0=50.9), pressed=False)
+        assert caesura.stop(STATION, success=True).session == first
+        status = known(caesura, first)
+        assert (status.state, status.description.success) == ("closed", True)
+        assert status.samples == 700 + 100 + 200, "a stop keeps what came since the release"
+        arm.guide(samples(100, t0=51.1), pressed=True)
+        reaches(standby, "teaching")
+        second = standby.status.session
+        caesura.stop(STATION)
+        arm.guide(samples(100, t0=51.2), pressed=True)
+        arm.guide(samples(100, t0=51.3), pressed=True)
+        assert standby.status.state == "ready"
+        assert {one.session for one in caesura.sessions(STATION)} == {first, second}
+        arm.fail()
+
+
+def test_what_start_began_is_not_ended_by_the_button(router, service, caesura):
+    arm = ArmWithButton()
+    with standing_by(router.endpoint, arm, released_s=0.2) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        session = caesura.start(STATION, WIPE).session
+        for part, pressed in enumerate((False, True, False)):
+            arm.guide(samples(500, t0=0.5 * part), pressed=pressed)
+        assert standby.status.state == "teaching"
+        caesura.stop(STATION)
+        assert known(caesura, session).samples == 1500
+        arm.fail()
+
+
+def test_a_press_without_a_service_begins_nothing_and_the_status_has_the_reason(router, tmp_path, caesura):
+    arm = ArmWithButton()
+    with standing_by(router.endpoint, arm, released_s=1.0) as standby:
+        reaches(standby, "ready")
+        arm.guide(samples(100, t0=0.0), pressed=False)
+        arm.guide(samples(100, t0=0.1), pressed=True)
+        eventually(lambda: "no service is there" in (standby.status.problem or ""))
+        assert standby.status.problem.startswith("the button was pressed, and nothing began: ")
+        assert (standby.status.state, standby.status.session) == ("ready", None)
+        with running(Service(tmp_path / "journal", router=router.endpoint)):
+            eventually(lambda: caesura.services() != [])
+            arm.guide(samples(600, t0=0.2), pressed=False)
+            arm.guide(samples(100, t0=0.8), pressed=True)
+            reaches(standby, "teaching")
+            assert standby.status.problem is None
+            session = standby.status.session
+            caesura.stop(STATION)
+            assert known(caesura, session).samples == 700
+        arm.fail()
+
+
+def test_a_source_without_a_button_is_refused_in_words(router, tmp_path):
+    file = tmp_path / "taught.npz"
+    RECORDING.save(file)
+    app = typer.Typer()
+    register(app)
+    words = ["bridge", "--standby", "--start-by", "button", "--file", str(file), "--connect", router.endpoint]
+    refusal = CliRunner().invoke(app, words)
+    assert refusal.exit_code == 1
+    assert "the source file reports no hand-guiding button; these do: franky, panda, ur" in refusal.output
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--start-by", "button"], "add --standby"),
+        (["--standby", "--released-s", "3"], "add --start-by button"),
+    ],
+)
+def test_options_of_the_button_need_each_other(words, said):
+    app = typer.Typer()
+    register(app)
+    refusal = CliRunner().invoke(app, ["bridge", *words])
+    assert (refusal.exit_code, said in " ".join(refusal.output.split())) == (2, True)

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+IDLE, GUIDING = 1, 3  # of franka::RobotMode
+
 
 class Script:
     """What the robot does: a state a millisecond, then an error."""
@@ -31,6 +33,7 @@ def state(time_ms: int, **fields: Any) -> SimpleNamespace:
         "F_T_EE": np.eye(4),
         "O_F_ext_hat_K": np.zeros(6),
         "tau_ext_hat_filtered": np.zeros(7),
+        "robot_mode": IDLE,
     }
     return SimpleNamespace(time_ms=time_ms, **{**reported, **fields})
 
@@ -79,6 +82,7 @@ def fake_franky(script: Script) -> ModuleType:
                 F_T_EE=Affine(reported.F_T_EE),
                 O_F_ext_hat_K=reported.O_F_ext_hat_K,
                 tau_ext_hat_filtered=reported.tau_ext_hat_filtered,
+                robot_mode=reported.robot_mode,
                 time=Duration(reported.time_ms),
             )
 
@@ -95,6 +99,7 @@ def fake_franky(script: Script) -> ModuleType:
     module.Robot, module.Gripper, module.Affine, module.Duration = Robot, Gripper, Affine, Duration
     module.Exception, module.NetworkException = FrankyError, NetworkException
     module.RealtimeConfig = SimpleNamespace(Ignore="Ignore", Enforce="Enforce")
+    module.RobotMode = SimpleNamespace(Idle=IDLE, Guiding=GUIDING)
     return module
 
 
@@ -117,6 +122,7 @@ def fake_libfranka(script: Script) -> ModuleType:
                 F_T_EE=reported.F_T_EE.flatten(order="F").tolist(),
                 O_F_ext_hat_K=reported.O_F_ext_hat_K.tolist(),
                 tau_ext_hat_filtered=reported.tau_ext_hat_filtered.tolist(),
+                robot_mode=reported.robot_mode,
                 time=Duration(reported.time_ms),
             )
 
@@ -131,4 +137,5 @@ def fake_libfranka(script: Script) -> ModuleType:
 
     module.Robot, module.Gripper, module.Duration = Robot, Gripper, Duration
     module.RealtimeConfig = SimpleNamespace(kIgnore="kIgnore", kEnforce="kEnforce")
+    module.RobotMode = SimpleNamespace(kIdle=IDLE, kGuiding=GUIDING)
     return module

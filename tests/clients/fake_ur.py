@@ -20,6 +20,7 @@ SIGNATURES = {
         "getActualQ": ") -> list[float]",
         "getActualTCPPose": ") -> list[float]",
         "getActualTCPForce": ") -> list[float]",
+        "getRobotStatus": ") -> int",
         "isConnected": ") -> bool",
         "isEmergencyStopped": ") -> bool",
         "isProtectiveStopped": ") -> bool",
@@ -56,7 +57,7 @@ class Script:
 
 
 def state(t: float, **fields: Any) -> SimpleNamespace:
-    reported = {"q": [0.0] * 6, "pose": [0.4, 0.1, 0.2, 0.0, 0.0, 0.0], "wrench": [0.0] * 6}
+    reported = {"q": [0.0] * 6, "pose": [0.4, 0.1, 0.2, 0.0, 0.0, 0.0], "wrench": [0.0] * 6, "status": 3}
     return SimpleNamespace(t=t, **{**reported, **fields})
 
 
@@ -99,6 +100,9 @@ class Receive:
 
     def getActualTCPForce(self) -> list[float]:  # noqa: N802
         return self._now.wrench
+
+    def getRobotStatus(self) -> int:  # noqa: N802
+        return self._now.status
 
     def isConnected(self) -> bool:  # noqa: N802
         return self._script.connected or not self._over

@@ -24,7 +24,7 @@ PARAMETERS = {
 
 @dataclass
 class Script:
-    """What the arm reports, then silence for a reason."""
+    """What the arm reports, then silence for a reason. A report's mode is not in what the callback gets."""
 
     reports: list[dict[str, Any]]
     force: list[float] = field(default_factory=lambda: [0.0] * 6)
@@ -35,7 +35,12 @@ class Script:
 
 
 def report(**fields: Any) -> dict[str, Any]:
-    return {"cartesian": [400.0, 0.0, 200.0, 0.0, 0.0, 0.0], "joints": [0.0] * 7, "error_code": 0} | fields
+    return {
+        "cartesian": [400.0, 0.0, 200.0, 0.0, 0.0, 0.0],
+        "joints": [0.0] * 7,
+        "error_code": 0,
+        "mode": 0,
+    } | fields
 
 
 def fake_xarm(script: Script) -> dict[str, ModuleType]:
@@ -52,6 +57,7 @@ class XArmAPI:
         if script.refused is not None:
             raise RuntimeError(script.refused)
         self._script = script
+        self.mode = 0
 
     @property
     def ft_ext_force(self) -> list[float]:
@@ -62,10 +68,15 @@ class XArmAPI:
         return self._script.connected
 
     def register_report_callback(self, callback: Any) -> bool:
-        thread = threading.Thread(target=lambda: [callback(one) for one in self._script.reports])
+        thread = threading.Thread(target=self._report, args=(callback,))
         thread.start()
         thread.join()
         return True
+
+    def _report(self, callback: Any) -> None:
+        for one in self._script.reports:
+            self.mode = one["mode"]
+            callback({name: value for name, value in one.items() if name != "mode"})
 
     def __getattr__(self, name: str) -> Any:
         if name not in PARAMETERS:

@@ -14,7 +14,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 PORT = 30004  # ur_rtde takes no other
-TYPES = {"timestamp": "DOUBLE", "safety_status_bits": "UINT32"}  # all others have six numbers
+TYPES = {
+    "timestamp": "DOUBLE",
+    "safety_status_bits": "UINT32",
+    "robot_status_bits": "UINT32",
+}  # others: six numbers
 VERSION, CONTROLLER, OUTPUTS, START, PAUSE, PACKAGE = (ord(one) for one in "VvOSPU")
 
 
@@ -76,7 +80,7 @@ class RtdeServer:
             if name == "timestamp":
                 parts.append(struct.pack(">d", 100.0 + 0.002 * sent))
             elif name in TYPES:
-                parts.append(struct.pack(">I", 1))
+                parts.append(struct.pack(">I", int(self.values.get(name, [1])[0])))
             else:
                 parts.append(struct.pack(">6d", *self.values[name]))
         return b"".join(parts)

@@ -15,7 +15,16 @@ from caesura_clients.bridge.sources.franka import FrankaSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
-from clients.fake_franka import Affine, Duration, Script, fake_franky, fake_libfranka, state
+from clients.fake_franka import (
+    GUIDING,
+    IDLE,
+    Affine,
+    Duration,
+    Script,
+    fake_franky,
+    fake_libfranka,
+    state,
+)
 from clients.fake_service import FakeService, eventually
 from clients.lost_arm import chunks_of
 from clients.test_bridge import QUICK
@@ -215,6 +224,7 @@ def test_franky_is_as_the_fake_has_it():
         assert hasattr(real, name)
     assert issubclass(real.NetworkException, Exception)
     assert hasattr(real.RealtimeConfig, "Ignore")
+    assert (int(real.RobotMode.Idle), int(real.RobotMode.Guiding)) == (IDLE, GUIDING)
     for name in vars(state(0)):
         assert name == "time_ms" or isinstance(getattr(real.RobotState, name), property)
     assert isinstance(real.RobotState.time, property)
@@ -236,6 +246,7 @@ def test_panda_python_is_as_the_fake_has_it():
     assert "franka_address: str, realtime_config" in real.Robot.__init__.__doc__
     assert "franka_address: str" in real.Gripper.__init__.__doc__
     assert hasattr(real.RealtimeConfig, "kIgnore")
+    assert (int(real.RobotMode.kIdle), int(real.RobotMode.kGuiding)) == (IDLE, GUIDING)
     for name in vars(state(0)):
         assert name == "time_ms" or isinstance(getattr(real.RobotState, name), property)
     assert callable(real.Robot.read_once)

@@ -175,10 +175,13 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
         "tau": np.ones((n, 7)),
     }
     messages = list(ros.franka_topic(Recording(demonstration.t[:n], reported)))
+    messages[-1][-1].robot_mode = 3  # guiding
     with publisher(router, "rmw_zenoh") as node, opened(router, node, early(messages)) as source:
         said = (source.wrench_source, source.hand_on_robot, source.force_frame, source.can_wait)
         assert said == ("joint_torque_estimate", "unknown", "base", False)
+        assert source.button_pressed is False
         rows = rows_of(source, node, messages, n)
+        assert source.button_pressed is True
     column = dict(zip(source.columns, rows[rows[:, 0] > MUCH_LATER_S].T, strict=True))
     assert np.array_equal(column["pz"], reported["pos"][:, 2])
     assert np.array_equal(column["fz"], reported["force"][:, 2])

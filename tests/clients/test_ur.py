@@ -177,11 +177,13 @@ def test_ur_rtde_itself_reads_a_controller_that_speaks_rtde():
         "actual_q": [0.1, -1.2, 1.3, -1.4, -1.5, 0.6],
         "actual_TCP_pose": [0.4, 0.1, 0.2, *DOWN],
         "actual_TCP_force": [1.0, 0.0, 10.0, 0.0, 0.0, 0.5],
+        "robot_status_bits": [0b111],  # power, program, teach button
     }
     with rtde_server(values) as controller:
         source = open_source("ur", replace(STATED, host="127.0.0.1"))
         reported = source.chunks()
         column = dict(zip(source.columns, next(reported).T, strict=True))
+        assert source.button_pressed is True
         controller.kill()
         with pytest.raises(SourceError, match="lost after"):
             for _ in reported:

@@ -123,4 +123,5 @@ def test_the_sdk_is_as_the_fake_has_it():
         assert list(inspect.signature(getattr(real, name)).parameters)[1 : len(parameters) + 1] == parameters
     assert isinstance(real.ft_ext_force, property)
     assert isinstance(real.connected, property)
+    assert isinstance(real.mode, property)
     assert list(inspect.signature(real.__init__).parameters)[1:3] == ["port", "is_radian"]

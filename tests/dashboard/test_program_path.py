@@ -9,8 +9,8 @@ from caesura_clients.dashboard.program_edits import checked
 from caesura_clients.dashboard.program_path import COLOURS, PARTS, program_path
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppChange, Program
-from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import document
+from caesura_protocol.reproduced_path import curve_of
 from clients.examples import example
 from harness.programs import app, pick_and_place, press
 

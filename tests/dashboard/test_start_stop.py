@@ -101,6 +101,11 @@ def test_start_teach_stop_name_and_find_it_after_a_restart_of_everything(
     page.goto(f"{stage.dashboard.url}/station/cell-1")
     expect(desk).to_contain_text("Ready")
     expect(desk.locator(".stop")).to_be_disabled()
+    expect(page.locator(".selection")).to_have_text(
+        "Signals and segments are drawn here once a demonstration begins."
+    )
+    for tools in (".scrub", ".signals"):  # there is nothing to zoom or to choose yet
+        expect(page.locator(tools)).to_have_count(0)
     pictured(visitor, "desk-ready")
 
     desk.locator(".task").fill("wipe")

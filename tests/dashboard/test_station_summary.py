@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from caesura_clients.dashboard.demonstrations import controls
 from caesura_clients.dashboard.station_summary import (
     STALE_S,
     DashboardState,
@@ -102,6 +103,17 @@ def test_a_late_status_of_a_bridge_that_is_gone_makes_no_station_ready():
     there = DashboardState(bridges=frozenset({"cell-9"}), standby={"cell-9": late})
     gone = replace(there, bridges=frozenset())
     assert [glance(world, "cell-9", None, NOW, 0.0).state for world in (there, gone)] == ["standby", "gone"]
+
+
+def test_a_press_that_began_nothing_is_explained_where_start_is():
+    why = "the button was pressed, and nothing began: no service is there"
+    status = BridgeStatus(station="cell-9", bridge="b", state="ready", source="franky", problem=why)
+    there = DashboardState(bridges=frozenset({"cell-9"}), standby={"cell-9": status}, alive=True)
+    shown = controls(there, "cell-9", may_operate=True)
+    assert (shown["canStart"], shown["outcome"]) == (
+        True,
+        "The button was pressed, and nothing began: no service is there.",
+    )
 
 
 def test_overload_and_gaps_are_reported_and_counted(world):

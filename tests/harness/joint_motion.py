@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from caesura_lab.execution.trajectories import app_path, arrival_speed, press_direction
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App
-from caesura_protocol.paths import Curve
 from caesura_protocol.programs.safety import DEFAULT
+from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of
 from caesura_service.robot import Robot
 

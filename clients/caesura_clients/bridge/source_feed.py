@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self
 
-from caesura_clients.bridge.sources import Chunk, Mark, Source
+from caesura_clients.bridge.guiding_button import GuidingButton
+from caesura_clients.bridge.sources import Chunk, Mark, Source, button_pressed
 from caesura_protocol.errors import SourceError
 
 Take = Callable[[Chunk | Mark], None]
@@ -22,10 +23,11 @@ class SourceFeed:
     """Passes what a source yields to `take` between `begin` and `end`.
 
     changed: is set whenever the source ends or fails. A `take` that raises is not called again; the error is
-    in `rejection`.
+    in `rejection`. released_s [s]: the robot's hand-guiding button begins sessions too, and ends those once
+    it was released for so long; None: it does not.
     """
 
-    def __init__(self, source: Source, changed: threading.Event) -> None:
+    def __init__(self, source: Source, changed: threading.Event, released_s: float | None = None) -> None:
         self.failure: SourceError | None = None  # of the source
         self.rejection: Exception | None = None  # of the session that took its samples
         self.has_ended = False
@@ -34,6 +36,7 @@ class SourceFeed:
         self._take: Take | None = None
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
+        self.button = None if released_s is None else GuidingButton(changed, self._offer, released_s)
 
     def __enter__(self) -> Self:
         if not self._source.can_wait:
@@ -60,6 +63,8 @@ class SourceFeed:
         """Pass samples on from now on."""
         self.rejection = None
         self._take = take
+        if self.button is not None:
+            self.button.begin()
         if self._source.can_wait:
             self.has_ended, self.failure = False, None
             self._over = threading.Event()
@@ -67,6 +72,8 @@ class SourceFeed:
 
     def end(self) -> None:
         """Pass no further samples on; one chunk may still be under way."""
+        if self.button is not None:
+            self.button.end()
         self._take = None
         if self._source.can_wait:
             self._over.set()
@@ -90,6 +97,12 @@ class SourceFeed:
             self._changed.set()
 
     def _pass_on(self, item: Chunk | Mark) -> None:
+        if self.button is None:
+            self._offer(item)
+        else:
+            self.button.take(item, button_pressed(self._source) or False)
+
+    def _offer(self, item: Chunk | Mark) -> None:
         take = self._take
         if take is None:
             return

@@ -1,7 +1,8 @@
 """A bridge in standby: connected to its robot, and teaching only between a start and a stop.
 
 It holds the station's liveliness token, publishes its state once a second, and answers `Start` and `Stop` on
-the key `bridge_control`. Each session is a `Bridge` of its own, with its ring and its crash promises.
+the key `bridge_control`. The robot's hand-guiding button may start too (`guiding_button`). Each session is a
+`Bridge` of its own, with its ring and its crash promises.
 
 What each case comes to:
   the same start twice      one session; the second answer names it
@@ -12,6 +13,7 @@ What each case comes to:
   the source ends or fails  the session is closed with what came; a lost source is opened again
   the bridge dies           the next bridge of the station closes the session behind its last batch
   another bridge is there   this one waits until that is gone, and then gives up
+  the button at no service  nothing begins, and the status states why until the next start
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from caesura_clients.bridge.marker_queue import MarkerQueue
 from caesura_clients.bridge.query_thread import QueryThread
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.source_feed import SourceFeed
-from caesura_clients.bridge.sources import Chunk, Mark, Source
+from caesura_clients.bridge.sources import Chunk, Mark, Source, button_pressed
 from caesura_protocol.codec import decode, encode, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import check_name, station_key
@@ -59,11 +61,17 @@ OpenSource = Callable[[], AbstractContextManager[Source]]
 logger = logging.getLogger(__name__)
 
 
+class NoButtonError(SourceError):
+    """Demonstrations are to begin by a button that the source does not report."""
+
+
 class Standby:
     """Many sessions of one station, one after the other, each from a `Start` to a `Stop`.
 
     open_source: opens the source anew, as often as it is lost or has been read. source_name: as the status
     names it; say: is called with each new status; token_s: patience with another bridge of the station.
+    released_s [s]: the robot's hand-guiding button begins demonstrations too, and ends those once it was
+    released for so long; None: it does not.
     """
 
     def __init__(
@@ -77,16 +85,18 @@ class Standby:
         settings: BridgeSettings | None = None,
         say: Callable[[BridgeStatus], None] | None = None,
         token_s: float = TOKEN_S,
+        released_s: float | None = None,
     ) -> None:
         self.station = check_name(station, "station")
         self._transport = transport
         self._open_source = open_source
         self._preset, self._settings = preset, settings or BridgeSettings()
-        self._token_s = token_s
+        self._token_s, self._released_s = token_s, released_s
         self._say = say or (lambda _status: None)
         self._over = threading.Event()
         self._changed = threading.Event()  # a command came, or the source ended
         self._changing = threading.Lock()
+        self._starting = threading.Lock()  # one start at a time is looked at
         self._began = time.time()  # [s] time of day
         self._tidy_due = float("-inf")  # [s] monotonic
         self._tidied = False  # are the sessions closed that an earlier bridge left open?
@@ -107,7 +117,10 @@ class Standby:
         self._changed.set()
 
     def run(self) -> None:
-        """Serve until `end`. Raises CaesuraError where another bridge keeps the station."""
+        """Serve until `end`.
+
+        Raises CaesuraError where another bridge keeps the station, or the source lacks the button.
+        """
         self._wait_for_station()
         key = station_key(self.station, "bridge_control")
         with ExitStack() as stack:
@@ -120,7 +133,10 @@ class Standby:
             while not self._over.is_set():
                 try:
                     with self._open_source() as source:
+                        self._check_button(source)
                         self._serve(source)
+                except NoButtonError:
+                    raise
                 except Exception as error:  # of any library: the robot may come back
                     logger.debug("the source is lost", exc_info=True)
                     self._change(state="failed", problem=f"the source is lost: {_words(error)}"[:1000])
@@ -134,6 +150,14 @@ class Standby:
             if time.monotonic() >= deadline:
                 raise CaesuraError(f"a bridge is connected as {self.station} already: end that one first")
 
+    def _check_button(self, source: Source) -> None:
+        """Raises NoButtonError where the button is to begin demonstrations and there is none."""
+        if self._released_s is not None and button_pressed(source) is None:
+            raise NoButtonError(
+                f"the source {self.status.source} reports no hand-guiding button; these do: franky, panda, "
+                "ur and xarm without --teach-mode, ros2 with FrankaRobotState"
+            )
+
     # --- source and sessions, in the thread that runs ---------------------------------------------------
 
     def _serve(self, source: Source) -> None:
@@ -141,19 +165,38 @@ class Standby:
 
         Raises SourceError once it is lost.
         """
-        with SourceFeed(source, self._changed) as feed:
+        with SourceFeed(source, self._changed, self._released_s) as feed:
             if self._current is None:
                 self._change(state="ready", problem=None)
             while not self._over.is_set():
                 self._tidy()
                 self._changed.wait(STATUS_S)
                 self._changed.clear()
-                if self._current is not None:
+                if feed.button is not None and self._current is None and feed.button.accept():
+                    self._start_by_button(source, feed)
+                elif self._current is not None:
                     self._teach(self._current, source, feed)
                 if feed.is_lost:
                     raise feed.failure or SourceError("it has ended")
                 if feed.was_read:
                     return  # it begins anew with the next session
+
+    def _start_by_button(self, source: Source, feed: SourceFeed) -> None:
+        """One session for a press; a refusal, which has no other reader, is stated until the next start."""
+        refusal: Exception | None = None
+        try:
+            one = self._begin(Start(id=new_session_name()))
+        except (ProtocolError, CaesuraError) as error:
+            refusal = error
+        else:
+            self._teach(one, source, feed)
+            refusal = one.refusal if one.was_refused else None
+        if refusal is None:
+            return
+        feed.end()
+        if self._current is None:
+            why = refusal.message if isinstance(refusal, ProtocolError) else str(refusal)
+            self._change(problem=f"the button was pressed, and nothing began: {why}"[:1000])
 
     def _teach(self, one: _Demonstration, source: Source, feed: SourceFeed) -> None:
         """One session, from its opening to its acknowledged end."""
@@ -178,6 +221,7 @@ class Standby:
             if not isinstance(error, CaesuraError | ProtocolError):
                 raise
         finally:
+            feed.end()
             self._current = None
             self._change(
                 state="failed" if feed.is_lost else "ready",
@@ -207,11 +251,13 @@ class Standby:
             feed.begin(_Taker(bridge, marks, rebased=not source.can_wait))
             self._change(state="teaching")
             one.opened()  # only now: what is taught after the answer is in the session
-            while not (one.stop.is_set() or self._over.is_set()):
+            was_released = False
+            while not (one.stop.is_set() or self._over.is_set() or was_released):
                 if feed.has_ended or feed.failure is not None or feed.rejection is not None:
                     break
                 self._changed.wait(STATUS_S)
                 self._changed.clear()
+                was_released = feed.button is not None and feed.button.is_over
             feed.end()
             bridge.stop()
         if feed.rejection is not None:
@@ -220,6 +266,8 @@ class Standby:
             return f"; the source failed: {feed.failure}"
         if feed.has_ended and not one.stop.is_set():
             return "; the source has ended"
+        if was_released and not one.stop.is_set():
+            return f"; the button was released for {self._released_s:g} s, which are left out"
         return "; the bridge was ended" if self._over.is_set() and not one.stop.is_set() else ""
 
     def _store(self, one: _Demonstration, bridge: Bridge) -> str:
@@ -285,18 +333,24 @@ class Standby:
     def _start(self, start: Start) -> BridgeAck:
         one = self._started.get(start.id)
         if one is None or one.was_refused:
-            self._check_ready()
-            self._check_no_other_session()
-            one = _Demonstration(start, start.session or new_session_name())
-            self._remember(start.id, one)
-            self._current = one
-            self._change(state="starting", session=one.session, description=start.description)
+            one = self._begin(start)
             self._changed.set()
         if not one.answered.wait(OPEN_S + 2 * STATUS_S):
             raise ProtocolError("overloaded", f"{one.session} is still being opened: try again")
         if one.was_refused and one.refusal is not None:
             raise one.refusal
         return BridgeAck(session=one.session, state=self.status.state)
+
+    def _begin(self, start: Start) -> _Demonstration:
+        """Make a start the current demonstration. Raises ProtocolError where none can begin now."""
+        with self._starting:
+            self._check_ready()
+            self._check_no_other_session()
+            one = _Demonstration(start, start.session or new_session_name())
+            self._remember(start.id, one)
+            self._current = one
+            self._change(state="starting", session=one.session, description=start.description, problem=None)
+        return one
 
     def _check_ready(self) -> None:
         """Raises ProtocolError where no session can begin now."""

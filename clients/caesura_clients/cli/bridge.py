@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
+from caesura_clients.bridge.guiding_button import RELEASED_S
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
 from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
@@ -91,6 +92,19 @@ def bridge(
     standby: Annotated[
         bool, typer.Option("--standby", help="Wait for `caesura start` and `stop`, or the dashboard.")
     ] = False,
+    start_by: Annotated[
+        Literal["button"] | None,
+        typer.Option(help="In standby the robot's hand-guiding button starts too: a press begins."),
+    ] = None,
+    released_s: Annotated[
+        float | None,
+        typer.Option(
+            min=0.2,
+            max=30.0,
+            metavar="S",
+            help=f"Released for so long, the button ends it. By default {RELEASED_S:g}.",
+        ),
+    ] = None,
     stated: DescriptionOptions,
     endpoint: Connect = None,
     config: Config = None,
@@ -100,6 +114,9 @@ def bridge(
     The exit code is 1 where the service refused anything of it.
 
     In standby it sends nothing until it is started, and is ready again after each demonstration.
+
+    With --start-by button a press of the robot's hand-guiding button begins one, and it ends at Stop, or once
+    the button was released for --released-s. A hand that regrips sooner goes on with it.
     """
     options = SourceOptions(
         file=file,
@@ -122,6 +139,10 @@ def bridge(
         raise typer.BadParameter("a session is taken up by its name: add --session", param_hint="--epoch")
     if standby:
         _check_standby(source, session, marker, stated)
+    if start_by and not standby:
+        raise typer.BadParameter("it starts a bridge in standby: add --standby", param_hint="--start-by")
+    if released_s is not None and not start_by:
+        raise typer.BadParameter("add --start-by button, which this ends", param_hint="--released-s")
     with reported():
         named(station)
         settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
@@ -134,6 +155,7 @@ def bridge(
                     source=source,
                     preset=preset,
                     settings=settings,
+                    released_s=(RELEASED_S if released_s is None else released_s) if start_by else None,
                 )
             return
         with (

@@ -117,8 +117,12 @@ def stand_by(
     source: str,
     preset: str | None,
     settings: BridgeSettings,
+    released_s: float | None = None,
 ) -> None:
-    """Serve starts and stops until Ctrl-C or SIGTERM; a second one ends at once."""
+    """Serve starts and stops until Ctrl-C or SIGTERM; a second one ends at once.
+
+    released_s: as of `Standby`.
+    """
     standby = Standby(
         caesura.transport,
         station,
@@ -127,6 +131,7 @@ def stand_by(
         preset=preset,
         settings=settings,
         say=_StatusPrinter(),
+        released_s=released_s,
     )
     with _ended_by_signals(standby):
         standby.run()

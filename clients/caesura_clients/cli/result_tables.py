@@ -29,8 +29,8 @@ from caesura_protocol.messages import (
     Vector,
 )
 from caesura_protocol.number_words import fixed
-from caesura_protocol.paths import path_in_words
 from caesura_protocol.recording import Recording, did_you_mean
+from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import torque_about_axis
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day, moment
 

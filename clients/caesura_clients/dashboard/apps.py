@@ -13,8 +13,8 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.number_words import fixed
-from caesura_protocol.paths import NAMED_TURN_RAD, turn_of
 from caesura_protocol.programs.path_drawing import path_svg
+from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
 from caesura_protocol.screw_motion import screw_in_words
 
 NEWEST = 100  # apps that are drawn

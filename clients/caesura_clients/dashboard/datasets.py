@@ -13,7 +13,7 @@ from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.full_samples import read_recording
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import NotFound
-from caesura_protocol.formats.episodes import EpisodeSource, episodes_of
+from caesura_protocol.formats.episode_frames import EpisodeSource, episodes_of
 
 FOLDER = "dataset"  # in the zip file
 MOST_SESSIONS = 50

@@ -121,7 +121,9 @@ def _unknown(world: DashboardState, station: str) -> str:
 
 
 def _outcome(status: BridgeStatus | None) -> str:
-    """What became of the last demonstration, where it did not simply end."""
+    """What became of the last demonstration, where it did not simply end; why a button began none."""
+    if status is not None and status.state == "ready" and status.problem:
+        return f"{status.problem[:1].upper()}{status.problem[1:]}."
     if status is None or not status.outcome or ";" not in status.outcome:
         return ""
     return f"{status.last_session} {status.outcome}."

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.paths import curve_of
+from caesura_protocol.reproduced_path import curve_of
 
 Array = NDArray[np.float64]
 

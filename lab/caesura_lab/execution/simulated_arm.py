@@ -32,7 +32,7 @@ from caesura_lab.teacher.guided_arm import (
 from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S
 from caesura_lab.teacher.shapes import contact_with
-from caesura_protocol.paths import Curve
+from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import turning_of
 from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot

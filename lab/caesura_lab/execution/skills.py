@@ -20,9 +20,9 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
-from caesura_protocol.paths import Curve
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
 from caesura_protocol.screw_motion import stop_torque_nm
 

@@ -23,8 +23,8 @@ from caesura_lab.teacher.scenarios import Scenario, Step
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
-from caesura_protocol.paths import knots_of
 from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.reproduced_path import knots_of
 from caesura_protocol.rotations import matrix_of
 
 AROUND_M = 0.02  # of a surface beyond what is touched of it

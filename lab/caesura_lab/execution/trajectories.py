@@ -1,4 +1,4 @@
-"""How a setpoint moves: along the reproduced path of an app (`caesura_protocol.paths`)."""
+"""How a setpoint moves: along the reproduced path of an app (`caesura_protocol.reproduced_path`)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import ends_in_contact
 from caesura_protocol.messages import App
-from caesura_protocol.paths import Curve, knots_of
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import Curve, knots_of
 from caesura_protocol.rotations import angle_of_matrices, matrix_of, quaternion_of, turned_along
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press

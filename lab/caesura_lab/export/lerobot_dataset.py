@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from caesura_lab.export.session_export import SessionExport
-from caesura_protocol.formats.episodes import Episode, EpisodeSource, episodes_of
+from caesura_protocol.formats.episode_frames import Episode, EpisodeSource, episodes_of
 from caesura_protocol.formats.lerobot_write import write_lerobot
 
 

@@ -19,8 +19,8 @@ from caesura_lab.report.figures import path_page, run_length_page, signals_page,
 from caesura_lab.report.report_data import ReportData
 from caesura_lab.report.tables import Table, TableColumn, notes, program_table, segments_table
 from caesura_protocol.app_kinds import app_number, app_title
-from caesura_protocol.paths import path_in_words
 from caesura_protocol.programs.path_drawing import path_svg
+from caesura_protocol.reproduced_path import path_in_words
 
 SPARED = 0.55  # [inch] at the top of a page, where its heading was
 

@@ -10,7 +10,7 @@ import numpy as np
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
-from caesura_protocol.paths import path_in_words
+from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import screw_in_words
 from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
 

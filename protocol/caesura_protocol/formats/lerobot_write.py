@@ -27,7 +27,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from caesura_protocol.formats.episodes import Episode, EpisodeError, FeatureSpec, subtask_of_frame
+from caesura_protocol.formats.episode_frames import Episode, EpisodeError, FeatureSpec, subtask_of_frame
 
 VERSION = "v3.0"
 FILE_MB, VIDEO_MB, CHUNK_FILES = 100, 200, 1000  # lerobot's own: [MB] of a file, files of a chunk

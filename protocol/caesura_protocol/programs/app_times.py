@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart, Vector
-from caesura_protocol.paths import turn_of
+from caesura_protocol.reproduced_path import turn_of
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres

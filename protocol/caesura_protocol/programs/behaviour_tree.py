@@ -18,9 +18,9 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, app_number, step_title
 from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import AppPath
-from caesura_protocol.paths import turning_at_points
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
+from caesura_protocol.reproduced_path import turning_at_points
 from caesura_protocol.screw_motion import torque_about_axis
 
 DOUBLE, DOUBLES = "double", "std::vector<double>"

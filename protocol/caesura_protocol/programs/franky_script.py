@@ -13,12 +13,12 @@ from typing import Any
 from caesura_protocol.app_kinds import step_title
 from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
-from caesura_protocol.paths import turn_of, turning_at_points
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.limits import CONSTANTS, touching_force
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.reproduced_path import turn_of, turning_at_points
 from caesura_protocol.screw_motion import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App
-from caesura_protocol.paths import NAMED_TURN_RAD, curve_of, knots_of, path_in_words, turn_of
+from caesura_protocol.reproduced_path import NAMED_TURN_RAD, curve_of, knots_of, path_in_words, turn_of
 from caesura_protocol.rotations import matrices_of
 
 Array = NDArray[np.float64]

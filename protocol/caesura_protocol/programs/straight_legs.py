@@ -1,8 +1,8 @@
 """An app's path as straight legs, for controllers that know lines and blends but no curves.
 
-The reproduced path is a curve between via points (`caesura_protocol.paths`). It is cut so that every chord
-stays within 1 mm and 0.5° of it. A leg has the mean speed of its part of the curve, slowed where that exceeds
-a limit; at a corner the next leg is blended in.
+The reproduced path is a curve between via points (`caesura_protocol.reproduced_path`). It is cut so that
+every chord stays within 1 mm and 0.5° of it. A leg has the mean speed of its part of the curve, slowed where
+that exceeds a limit; at a corner the next leg is blended in.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
-from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import curve_of
 
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]

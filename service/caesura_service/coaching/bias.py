@@ -1,13 +1,17 @@
 """The bias of a tared force, tracked while it drifts.
 
-A bias drifts slowly; a contact comes and goes fast. So the bias is a random walk, and each force is the bias
-plus noise, or a contact of any size:
+A bias drifts slowly; a contact comes and goes fast. So the bias is a random walk m with variance v, and each
+force is one of two things, as the movement is free or in contact. Free movement and contact each last:
 
-    p(F) = π N(m, (v + R) I) + (1 − π) N(m, c² I)
+    free                p(F) = N(m, (v + R) I)
+    a contact begins    p(F) = N(m, c² I)
+    a contact lasts     p(F) = N(F before, s² I)
 
-A Kalman filter takes each force by its probability r of being free (Bar-Shalom & Tse 1975, probabilistic data
-association): m ← m + r K (F − m), K = v / (v + R). While a contact lasts, v grows, so that a drift in the
-meantime is caught up with afterwards.
+A Kalman filter takes a free force: m ← m + K (F − m), K = v / (v + R). While a contact lasts, v grows, so
+that a drift in the meantime is caught up with afterwards. Whether a force was free often shows only later: a
+tool that comes off a surface reads nearly what the bias could be. So both are kept, as hypotheses with their
+probability (Reid 1979), and the bias is that of the most probable one. With one hypothesis, a contact that
+was taken for bias was never taken back: every free force after it was a contact then.
 """
 
 from __future__ import annotations
@@ -19,14 +23,34 @@ from typing import NamedTuple
 Vector = tuple[float, float, float]
 
 AXES = 3
-MOST_LOG_ODDS = 50.0  # beyond which a force is a contact for certain
+MOST_HYPOTHESES = 8
+LOG_LEAST = 50.0  # below the most probable one by so much, a hypothesis is given up
+LIKE_N2 = 0.25  # [N²] of a difference that the noise of a force hides
+
+
+class BiasHypothesis(NamedTuple):
+    """Which forces were free, as far as that still matters: the bias that follows, and how probable it is."""
+
+    mean: Vector = (0.0, 0.0, 0.0)  # [N]
+    variance: float = 0.0  # [N²]
+    log_weight: float = 0.0  # relative to the most probable one
+    contact: Vector | None = None  # [N] the force of the contact that lasts; None: movement is free
 
 
 class DriftState(NamedTuple):
-    """Mean [N] and variance [N²] of the bias."""
+    """The bias, as hypotheses, the most probable one first."""
 
-    mean: Vector = (0.0, 0.0, 0.0)
-    variance: float = 0.0
+    hypotheses: tuple[BiasHypothesis, ...] = (BiasHypothesis(),)
+
+    @property
+    def mean(self) -> Vector:
+        """[N] of the most probable hypothesis."""
+        return self.hypotheses[0].mean
+
+    @property
+    def variance(self) -> float:
+        """[N²] of the most probable hypothesis."""
+        return self.hypotheses[0].variance
 
 
 @dataclass(frozen=True)
@@ -34,30 +58,75 @@ class DriftTracker:
     """Parameters of the filter; `advance` maps a state and a force to the next state.
 
     walk_n2_per_s: variance that the bias gains in a second; most_n2: its variance at most [N²]; noise_n [N]
-    R½ of a force; contact_n [N] scale of a contact; free_share π.
+    R½ of a force; contact_n [N] scale c of a contact; contact_step_n [N] s, by which the force of a contact
+    varies from one observation to the next; lasting_share: probability that free movement or a contact lasts.
     """
 
     walk_n2_per_s: float
     most_n2: float = math.inf
     noise_n: float = 0.5  # of a force in movement, as in the models of segments
     contact_n: float = 10.0
-    free_share: float = 0.9  # of what moves faster than 50 mm/s
+    contact_step_n: float = 2.0  # 0.4 to 2.3 on an axis in real recordings (delft, icsc, kit, kul)
+    lasting_share: float = 0.95  # two seconds
 
     def wait(self, state: DriftState, dt: float) -> DriftState:
         """Let a time [s] pass of which no force is known to be free."""
-        return DriftState(state.mean, min(state.variance + self.walk_n2_per_s * dt, self.most_n2))
+        gained, most = self.walk_n2_per_s * dt, self.most_n2
+        waited = [BiasHypothesis(m, min(v + gained, most), w, f) for m, v, w, f in state.hypotheses]
+        return DriftState(tuple(waited))
 
     def advance(self, state: DriftState, force: Vector, dt: float) -> DriftState:
         """Take a force [N], dt [s] after the one before."""
-        variance = self.wait(state, dt).variance
+        found: list[BiasHypothesis] = []
+        for one in self.wait(state, dt).hypotheses:
+            found += self._branches(one, force)
+        found.sort(key=_log_weight, reverse=True)
+        best = found[0].log_weight
+        kept: list[BiasHypothesis] = []
+        for one in found:
+            if one.log_weight - best < -LOG_LEAST or len(kept) == MOST_HYPOTHESES:
+                break
+            if not any(_is_like(one, other) for other in kept):
+                kept.append(BiasHypothesis(one.mean, one.variance, one.log_weight - best, one.contact))
+        return DriftState(tuple(kept))
+
+    def _branches(self, one: BiasHypothesis, force: Vector) -> tuple[BiasHypothesis, BiasHypothesis]:
+        """The hypothesis with the force as free, and as a contact."""
+        (x, y, z), (mx, my, mz), variance = force, one.mean, one.variance
+        dx, dy, dz = x - mx, y - my, z - mz
+        off2 = dx * dx + dy * dy + dz * dz
         spread = variance + self.noise_n * self.noise_n
-        contact2 = max(self.contact_n * self.contact_n, spread)
-        x, y, z = (f - m for f, m in zip(force, state.mean, strict=True))
-        off2 = x * x + y * y + z * z
-        log_odds = 0.5 * off2 * (1.0 / spread - 1.0 / contact2) - 0.5 * AXES * math.log(contact2 / spread)
-        log_odds += math.log((1.0 - self.free_share) / self.free_share)
-        if log_odds > MOST_LOG_ODDS:
-            return DriftState(state.mean, variance)
-        gain = variance / spread / (1.0 + math.exp(log_odds))
-        mx, my, mz = state.mean
-        return DriftState((mx + gain * x, my + gain * y, mz + gain * z), variance * (1.0 - gain))
+        gain = variance / spread
+        lasts, changes = math.log(self.lasting_share), math.log(1.0 - self.lasting_share)
+        free = _log_normal(off2, spread)
+        if one.contact is None:
+            free += lasts
+            contact = changes + _log_normal(off2, max(self.contact_n * self.contact_n, spread))
+        else:
+            free += changes
+            cx, cy, cz = one.contact
+            step2 = (x - cx) * (x - cx) + (y - cy) * (y - cy) + (z - cz) * (z - cz)
+            contact = lasts + _log_normal(step2, self.contact_step_n * self.contact_step_n)
+        moved = (mx + gain * dx, my + gain * dy, mz + gain * dz)
+        return (
+            BiasHypothesis(moved, variance * (1.0 - gain), one.log_weight + free),
+            BiasHypothesis(one.mean, variance, one.log_weight + contact, force),
+        )
+
+
+def _log_weight(one: BiasHypothesis) -> float:
+    return one.log_weight
+
+
+def _log_normal(off2: float, variance: float) -> float:
+    """Log density of a force off2 [N²] from its mean, but for a constant."""
+    return -0.5 * (off2 / variance + AXES * math.log(variance))
+
+
+def _is_like(one: BiasHypothesis, other: BiasHypothesis) -> bool:
+    """Are two so near that the next forces do not distinguish them?"""
+    if (one.contact is None) != (other.contact is None):
+        return False
+    (ax, ay, az), (bx, by, bz) = one.mean, other.mean
+    apart2 = (ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz)
+    return apart2 < min(one.variance, other.variance) + LIKE_N2

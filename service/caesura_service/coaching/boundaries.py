@@ -21,7 +21,6 @@ UNSURE, SURE = 1.0 / 3.0, 2.0 / 3.0  # odds of two to one, either way
 RESOLVED = 0.8  # probability for or against it, above which the hint is cleared
 WINDOW = 40  # observations, after which a boundary's probability does not change
 LEAST = 20  # observations for which a hint stays, so that it can be read
-REFRACTORY = 50  # observations without a new hint
 SHOWN = 100  # observations for which a part that is to be shown again is hinted at
 PAUSE = "Pause here for half a second."
 
@@ -51,9 +50,9 @@ class BoundaryCoach:
     def __init__(self) -> None:
         self.log = HintLog()
         self._candidate: Boundary | None = None  # was unclear at the observation before
-        self._watched: Boundary | None = None
+        self._open: list[Boundary] = []  # that were unclear, and are neither resolved nor out of the window
+        self._hinted: Boundary | None = None  # the last one for which a hint was raised
         self._sure: float | None = None  # [s] the newest sure boundary
-        self._silent_until = 0  # observation
         self._again_until = 0  # observation; 0: nothing is to be shown again
 
     def observe(self, posterior: SmoothedPosterior, t: float, places: Sequence[float]) -> None:
@@ -75,14 +74,21 @@ class BoundaryCoach:
         if near[REACH] == max(near) and found > UNSURE:
             if found > SURE:
                 self._sure = places[index]
-            elif self._watched is None and newest >= self._silent_until:
+            elif self._may_hint(index):
                 after = places[0] if self._sure is None else self._sure
                 self._candidate = Boundary(index, places[index], after)
-        if self._watched is not None:
-            self._follow(posterior.changepoint_probabilities, self._watched, newest, t)
+        for boundary in [*self._open]:
+            self._follow(posterior.changepoint_probabilities, boundary, newest, t)
+
+    def _may_hint(self, index: int) -> bool:
+        """Is this another boundary than the last one, whose hint was there long enough to be read?"""
+        return self._hinted is None or index > self._hinted.start + LEAST
 
     def _watch(self, boundary: Boundary, t: float, probability: float) -> None:
-        self._watched = boundary
+        """Raise the hint; it takes the place of one at a boundary before, which is followed on."""
+        self._hinted = boundary
+        self._open.append(boundary)
+        self.log.clear("uncertain_boundary", t)
         text = (
             f"It is not clear whether a segment ends at {boundary.t:.1f} s (probability {probability:.2f})."
         )
@@ -91,22 +97,23 @@ class BoundaryCoach:
         )
 
     def _follow(
-        self, probabilities: Callable[[int, int], list[float]], watched: Boundary, newest: int, t: float
+        self, probabilities: Callable[[int, int], list[float]], boundary: Boundary, newest: int, t: float
     ) -> None:
         """Clear the hint once the boundary is resolved, or leaves the window unresolved."""
-        found = sum(probabilities(watched.start - REACH, watched.start + REACH))
+        found = sum(probabilities(boundary.start - REACH, boundary.start + REACH))
         is_resolved = not 1.0 - RESOLVED < found < RESOLVED
-        age = newest - watched.start
+        age = newest - boundary.start
         if age < LAG + LEAST or (not is_resolved and age < WINDOW):
             return
-        self._watched, self._silent_until = None, newest + REFRACTORY
-        self.log.clear("uncertain_boundary", t)
+        self._open.remove(boundary)
+        if boundary is self._hinted:
+            self.log.clear("uncertain_boundary", t)
         if UNSURE < found <= SURE:
             self._again_until = newest + SHOWN
-            until = t if self._sure is None or self._sure <= watched.t else self._sure
-            text = f"The boundary at {watched.t:.1f} s stayed unclear."
-            advice = f"Show the part from {watched.after:.1f} to {until:.1f} s again."
+            until = t if self._sure is None or self._sure <= boundary.t else self._sure
+            text = f"The boundary at {boundary.t:.1f} s stayed unclear."
+            advice = f"Show the part from {boundary.after:.1f} to {until:.1f} s again."
             self.log.clear("show_again", t)
             self.log.raise_hint(
-                Hint(kind="show_again", since=t, text=text, advice=advice, t0=watched.after, tn=until)
+                Hint(kind="show_again", since=t, text=text, advice=advice, t0=boundary.after, tn=until)
             )

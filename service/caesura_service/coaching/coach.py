@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from caesura_protocol.messages import MAX_HINTS, Hint, HintKind
 
+LOUD = 2.0  # of the limit: a level that is no flicker about it, and is not silenced
 CLEARED_KEPT = 24  # cleared hints that are kept, the newest ones
 
 Words = tuple[str, str]  # what was found, and what to do
@@ -55,7 +56,7 @@ class HintLog:
         """Take the level of a rule at a time [s]; nan is no reason for a hint. words: for a new hint."""
         before = self._standing.get(trigger.kind, _Standing())
         if before.hint is None:
-            streak = before.streak + 1 if level >= 1.0 and t >= before.silent_until else 0
+            streak = before.streak + 1 if level >= (1.0 if t >= before.silent_until else LOUD) else 0
             if streak >= trigger.confirm:
                 text, advice = words()
                 self.raise_hint(Hint(kind=trigger.kind, since=t, text=text, advice=advice))

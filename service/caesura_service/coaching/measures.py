@@ -14,13 +14,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from statistics import fmean, pstdev
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_service.coaching.bias import DriftState, DriftTracker, Vector
+from caesura_service.constants import TARED_BIAS_N
 
 Array = NDArray[np.float64]
 
@@ -29,7 +31,9 @@ FREE_M_PER_S = 0.1  # faster than a person presses or inserts, also where the ti
 DRIFT_TIME_S = 10.0  # in which a bias wanders by its scale
 FORCE_IN_MOTION_N = 1.0  # by which a force in movement varies, at most
 REFERENCE, PUSH_LIMIT = 1.0, 2.0  # of the cumulative sum of a hand's push [standard deviations]
+ZERO_COUNT = 5  # observations of free movement that show the zero of a force without a tare: 0.4 s, as a tare
 POSES = 4  # the cubic through them is compared with the movement between the middle two
+NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
 ARM_EVERY = 3  # observations from one look at the joints to the next
 
@@ -113,6 +117,8 @@ class MotionState(NamedTuple):
     poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
     push: float = 0.0  # as in Measures
     drift: DriftState = DriftState()
+    zero: Vector | None = None  # [N] what the force reads in free movement, where there is no tare
+    free: tuple[Vector, ...] = ()  # [N] the forces in free movement, in a row, until the zero is known
     arm: ArmMeasures = NO_ARM
     arm_age: int = 0  # observations since the joints were measured
 
@@ -121,9 +127,12 @@ class Meter:
     """Measures the observations of a session, one by one."""
 
     def __init__(self, setup: CoachingSetup) -> None:
-        self._setup = setup
-        variance = setup.bias_n**2
-        self._tracker = DriftTracker(variance / DRIFT_TIME_S, most_n2=variance)
+        self._setup, self._zeroed = setup, replace(setup, bias_n=TARED_BIAS_N, is_tared=True)
+        self._tracker, self._zeroed_tracker = _tracker(setup.bias_n), _tracker(TARED_BIAS_N)
+
+    def setup_of(self, state: MotionState) -> CoachingSetup:
+        """By which the measures of a state are judged: as a tared force, once its zero is known."""
+        return self._setup if state.zero is None else self._zeroed
 
     def advance(self, state: MotionState, pose: ObservedPose) -> tuple[MotionState, Measures]:
         """Take one observation."""
@@ -132,17 +141,28 @@ class Meter:
         if self._setup.arm is not None and (before is None or arm_age >= ARM_EVERY):
             arm, arm_age = _of_arm(self._setup.arm, pose, before), 0
         if before is None:
-            state = MotionState((pose,), drift=state.drift, arm=arm)
+            state = state._replace(poses=(pose,), push=0.0, free=(), arm=arm, arm_age=0)
             return state, Measures(arm=arm)
         poses = (*state.poses[1 - POSES :], pose)
         path_error_m = path_error(poses)
         if not self._setup.clean_wrench:
             return MotionState(poses, arm=arm, arm_age=arm_age), Measures(path_error_m=path_error_m, arm=arm)
+        state = self._with_zero(state, pose)
         drift, push, driving_n, stray_n = self._of_force(state, pose, pose.t - before.t)
         x, y, z = drift.mean
         bias_n = math.sqrt(x * x + y * y + z * z)
         measured = Measures(push, driving_n, stray_n, path_error_m, bias_n, arm)
-        return MotionState(poses, push, drift, arm, arm_age), measured
+        return state._replace(poses=poses, push=push, drift=drift, arm=arm, arm_age=arm_age), measured
+
+    def _with_zero(self, state: MotionState, pose: ObservedPose) -> MotionState:
+        """Take the zero of an untared force from observations of free movement that vary little."""
+        if self._setup.is_tared or state.zero is not None:
+            return state
+        free = (*state.free, pose.force)[-ZERO_COUNT:] if _moves_freely(pose) else ()
+        if len(free) < ZERO_COUNT or max(map(pstdev, zip(*free, strict=True))) > FORCE_IN_MOTION_N:
+            return state._replace(free=free)
+        x, y, z = map(fmean, zip(*free, strict=True))
+        return state._replace(zero=(x, y, z), free=(), push=0.0, drift=DriftState())
 
     def _of_force(
         self, state: MotionState, pose: ObservedPose, dt: float
@@ -153,18 +173,33 @@ class Meter:
         """
         x, y, z = pose.velocity
         speed = math.sqrt(x * x + y * y + z * z)
-        predicted = self._tracker.wait(state.drift, dt)
+        tracker = self._tracker if state.zero is None else self._zeroed_tracker
+        predicted = tracker.wait(state.drift, dt)
         if speed < MOVING_M_PER_S:
             return predicted, 0.0, 0.0, 0.0
         heading, is_open = (x / speed, y / speed, z / speed), pose.holding == 0.0
-        (fx, fy, fz), (mx, my, mz) = pose.force, predicted.mean
-        driving_n, stray_n = _driving_and_stray(pose.force, heading, is_open)
-        driving, stray = _driving_and_stray((fx - mx, fy - my, fz - mz), heading, is_open)
+        force = _difference(pose.force, state.zero or NOTHING)
+        driving_n, stray_n = _driving_and_stray(force, heading, is_open)
+        driving, stray = _driving_and_stray(_difference(force, predicted.mean), heading, is_open)
         deviation = math.sqrt(predicted.variance + FORCE_IN_MOTION_N * FORCE_IN_MOTION_N)
         push = min(max(state.push + driving / deviation - REFERENCE, 0.0), 2.0 * PUSH_LIMIT)
-        drift = self._tracker.advance(state.drift, pose.force, dt)
+        drift = tracker.advance(state.drift, force, dt)
         # A tracked bias may be wrong, and so may that of the tare: what is stray, both show.
         return drift, push, driving_n, min(stray_n, stray) if speed >= FREE_M_PER_S else 0.0
+
+
+def _tracker(scale_n: float) -> DriftTracker:
+    """What tracks a bias of that scale [N]."""
+    return DriftTracker(scale_n**2 / DRIFT_TIME_S, most_n2=scale_n**2)
+
+
+def _moves_freely(pose: ObservedPose) -> bool:
+    """Is the force of an observation bias, as far as is known: faster than a contact, and without a load?"""
+    return math.hypot(*pose.velocity) >= FREE_M_PER_S and pose.holding != 1.0
+
+
+def _difference(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def _of_arm(arm: ArmLimits, pose: ObservedPose, before: ObservedPose | None) -> ArmMeasures:
@@ -193,16 +228,21 @@ def _driving_and_stray(force: Vector, heading: Vector, is_open: bool) -> tuple[f
 
 
 def path_error(poses: tuple[ObservedPose, ...]) -> float:
-    """[m] by which the cubic through four poses misses the movement, midway; 0 before POSES in a row.
+    """[m] by which the cubic through four poses misses the movement at most; 0 before POSES in a row.
 
-    The movement between two poses is the cubic with their velocities, whose error is nine times smaller.
+    The movement between two poses is the cubic with their velocities, whose error midway is nine times
+    smaller. With e and f, by which the slopes of the two differ at the poses [m a step], they are
+    s (1 − s) ((1 − s) e − s f) apart. The farthest of three places is within 3 % of the farthest of all.
     """
     if len(poses) < POSES:
         return 0.0
     first, before, after, last = poses
-    eighth = (after.t - before.t) / 8.0
-    missed = [
-        eighth * (v - w) - (b + c - a - d) / 16.0
+    step = after.t - before.t
+    slopes = [
+        (
+            step * v - (6.0 * c - 3.0 * b - 2.0 * a - d) / 6.0,
+            step * w - (a - 6.0 * b + 3.0 * c + 2.0 * d) / 6.0,
+        )
         for a, b, c, d, v, w in zip(
             first.position,
             before.position,
@@ -213,4 +253,6 @@ def path_error(poses: tuple[ObservedPose, ...]) -> float:
             strict=True,
         )
     ]
-    return math.hypot(*missed)
+    return max(
+        s * (1.0 - s) * math.hypot(*((1.0 - s) * e - s * f for e, f in slopes)) for s in (0.25, 0.5, 0.75)
+    )

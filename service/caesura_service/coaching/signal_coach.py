@@ -17,17 +17,18 @@ class SignalCoach:
 
     def __init__(self, setup: CoachingSetup) -> None:
         self.log = HintLog()
-        self._setup, self._meter = setup, Meter(setup)
+        self._meter = Meter(setup)
         self._motion = MotionState()
         self._again_until = 0.0  # [s]
 
     def observe(self, pose: ObservedPose) -> None:
         """Take one observation."""
         self._motion, measured = self._meter.advance(self._motion, pose)
+        setup = self._meter.setup_of(self._motion)
         for rule in RULES:
-            level = rule.level(measured, self._setup)
+            level = rule.level(measured, setup)
             if level >= 1.0 or rule.trigger.kind in self.log.stirred:
-                self.log.step(rule.trigger, pose.t, level, partial(rule.words, measured, self._setup))
+                self.log.step(rule.trigger, pose.t, level, partial(rule.words, measured, setup))
         if pose.t >= self._again_until:
             self.log.clear("show_again", pose.t)
 

@@ -1,6 +1,6 @@
 """Task programs: segments and gripper events become apps that a robot can run."""
 
-from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
+from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_service.program.builder import task_program
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share

@@ -1,12 +1,12 @@
 """The demonstrated path of an app, reduced to via points.
 
-The demonstrated path is the curve of `caesura_protocol.paths` through every observation. Via points are
-chosen among the observations, greedily (as Ramer, Douglas and Peucker do for polygons): where the reproduced
-path is further off than the tolerance, each leg gets the observation at which it is furthest off. A distance
-is the larger of position over its tolerance and angle over its own; both paths are followed in one direction,
-so going back and forth is not lost. The reproduced path does not leave the demonstrated one either. A short
-path is kept to `OFF_SHARE` of its length, or a turn about a point would lose its point. A leg turns by at
-most `MOST_TURN_RAD`, so its sense is never in doubt.
+The demonstrated path is the curve of `caesura_protocol.reproduced_path` through every observation. Via
+points are chosen among the observations, greedily (as Ramer, Douglas and Peucker do for polygons): where the
+reproduced path is further off than the tolerance, each leg gets the observation at which it is furthest off.
+A distance is the larger of position over its tolerance and angle over its own; both paths are followed in
+one direction, so going back and forth is not lost. The reproduced path does not leave the demonstrated one
+either. A short path is kept to `OFF_SHARE` of its length, or a turn about a point would lose its point. A
+leg turns by at most `MOST_TURN_RAD`, so its sense is never in doubt.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
-from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD, Curve, unit
+from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD, Curve, unit
 from caesura_protocol.rotations import align_signs, angles
 
 Array = NDArray[np.float64]

@@ -38,6 +38,6 @@ def best() -> Backend:
     """The one that is used."""
     if not has_kernels():
         return REFERENCE
-    from caesura_service.signals.kernels import arithmetic  # noqa: PLC0415
+    from caesura_service.signals.kernels import compiled_operations  # noqa: PLC0415
 
-    return _named_in(arithmetic)
+    return _named_in(compiled_operations)

@@ -36,7 +36,7 @@ from caesura_lab.evaluation.thesis.measure import (
     present_since,
     references,
 )
-from caesura_lab.evaluation.thesis.rows import ROWS, ThesisBoundary, ThesisRow
+from caesura_lab.evaluation.thesis.published_segments import ROWS, ThesisBoundary, ThesisRow
 from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, SuiteSetting, Task, run_task, tasks
 from caesura_lab.evaluation.thesis.summary import summarise
 from caesura_lab.teacher import simulated_teaching

@@ -14,8 +14,8 @@ from caesura_lab.execution.simulated_arm import Setpoint, SimulatedArm
 from caesura_lab.execution.skills import SkillController
 from caesura_lab.teacher.plan import DT
 from caesura_lab.teacher.scenarios import SCENARIOS, Surface, moved, tips
-from caesura_protocol.paths import Curve
 from caesura_protocol.programs.safety import DEFAULT
+from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.robots import robot_names
 from caesura_service.robot import load_robot
 

@@ -10,7 +10,7 @@ from tests.harness.programs import DOWN, app, path_from
 
 from caesura_lab.execution.trajectories import BRAKE_M_PER_S2, SLOW_M, app_path
 from caesura_protocol.messages import AppPath, ViaPoint
-from caesura_protocol.paths import Curve
+from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of, turning_of
 
 CORNER = (0.3, -0.4, 0.3)

@@ -16,8 +16,8 @@ from caesura_lab.retiming import optimal
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
+from caesura_protocol.reproduced_path import curve_of
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda
 from harness.joint_motion import followed, joints_followed, shares

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from caesura_protocol.formats import lerobot_write
-from caesura_protocol.formats.episodes import EpisodeError, EpisodeSource, episodes_of
+from caesura_protocol.formats.episode_frames import EpisodeError, EpisodeSource, episodes_of
 from caesura_protocol.formats.lerobot_write import write_lerobot
 from caesura_protocol.messages import Gap
 from caesura_protocol.recording import Recording

@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
-from caesura_protocol.paths import path_in_words
 from caesura_protocol.programs import franky_script as writer
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import path_in_words
 from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
 
 from . import fake_franky

@@ -7,10 +7,10 @@ import pytest
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppPath, Gap, ScrewMotion, ViaPoint
-from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.retiming import at_factor, factor_of, may_retime
+from caesura_protocol.reproduced_path import curve_of
 from harness.programs import DOWN, app, as_file
 
 HOME, DEEP = (-0.02, -0.6, 0.3), (-0.02, -0.52, 0.165)

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.messages import App, AppPath, ScrewMotion, Vector, ViaPoint
-from caesura_protocol.paths import curve_of
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import CHORD_M
 from caesura_protocol.programs.ur_script import ur_script
+from caesura_protocol.reproduced_path import curve_of
 from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
 
 from .fake_ur_controller import Controller, Halted, as_python

@@ -50,6 +50,19 @@ def test_a_boundary_that_is_decided_in_the_end_asks_for_nothing():
     assert hint.until == 0.1 * (20 + WINDOW)  # three to one is no reason to show a part again
 
 
+def test_another_unclear_boundary_takes_the_place_of_one_that_could_be_read():
+    first, second, again = followed({20: {20: 0.5}, 50: {50: 0.5}, 70: {50: 0.9}})
+    assert (first.t0, second.t0) == (2.0, 5.0)
+    assert first.until == second.since == 0.1 * (50 + LAG + 1)
+    assert second.until == 0.1 * 75
+    assert (again.kind, again.since) == ("show_again", 0.1 * (20 + WINDOW)), "the first one is followed on"
+
+
+def test_a_hint_stays_so_long_that_it_can_be_read():
+    hints = followed({20: {20: 0.5}, 30: {20: 0.9}, 20 + LEAST: {20 + LEAST: 0.5}})
+    assert [one.t0 for one in hints] == [2.0]
+
+
 def test_a_boundary_that_stays_unclear_asks_for_its_part_from_the_last_sure_one():
     pause, again = followed({20: {20: 0.95}, 50: {50: 0.5}})
     assert pause.until == again.since == 0.1 * (50 + WINDOW)

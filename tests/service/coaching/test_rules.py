@@ -82,8 +82,24 @@ def test_where_the_hand_is_declared_to_be_in_the_wrench_no_force_gives_a_hint():
     assert coached(along_x(30), after(10, (12.0, 0.0, 0.0)), clean=False) == ()
 
 
-def test_without_a_tare_no_force_is_a_hand():
-    assert coached(along_x(30), after(10, (12.0, 0.0, 0.0)), is_tared=False) == ()
+def test_without_a_tare_a_bias_that_drives_is_no_hand():
+    assert coached(along_x(30), [(12.0, 0.0, 0.0)] * 30, is_tared=False) == ()
+
+
+@pytest.mark.parametrize("bias", [0.0, 12.0])
+def test_without_a_tare_free_movement_shows_the_zero_from_which_a_hand_and_a_drift_count(bias: float):
+    pushed = [(bias + push, 0.0, 0.0) for push, _, _ in after(10, (12.0, 0.0, 0.0))]
+    (hint,) = coached(along_x(30), pushed, is_tared=False)
+    assert (hint.kind, "12 N" in hint.text) == ("hand_in_wrench", True)
+    drift = [(bias, min(0.1 * k, 11.0), 0.0) for k in range(140)]
+    (hint,) = coached(along_x(140, speed=0.12), drift, is_tared=False)
+    assert hint.kind == "bias_drift"
+    assert hint.since == pytest.approx(3.37 * TARED_BIAS_N / 1.0, abs=0.7)
+
+
+def test_without_a_tare_a_force_that_varies_shows_no_zero():
+    uneven = [(12.0 * (k % 2), 0.0, 0.0) for k in range(20)]
+    assert coached(along_x(40), [*uneven, *[(12.0, 0.0, 0.0)] * 3], is_tared=False) == ()
 
 
 def test_a_load_that_sinks_in_closed_fingers_is_no_hand():
@@ -139,6 +155,21 @@ def test_a_contact_leaves_the_tracked_bias_as_it_is():
     assert state.mean[2] == pytest.approx(0.0, abs=0.5)
 
 
+def test_a_contact_that_was_taken_for_bias_does_not_hide_the_bias_for_good():
+    tracker, state = DriftTracker(TARED_BIAS_N**2 / 10.0, most_n2=TARED_BIAS_N**2), DriftState()
+    for k in range(20):  # a drift in free movement
+        state = tracker.advance(state, (0.0, 0.0, -0.2 * k), 0.1)
+    for _ in range(10):  # at rest
+        state = tracker.wait(state, 0.1)
+    for force in (0.0, 1.9, 4.4):  # the tool comes off a surface
+        state = tracker.advance(state, (0.0, 0.0, force), 0.1)
+    for _ in range(15):
+        state = tracker.wait(state, 0.1)
+    for k in range(5):
+        state = tracker.advance(state, (0.0, 0.0, -6.0 - 0.1 * k), 0.1)
+    assert state.mean[2] == pytest.approx(-6.4, abs=0.5)
+
+
 def shaken(rate_hz: float, count: int = 20) -> tuple[list[Vector], list[Vector]]:
     """Positions and velocities of a hand that goes 0.1 m to and fro."""
     t, turns = STEP_S * np.arange(count), 2.0 * math.pi * rate_hz
@@ -162,6 +193,18 @@ def test_what_the_poses_miss_is_measured_between_them():
     cubic = np.polyval(np.polyfit(t, t**4, 3), 0.0)  # through four poses, midway; the path is at 0 there
     hermite = -((STEP_S / 2.0) ** 4)  # error of the cubic with two velocities
     assert path_error(poses) == pytest.approx(abs(cubic - hermite))
+
+
+def test_what_the_poses_miss_beside_the_middle_counts_too():
+    """A path with equal slopes beyond the cubic's, which the two cross midway."""
+    poses = tuple(
+        ObservedPose(STEP_S * k, (0.0, 0.0, 0.0), (v, 0.0, 0.0), STILL, 0.0)
+        for k, v in enumerate((0.0, 0.3, 0.3, 0.0))
+    )
+    s = np.linspace(0.0, 1.0, 1001)
+    missed = 0.3 * STEP_S * (s * (1.0 - s) ** 2 - s**2 * (1.0 - s))  # Hermite's, with those two slopes
+    assert missed[500] == pytest.approx(0.0, abs=1e-12)
+    assert path_error(poses) == pytest.approx(np.abs(missed).max(), rel=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +237,11 @@ def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
 
 def test_a_hint_is_raised_once_cleared_when_over_and_not_again_for_a_while():
     def twice(calm: int) -> tuple[Hint, ...]:
-        positions, velocities = shaken(2.0)
+        """Shaken twice from rest to rest: beyond the limit, and not beyond twice the limit."""
+        turns = 2.0 * math.pi * STEP_S * np.arange(18) / 0.6
+        x, v = 0.4 + 0.06 * (1.0 - np.cos(turns)), 0.12 * math.pi / 0.6 * np.sin(turns)
+        positions = [(float(one), 0.0, 0.3) for one in x]
+        velocities = [(float(one), 0.0, 0.0) for one in v]
         path = [*positions, *[AT_REST] * calm, *positions]
         return coached(path, velocities=[*velocities, *[STILL] * calm, *velocities])
 
@@ -202,6 +249,14 @@ def test_a_hint_is_raised_once_cleared_when_over_and_not_again_for_a_while():
     assert hint.until is not None
     assert hint.since < hint.until <= 3.0
     assert kinds(twice(calm=80)) == ["too_fast", "too_fast"]
+
+
+def test_a_level_of_twice_the_limit_is_not_silenced():
+    forces = [*after(10, (4.0, 0.0, 0.0), total=12), *[STILL] * 14, *[(40.0, 0.0, 0.0)] * 10]
+    first, second = coached(along_x(36), forces)
+    assert first.kind == second.kind == "hand_in_wrench"
+    assert first.until is not None
+    assert second.since < first.until + 5.0
 
 
 def test_a_gap_asks_for_its_part_until_some_time_has_passed():

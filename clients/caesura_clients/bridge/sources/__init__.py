@@ -23,7 +23,10 @@ class Mark(NamedTuple):
 
 
 class Source(Protocol):
-    """One robot, or something that plays one."""
+    """One robot, or something that plays one.
+
+    A source whose robot reports a hand-guiding button also has `button_pressed`: see the function below.
+    """
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -51,3 +54,12 @@ class Source(Protocol):
 
     def chunks(self) -> Iterator[Chunk | Mark]:
         """Samples in the order of arrival, as they come, and marks; ends when the demonstration does."""
+
+
+def button_pressed(source: Source) -> bool | None:
+    """Is the hand-guiding button of the source's robot pressed, as of its newest chunk?
+
+    None where none is reported, as in a source without this property.
+    """
+    pressed: bool | None = getattr(source, "button_pressed", None)
+    return pressed

@@ -4,7 +4,11 @@ What is read, in libfranka's words (franka::RobotState, robot_state.h):
   q [rad]; O_T_EE and F_T_EE, 4×4 in column-major order, from which the flange's pose is taken;
   O_F_ext_hat_K [N, Nm] in the base frame, at the stiffness frame K: "forces applied by the robot to the
   environment are positive", so it is negated; zeros near a singularity;
-  tau_ext_hat_filtered [Nm], of the same sign;  time, in milliseconds since the robot was started.
+  tau_ext_hat_filtered [Nm], of the same sign;  time, in milliseconds since the robot was started;
+  robot_mode, kGuiding of the enumeration RobotMode while the arm is guided with the buttons at its wrist. The
+  robot's own state machine sets it (frankarobotics/libfranka issue 166), and no other button of the wrist is
+  in the state (frankarobotics/franka_ros issue 266). In Desk's mode Programming some arms send no state at
+  all (frankarobotics/libfranka issue 181). None of this was verified on an arm.
 """
 
 from __future__ import annotations
@@ -26,10 +30,14 @@ class FrankaState(NamedTuple):
     effector_on_flange: Transform  # F_T_EE
     wrench: Sequence[float]  # O_F_ext_hat_K
     tau: Sequence[float]  # tau_ext_hat_filtered
+    is_guided: bool = False  # robot_mode is kGuiding
 
 
-def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of) -> FrankaState:
-    """A franka::RobotState as a wrapper shows it, in plain values; pose: reads what it has as a matrix."""
+def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of, *, guiding: Any) -> FrankaState:
+    """A franka::RobotState as a wrapper shows it, in plain values.
+
+    pose: reads what it has as a matrix; guiding: its kGuiding.
+    """
     return FrankaState(
         time_ms=int(state.time.to_msec()),
         q=state.q,
@@ -37,6 +45,7 @@ def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of) -> FrankaSt
         effector_on_flange=pose(state.F_T_EE),
         wrench=state.O_F_ext_hat_K,
         tau=state.tau_ext_hat_filtered,
+        is_guided=state.robot_mode == guiding,
     )
 
 
@@ -61,6 +70,7 @@ class FrankaSource(LiveArm):
             wrench_source=ESTIMATE,
             hand_on_robot=hand_on_robot,
             torques=True,
+            button=True,
             width=width,
         )
 
@@ -72,4 +82,5 @@ def _wire_state(state: FrankaState) -> ArmState:
         flange=flange_of(state.effector, state.effector_on_flange),
         wrench=[-float(value) for value in state.wrench],
         tau=[-float(value) for value in state.tau],
+        button_pressed=state.is_guided,
     )

@@ -2,8 +2,8 @@
 
 Checked against franky-control 2.0.0 (its `_franky.pyi`): `Robot(fci_hostname, …, realtime_config=)`, property
 `Robot.state`, which waits for the next state while no program moves the robot; in it `O_T_EE` and `F_T_EE`
-are `Affine`s (`.matrix`, 4×4), the others arrays, `time.to_msec()`; `Gripper(fci_hostname).state.width`. All
-of its exceptions derive from `franky.Exception`.
+are `Affine`s (`.matrix`, 4×4), the others arrays, `time.to_msec()`, `robot_mode` of `franky.RobotMode`
+(`Guiding`); `Gripper(fci_hostname).state.width`. All of its exceptions derive from `franky.Exception`.
 
 Connecting is not wholly passive: franky sets the robot's collision thresholds (20 Nm, 30 N by default) in the
 constructor. It commands nothing else. Some of its versions read twice for one state, and so give 500 Hz.
@@ -31,7 +31,8 @@ def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot =
     if gripper:
         hand = connect_arm(f"{who}, its gripper", lambda: franky.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.state.width)  # noqa: E731 - it closes over the hand
-    return FrankaSource(who, lambda: state_of(robot.state, _pose), width, hand_on_robot)
+    guiding = franky.RobotMode.Guiding
+    return FrankaSource(who, lambda: state_of(robot.state, _pose, guiding=guiding), width, hand_on_robot)
 
 
 def _pose(affine: Any) -> Transform:

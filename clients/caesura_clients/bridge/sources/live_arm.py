@@ -35,7 +35,7 @@ class ArmState(NamedTuple):
     """One state of an arm, in the wire's units and signs.
 
     wrench: (6,) [N, Nm] of the environment on the robot, about the flange, empty where none is measured; tau:
-    (joints,) [Nm], likewise.
+    (joints,) [Nm], likewise; button_pressed: of the hand-guiding button.
     """
 
     t: float  # [s] of the robot's clock
@@ -43,14 +43,16 @@ class ArmState(NamedTuple):
     flange: Transform  # in the base frame
     wrench: Sequence[float]
     tau: Sequence[float] = ()
+    button_pressed: bool = False
 
 
 class LiveArm:
     """A live arm as a Source.
 
     who: what errors call it; read: waits for the next state; joints: how many it has; torques: does a state
-    have `tau`? width: the gripper's opening [m], which may wait; None where there is no gripper; over: is
-    called at the end. Raises SourceError in `chunks` where the arm or the gripper is lost, with the reason.
+    have `tau`? button: does a state have `button_pressed`? width: the gripper's opening [m], which may wait,
+    None where there is no gripper; over: is called at the end. Raises SourceError in `chunks` where the arm
+    or its gripper is lost, with the reason.
     """
 
     length_unit: LengthUnit = "m"
@@ -65,6 +67,7 @@ class LiveArm:
         wrench_source: WrenchSource,
         hand_on_robot: HandOnRobot,
         torques: bool = False,
+        button: bool = False,
         force_frame: ForceFrame = "base",
         width: Callable[[], float] | None = None,
         over: Callable[[], None] | None = None,
@@ -75,6 +78,7 @@ class LiveArm:
         measured = WRENCH if wrench_source != "none" else ()
         signals = (*SIGNALS, *measured, *(["tau"] if torques else []), *(["gripper"] if width else []))
         self.columns = columns_of(signals, joints)
+        self.button_pressed = False if button else None  # as of the newest chunk
         self._who = who
         self._read = read
         self._over = over
@@ -103,6 +107,8 @@ class LiveArm:
                 row = self._row(state, first, orientation)
                 orientation = (row[4], row[5], row[6], row[7])
                 rows.append(row)
+                if self.button_pressed is not None:
+                    self.button_pressed = state.button_pressed
                 if round(MS * (row[0] - rows[0][0])) >= CHUNK_MS - 1:
                     yield np.array(rows)
                     rows = []

@@ -2,7 +2,8 @@
 
 Checked against panda-python 1.1.1 (its `libfranka.pyi`): `panda_py.libfranka.Robot(franka_address,
 realtime_config)`, `Robot.read_once()`, which waits for the next state; in it `O_T_EE` and `F_T_EE` are lists
-of 16 in column-major order, the others lists, `time.to_msec()`; `Gripper(franka_address).read_once().width`.
+of 16 in column-major order, the others lists, `time.to_msec()`, `robot_mode` of `libfranka.RobotMode`
+(`kGuiding`); `Gripper(franka_address).read_once().width`.
 Its exceptions are RuntimeErrors with libfranka's text. `panda_py.Panda` is not used: it sets up controllers.
 """
 
@@ -26,4 +27,5 @@ def open_panda(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = 
     if gripper:
         hand = connect_arm(f"{who}, its gripper", lambda: libfranka.Gripper(host), NO_GRIPPER)
         width = lambda: float(hand.read_once().width)  # noqa: E731 - it closes over the hand
-    return FrankaSource(who, lambda: state_of(robot.read_once()), width, hand_on_robot)
+    guiding = libfranka.RobotMode.kGuiding
+    return FrankaSource(who, lambda: state_of(robot.read_once(), guiding=guiding), width, hand_on_robot)

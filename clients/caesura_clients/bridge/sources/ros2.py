@@ -25,7 +25,7 @@ from caesura_clients.bridge.sources import Chunk, Mark
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
-from caesura_protocol.formats.ros_types import READ, CannotDecode, decoder
+from caesura_protocol.formats.ros_types import FRANKA_STATE, READ, CannotDecode, decoder
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
@@ -41,6 +41,7 @@ DISCOVER_S = 10.0  # until no publisher has appeared
 CONNECT_S = 10.0
 TICK_S = 0.05
 INBOX = 16_384
+GUIDING = 3  # `FrankaRobotState.ROBOT_MODE_GUIDING` (franka_msgs 1.0.0)
 _DDS_TYPE = re.compile(r"(?P<package>\w+)::msg::dds_::(?P<name>\w+)_")
 
 
@@ -94,6 +95,8 @@ class Ros2Source:
         stated = hand_on_robot or self._plan.options.get("hand_on_robot", "unknown")
         self.hand_on_robot = cast(HandOnRobot, stated)
         self.force_frame = cast(ForceFrame, self._plan.options.get("force_frame", "base"))
+        has_mode = any(one.topic.type == FRANKA_STATE for one in self._first_messages)
+        self.button_pressed: bool | None = False if has_mode else None  # as of the newest chunk
 
     @property
     def dropped(self) -> int:
@@ -130,6 +133,8 @@ class Ros2Source:
             self.close()
 
     def _aligned_rows(self, received: ReceivedMessage) -> list[Row]:
+        if received.topic.type == FRANKA_STATE:
+            self.button_pressed = received.message.robot_mode == GUIDING
         with _as_source():
             stamp = stamp_of(received.message, received.topic.name)
             return self._aligner.push(stamp, self._plan.select_values(received.topic, received.message))

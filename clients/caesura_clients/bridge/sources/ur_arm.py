@@ -4,14 +4,16 @@ What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
   getTimestamp [s] since the controller was started; getActualQ [rad]; getActualTCPPose, x y z [m] and
   rotation vector [rad] in the controller's base frame; getActualTCPForce [N, Nm], what acts on the TCP in
   that frame, less the payload's weight: its sign is the wire's (UR's forum, topic 4481: "forces acting on
-  the end point of the TCP"; not verified on an arm).
+  the end point of the TCP"; not verified on an arm);
+  getRobotStatus, whose bit 2 is "Is teach button pressed" (its docstring): the freedrive button.
 Each value is asked for by itself: a state counts where the time before and after is the same.
 
 The flange is the TCP's pose without the TCP's offset, and the torque is moved to the flange. RTDE, as ur_rtde
 reads it, does not report the offset: it is stated (`--tcp-offset`), or asked of the controller in teach mode.
 In teach mode (`--teach-mode`) a script runs on the controller, which must be in remote control: freedrive is
 on from the beginning to the end, and a wrench whose zero is relative (robot.json) is zeroed before. Without
-it nothing is commanded: guide with the button of the pendant, and zero the sensor there.
+it nothing is commanded: guide with the button of the pendant, and zero the sensor there. Only then does the
+button say when a person guides.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ from caesura_protocol.messages import HandOnRobot, WrenchSource
 from caesura_protocol.robots import RobotDescription
 
 SILENT_S = 1.0  # without a new state: the arm is lost
-VARIABLES = ["timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_force", "safety_status_bits"]
+VARIABLES = [
+    "timestamp", "actual_q", "actual_TCP_pose", "actual_TCP_force", "safety_status_bits", "robot_status_bits",
+]  # fmt: skip
+TEACH_BUTTON = 1 << 2  # of the robot's status
 
 
 def open_ur(
@@ -67,6 +72,7 @@ def open_ur(
         len(robot.joints),
         wrench_source=wrench_source,
         hand_on_robot=hand_on_robot,
+        button=not teach_mode,
         over=over,
     )
 
@@ -98,6 +104,7 @@ def _reader(receive: Any, tcp_on_flange: Transform) -> Callable[[], ArmState]:
             period = receive.initPeriod()
             t = receive.getTimestamp()
             q, pose, wrench = receive.getActualQ(), receive.getActualTCPPose(), receive.getActualTCPForce()
+            status = receive.getRobotStatus()
             if t != last and t == receive.getTimestamp():
                 last = t
                 break
@@ -107,7 +114,8 @@ def _reader(receive: Any, tcp_on_flange: Transform) -> Callable[[], ArmState]:
             waited_s += PERIOD_S
         effector = pose_of_rotation_vector(pose)
         flange = flange_of(effector, tcp_on_flange)
-        return ArmState(t, q, flange, moved_wrench(wrench, effector.position, flange.position))
+        about_flange = moved_wrench(wrench, effector.position, flange.position)
+        return ArmState(t, q, flange, about_flange, button_pressed=bool(status & TEACH_BUTTON))
 
     return read
 

@@ -5,12 +5,14 @@ What is read, by xArm-Python-SDK 1.18.4 (`XArmAPI(…, report_type="real")`), at
   the base frame; `ft_ext_force` [N, Nm] of UFACTORY's six-axis sensor, less load and offset, in the axes of
   the TCP, which must be parallel to the flange's. Its sign is the wire's (public code finds a contact below
   by a negative z of a tool that points down; not verified on an arm). It is 10 ms older than the rest.
+  `mode`, which every report brings: 2 is its joint teaching mode, in which the arm is guided by hand.
 A report has no time: a row has that of its arrival.
 
 Without that sensor nothing of a wrench is reported (`--wrench-source none`): motor torques are not read. The
 TCP's offset is stated (`--tcp-offset`): fast reports do not have it. In teach mode (`--teach-mode`) the arm
 is in its joint teaching mode from the beginning to the end, and the sensor is zeroed before; without it
-nothing is commanded.
+nothing is commanded, and who turns that mode on and off, as with UFACTORY's own software, begins and ends a
+demonstration where the button does. A button on the arm itself is not reported.
 """
 
 from __future__ import annotations
@@ -83,6 +85,7 @@ def open_xarm(
         wrench_source=wrench_source or "none",
         hand_on_robot=hand_on_robot,
         force_frame="flange" if has_sensor else "base",
+        button=not teach_mode,
         over=_end(arm, teach_mode=teach_mode),
     )
 
@@ -105,17 +108,17 @@ def _end(arm: Any, *, teach_mode: bool) -> Callable[[], None]:
 
 def _reader(arm: Any, joints: int, tcp_on_flange: Transform, *, has_sensor: bool) -> Callable[[], ArmState]:
     """What waits for the next report of an arm. Raises RuntimeError where it is lost, with the reason."""
-    reports: queue.Queue[tuple[float, dict[str, Any], list[float]]] = queue.Queue(WAITING_REPORTS)
+    reports: queue.Queue[tuple[float, dict[str, Any], list[float], bool]] = queue.Queue(WAITING_REPORTS)
 
     def take(report: dict[str, Any]) -> None:
         wrench = list(arm.ft_ext_force) if has_sensor else []
-        reports.put((time.monotonic(), report, wrench))
+        reports.put((time.monotonic(), report, wrench, arm.mode == JOINT_TEACHING))
 
     connect_arm("its reports", lambda: arm.register_report_callback(take))
 
     def read() -> ArmState:
         try:
-            t, report, wrench = reports.get(timeout=SILENT_S)
+            t, report, wrench, is_guided = reports.get(timeout=SILENT_S)
         except queue.Empty:
             reason = f"no report for {SILENT_S:g} s" if arm.connected else "the connection was closed"
             raise RuntimeError(reason) from None
@@ -123,6 +126,7 @@ def _reader(arm: Any, joints: int, tcp_on_flange: Transform, *, has_sensor: bool
             raise RuntimeError(f"the controller's error is {code}")
         x, y, z, *turn = report["cartesian"]
         effector = pose_of_roll_pitch_yaw((x * M_PER_MM, y * M_PER_MM, z * M_PER_MM), turn)
-        return ArmState(t, report["joints"][:joints], flange_of(effector, tcp_on_flange), wrench)
+        flange = flange_of(effector, tcp_on_flange)
+        return ArmState(t, report["joints"][:joints], flange, wrench, button_pressed=is_guided)
 
     return read

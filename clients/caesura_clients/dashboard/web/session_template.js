@@ -31,13 +31,13 @@ const floating = `
   </form>`;
 
 const signals = `
-  <div class="signals" role="group" aria-label="Signals"><span>Signals</span>
+  <div v-if="session" class="signals" role="group" aria-label="Signals"><span>Signals</span>
     <button v-for="one in offered" :key="one.name" :aria-pressed="String(chosen.includes(one.name))" @click="toggle(one.name)">{{ one.name }}</button>
     <button class="run-lengths" :aria-pressed="String(columns !== null)" @click="toggleRunLengths">run lengths</button>
   </div>`;
 
 const time = `
-  <div class="scrub">
+  <div v-if="session" class="scrub">
     <button class="play" v-if="replay || closed" @click="play">{{ playing ? "Pause" : "Play" }}</button>
     <label class="slider">Show until <input type="range" :min="begin" :max="latest().toFixed(1)" step="0.1" :value="shownEnd"
       :aria-valuetext="shownEnd.toFixed(1) + ' seconds'" @input="scrub"></label>

@@ -128,6 +128,7 @@ export default {
       const point = this.changepoints.find(([t]) => t === this.selected);
       const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
         `${percent(point[1])}` : "no changepoint selected";
+      if (!this.session) return "Signals and segments are drawn here once a demonstration begins.";
       return this.cursor === null ? `${POINTING.choose} a time in the plot, or ${this.editable ? POINTING.correct : POINTING.move}.`
         : `Time ${this.cursor.toFixed(2)} s: ${inside}${within}; ${where}.`;
     },

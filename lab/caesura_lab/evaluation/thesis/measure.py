@@ -21,7 +21,7 @@ import numpy as np
 from caesura_lab.annotations import Truth
 from caesura_lab.evaluation.metrics import ROUNDING_S, TimedEstimate
 from caesura_lab.evaluation.pairing import best_pairs
-from caesura_lab.evaluation.thesis.rows import ThesisBoundary, ThesisRow
+from caesura_lab.evaluation.thesis.published_segments import ThesisBoundary, ThesisRow
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.hazard import Uniform
 from caesura_service.changepoint.offline_posterior import segment_offline

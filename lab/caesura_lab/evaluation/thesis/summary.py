@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from caesura_lab.evaluation.thesis.measure import RowOutcome
-from caesura_lab.evaluation.thesis.rows import ROWS, ThesisRow
+from caesura_lab.evaluation.thesis.published_segments import ROWS, ThesisRow
 from caesura_lab.evaluation.thesis.suite import MAIN, Result
 
 PASSES = 0.9  # of the seeds

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_lab.evaluation.thesis.measure import TOLERANCE_S
-from caesura_lab.evaluation.thesis.rows import ROWS, ExpectedValue, ThesisRow
+from caesura_lab.evaluation.thesis.published_segments import ROWS, ExpectedValue, ThesisRow
 from caesura_lab.evaluation.thesis.suite import OPEN
 from caesura_lab.evaluation.thesis.summary import PASSES, Report, Summary, main_settings
 

@@ -13,11 +13,11 @@ from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.paths import Curve
 from caesura_protocol.plausibility import likely_length_unit
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
+from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import matrix_of, quaternion_of
 from caesura_service.robot import Robot
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caesura_lab.report.figures import style
 from caesura_lab.report.report_data import ReportData
 from caesura_lab.report.tables import ranges
-from caesura_protocol.paths import curve_of, knots_of
+from caesura_protocol.reproduced_path import curve_of, knots_of
 
 Array = NDArray[np.float64]
 

@@ -18,13 +18,13 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import exerted_forces, force_in_words
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed
-from caesura_protocol.paths import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.programs.app_times import part_of
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance

@@ -1,4 +1,4 @@
-"""From samples to grid rows, from these to flange rows, and those filtered: what `reference` does."""
+"""The operations of `numpy_operations`, compiled: from samples to grid rows, to flange rows, and filtered."""
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 

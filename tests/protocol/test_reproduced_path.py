@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tests.harness.programs import app
 
 from caesura_protocol.messages import App, AppPath, ScrewMotion, ViaPoint
-from caesura_protocol.paths import Curve, curve_of, path_in_words, turn_of, turning_at_points
+from caesura_protocol.reproduced_path import Curve, curve_of, path_in_words, turn_of, turning_at_points
 from caesura_protocol.rotations import turning_of
 
 START, END = np.array([0.1, -0.5, 0.3]), np.array([0.3, -0.4, 0.1])

@@ -1,0 +1,20 @@
+"""All messages on the wire, as frozen models. Each field states its shape and unit.
+
+Times are seconds on the session's own clock, positions metres in the base frame, forces newtons as the
+environment acts on the robot, in the base frame. Readers ignore header fields that they do not know.
+"""
+
+from caesura_protocol.messages.apps import *
+from caesura_protocol.messages.bridge_control import *
+from caesura_protocol.messages.control import *
+from caesura_protocol.messages.corrections import *
+from caesura_protocol.messages.field_types import *
+from caesura_protocol.messages.limits import *
+from caesura_protocol.messages.message import *
+from caesura_protocol.messages.program import *
+from caesura_protocol.messages.program_edits import *
+from caesura_protocol.messages.results import *
+from caesura_protocol.messages.samples import *
+from caesura_protocol.messages.sessions import *
+from caesura_protocol.messages.snapshot import *
+from caesura_protocol.messages.status import *

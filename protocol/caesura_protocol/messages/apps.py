@@ -1,0 +1,99 @@
+"""The apps of a task program, and their paths."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from caesura_protocol.app_kinds import AppKind
+from caesura_protocol.messages.field_types import (
+    AppLabel,
+    Author,
+    ChangedField,
+    Count,
+    Joints,
+    Listed,
+    Newtons,
+    Note,
+    Probability,
+    Quaternion,
+    Seconds,
+    Shown,
+    SpeedFactor,
+    Vector,
+)
+from caesura_protocol.messages.limits import MAX_VIA_POINTS
+from caesura_protocol.messages.message import Message
+from caesura_protocol.messages.results import ScrewMotion
+
+
+class ViaPoint(Message):
+    """A pose of the flange on the way, base frame."""
+
+    t: Seconds  # [s]
+    position: Vector  # [m]
+    orientation: Quaternion | None  # x y z w
+    velocity: Vector | None = None  # [m/s] with which it was passed; None at the start
+    angular_velocity: Vector | None = None  # [rad/s] likewise; None where no orientation is known
+
+
+class AppPath(Message):
+    """The way from the start of an app to its target, as it was taught.
+
+    The reproduced path leads through its start, the via points and the app's target. The curve between them
+    is that of `caesura_protocol.reproduced_path`; without a via point it is the straight line.
+    """
+
+    start: ViaPoint  # where the demonstration was; the robot may begin elsewhere
+    via: Annotated[tuple[ViaPoint, ...], Field(max_length=MAX_VIA_POINTS)] = ()
+    tn: Seconds  # [s] at the target
+    length_m: float  # of the demonstrated path
+    deviation_m: float  # largest distance from the demonstrated path to the reproduced one
+    deviation_rad: float  # largest angle between the two, 0 where no orientation is known
+    tolerance_m: float  # that was asked for
+    tolerance_rad: float
+
+
+class AppChange(Message):
+    """A field of an app that a person has set."""
+
+    field: ChangedField
+    author: Author
+    edit: Count  # its number
+    inferred: Shown = None  # the value without edits; of a force its size [N]
+
+
+class RestForce(Message):
+    """How hard a stroke is pressed while it rests: before its path begins, or after it has ended."""
+
+    newton: Newtons  # after the limit
+    newton_taught: Newtons  # before the limit
+
+
+class App(Message):
+    """One step of a task program, with the edits that apply to it."""
+
+    kind: AppKind
+    t0: Seconds
+    tn: Seconds
+    target: Vector | None  # [m] base frame
+    orientation: Quaternion | None  # x y z w
+    joints: Joints | None  # [rad]
+    force: Vector | None  # [N] what the robot exerts, after the limit
+    force_taught: Vector | None  # [N] what was taught, before the limit
+    load_kg: float | None
+    load_sd_kg: float | None
+    gripper_width: float | None  # [m]
+    confidence: Probability
+    segments: Listed[Count]  # indices of the segments that it came from
+    path: AppPath | None = None  # None: an app that does not move, or whose movement goes on
+    screw: ScrewMotion | None = None  # of a turn: its torque is what the robot exerts
+    rest_before: RestForce | None = None  # in contact until the path begins; None: as hard as `force`
+    rest_after: RestForce | None = None  # in contact after the path; None: as hard as `force`
+    name: AppLabel | None = None
+    note: Note | None = None
+    speed: SpeedFactor | None = None  # a factor of the taught speed; None: as taught
+    added: Count | None = None  # the number of the edit that added it; None: it was taught
+    changes: Annotated[Listed[AppChange], Field(max_length=11)] = ()  # what people set, a field once
+    target_name: AppLabel | None = None  # what people call its target

@@ -1,0 +1,42 @@
+"""What a `control` query carries, and its answers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from caesura_protocol.errors import ErrorCode
+from caesura_protocol.messages.corrections import Edit, EditEffect, Preview
+from caesura_protocol.messages.field_types import Count, Name, Shown
+from caesura_protocol.messages.message import Message
+from caesura_protocol.messages.program_edits import EditProgram
+from caesura_protocol.messages.sessions import Close, Describe, Open
+
+Command = Annotated[Open | Close | Edit | Preview | Describe | EditProgram, Field(discriminator="type")]
+
+
+class Control(Message):
+    """What a bridge or an operator asks of a station's session; payload of a `control` query."""
+
+    command: Command
+
+
+class Ack(Message):
+    """A command was carried out."""
+
+    session: Name
+    next_seq: Count  # the batch that the service waits for
+    state: Literal["open", "closed"]
+    revision: Count = 0  # how many edits the session has had; undo and redo count
+    effect: EditEffect | None = None  # of a preview, or of an edit `with_effect`; None from an older service
+
+
+class Error(Message):
+    """A refusal, as it goes over the wire (`reply_err`)."""
+
+    code: ErrorCode
+    message: str
+    value: Shown = None
+    limit: Shown = None
+    expected: Shown = None

@@ -1,0 +1,177 @@
+"""Corrections of what a session shows, their commands, and what each of them changes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from caesura_protocol.app_kinds import AppKind
+from caesura_protocol.messages.field_types import (
+    Author,
+    Count,
+    EditState,
+    Kind,
+    Listed,
+    Name,
+    Newtons,
+    PhaseKind,
+    PhaseName,
+    Seconds,
+    Vector,
+)
+from caesura_protocol.messages.limits import MAX_EFFECT_ROWS
+from caesura_protocol.messages.message import Message
+
+
+class Insert(Message):
+    """A segment ends here and the next begins, as near to `t` as there are observations."""
+
+    do: Literal["insert"] = "insert"
+    t: Seconds  # [s]
+
+
+class Remove(Message):
+    """The two segments that meet in the changepoint nearest to `t` are one."""
+
+    do: Literal["remove"] = "remove"
+    t: Seconds  # [s]
+
+
+class Move(Message):
+    """The changepoint nearest to `t` is at `to` instead."""
+
+    do: Literal["move"] = "move"
+    t: Seconds  # [s]
+    to: Seconds  # [s]
+
+
+class Relabel(Message):
+    """The segment in which `t` lies is one, from end to end, and of this kind."""
+
+    do: Literal["relabel"] = "relabel"
+    t: Seconds  # [s]
+    kind: Kind
+
+
+class LimitForce(Message):
+    """The app in whose time `t` lies exerts no more than this."""
+
+    do: Literal["limit_force"] = "limit_force"
+    t: Seconds  # [s]
+    newton: Newtons | None  # None: only the cell's limit
+
+
+class NamePhase(Message):
+    """The phase in which `t` lies is called this; its apps are a group of that name."""
+
+    do: Literal["name_phase"] = "name_phase"
+    t: Seconds  # [s]
+    name: PhaseName
+
+
+class Undo(Message):
+    """Take the last correction back."""
+
+    do: Literal["undo"] = "undo"
+
+
+class Redo(Message):
+    """Make the correction that was taken back last once more."""
+
+    do: Literal["redo"] = "redo"
+
+
+class TakeBack(Message):
+    """Take one correction back; those that came after it stay."""
+
+    do: Literal["take_back"] = "take_back"
+    number: Count  # of the correction, as the program lists it
+
+
+Change = Insert | Remove | Move | Relabel | LimitForce | NamePhase
+Action = Annotated[
+    Insert | Remove | Move | Relabel | LimitForce | NamePhase | Undo | Redo | TakeBack,
+    Field(discriminator="do"),
+]
+
+
+class Edit(Message):
+    """Command: correct what a session shows, open or closed. Refused where the revision is another."""
+
+    type: Literal["edit"] = "edit"
+    session: Name
+    revision: Count  # of the session, as the editor has seen it; every edit makes it one more
+    author: Author
+    action: Action
+    with_effect: bool = False  # requested in the Ack; an older editor reads at most 256 items of one
+
+
+class Preview(Message):
+    """Command: state what an edit would change. It is refused as the edit would be; nothing is changed.
+
+    The answer is an Ack with the effect, and the revision as it is.
+    """
+
+    type: Literal["preview"] = "preview"
+    session: Name
+    revision: Count  # as of an edit
+    action: Action
+
+
+class SegmentOutline(Message):
+    """A segment, as far as an effect states it."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: Kind
+
+
+class AppOutline(Message):
+    """An app, as far as an effect states it."""
+
+    kind: AppKind
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    target: Vector | None = None  # [m] base frame
+    force: Vector | None = None  # [N] what the robot exerts
+    load_kg: float | None = None
+    gripper_width: float | None = None  # [m]
+
+
+class PhaseOutline(Message):
+    """A phase, as far as an effect states it."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: PhaseKind
+    name: PhaseName | None = None
+
+
+class EditEffect(Message):
+    """What an edit changes: the segments, apps and phases that go, and those that take their place.
+
+    From the first one that differs to the last one, at the same moment. One differs where its outline does.
+    """
+
+    first_segment: Count  # index of the first one, before and after
+    segments_before: Annotated[Listed[SegmentOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    segments_after: Annotated[Listed[SegmentOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    first_app: Count  # index of the first one in the program, before and after
+    apps_before: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    apps_after: Annotated[Listed[AppOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    first_phase: Count = 0  # index of the first one, before and after
+    phases_before: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    phases_after: Annotated[Listed[PhaseOutline], Field(max_length=MAX_EFFECT_ROWS)] = ()
+    more: Count = 0  # rows that are not listed, of all six together
+
+
+class Correction(Message):
+    """A correction of a session, and whether it counts."""
+
+    number: Count  # of this one, from 1; undo and redo count
+    author: Author
+    at: Seconds  # [s] time of day (UTC)
+    action: Annotated[Change, Field(discriminator="do")]
+    state: EditState = "applied"
+    reason: str | None = None  # why it is not applied

@@ -1,0 +1,93 @@
+"""Types of the fields: what each of them accepts, and the columns of a sample matrix."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeVar, get_args
+
+from pydantic import Field
+
+from caesura_protocol.errors import ErrorCode
+from caesura_protocol.keys import NAME_PATTERN
+from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MOST_SPEED
+
+LengthUnit = Literal["m", "cm", "mm"]
+Quantity = Literal["time", "length", "angle", "force"]
+ForceFrame = Literal["base", "flange"]
+WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
+HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot by hand?
+Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding", "turning"]
+Motion = Literal["motion", "steady"]
+Contact = Literal["free", "contact", "transport"]
+PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
+PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
+Certainty = Literal["provisional", "final"]
+HintKind = Literal[
+    "hand_in_wrench",
+    "unexplained_force",
+    "uncertain_boundary",
+    "too_fast",
+    "singularity",
+    "joint_limit",
+    "bias_drift",
+    "show_again",
+]
+BridgeState = Literal[
+    "ready",  # waits for a start
+    "starting",
+    "teaching",
+    "stopping",  # the samples have ended; the service does not have all of them yet
+    "failed",  # the source is lost, and is tried again
+]
+
+LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
+FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)
+WRENCH_SOURCES: tuple[WrenchSource, ...] = get_args(WrenchSource)
+ESTIMATE: WrenchSource = "joint_torque_estimate"  # of a robot without a sensor
+HANDS_ON_ROBOT: tuple[HandOnRobot, ...] = get_args(HandOnRobot)
+
+# The columns of a sample matrix, signal by signal. Time offsets (`t`) come first in every batch.
+JOINTS = 7  # of a Panda
+JOINTS_MOST = 8  # of any arm: a session has as many columns of `q` and `tau` as its robot has joints
+COLUMNS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
+    "pos": ("px", "py", "pz"),
+    "quat": ("qx", "qy", "qz", "qw"),
+    "q": tuple(f"q{i}" for i in range(1, JOINTS_MOST + 1)),
+    "force": ("fx", "fy", "fz"),
+    "torque": ("mx", "my", "mz"),
+    "tau": tuple(f"tau{i}" for i in range(1, JOINTS_MOST + 1)),
+    "gripper": ("gripper",),
+}
+
+Name = Annotated[str, Field(pattern=NAME_PATTERN)]
+Count = Annotated[int, Field(ge=0, lt=1 << 53)]
+Seconds = Annotated[float, Field(allow_inf_nan=False)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
+Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
+UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+LINE = f"^[^{UNPRINTABLE}]+$"
+Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
+Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
+Tag = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+HintText = Annotated[str, Field(min_length=1, max_length=200, pattern=LINE)]
+AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+AppField = Literal[
+    "name", "note", "target", "target_name", "speed", "force_n", "tolerance_m", "gripper_width"
+]
+ChangedField = AppField | Literal["place", "added", "taught_again"]
+EditState = Literal["applied", "not_applied", "undone"]  # of a correction, or of an edit of a program
+T = TypeVar("T")
+Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
+Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
+Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
+Vector = tuple[float, float, float]
+FiniteVector = tuple[Finite, Finite, Finite]
+Quaternion = tuple[float, float, float, float]
+Joints = Annotated[tuple[float, ...], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
+Scalar = bool | int | float | str | None
+Shown = Scalar | Listed[Scalar]  # of a value that was refused

@@ -1,0 +1,25 @@
+"""How large a message, and what it lists, may be."""
+
+from __future__ import annotations
+
+MAX_MESSAGE_BYTES = 1 << 20
+MAX_WHOLE_BYTES = 1 << 26  # of a message that goes in pieces
+PIECE_BYTES = 1 << 19  # of its bytes in one of them
+MAX_BATCH_SAMPLES = 1000
+MAX_BATCH_SPAN_S = 60.0  # first to last sample of a batch
+MAX_BATCHES_AHEAD = 1_000_000  # of the expected one; further ahead is not a sequence number
+MAX_COLUMNS = 64
+MAX_GAPS = 256  # that a status lists
+MAX_BUDGETS = 32  # stations whose budgets a service status lists
+MAX_VIA_POINTS = 64  # of the path of an app
+MAX_HOLES = 2048  # that recorded samples list
+MAX_TAGS = 16  # of a session
+MAX_CORRECTIONS = 1000  # of a session, those that were taken back included
+MAX_EFFECT_ROWS = 24  # of a kind, before and after an edit, that its effect lists
+MAX_PROGRAM_EDITS = 500  # of a session, those that are undone included
+MAX_PART_APPS = 100  # that one edit puts in the place of a part
+MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
+MAX_TAUGHT_AGAIN_HELD = 1000  # that its edits hold, also for undo; those that are undone do not count
+MAX_PART_BYTES = 1 << 19  # of the apps that one edit puts in the place of a part
+LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
+MAX_HINTS = 64  # that a message lists

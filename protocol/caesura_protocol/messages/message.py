@@ -1,0 +1,19 @@
+"""What all messages are: frozen, compared by value, tolerant of fields that they do not know."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+_NOT_ASKED: set[str] = set()
+
+
+class Message(BaseModel):
+    """A payload: frozen, compared by value, tolerant of fields that a newer peer adds."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Drop the set of given fields: nothing reads it, and it is half of the memory of a message."""
+        object.__setattr__(self, "__pydantic_fields_set__", _NOT_ASKED)

@@ -1,0 +1,149 @@
+"""Edits of a task program, and their command."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from caesura_protocol.app_kinds import AppKind
+from caesura_protocol.messages.apps import App
+from caesura_protocol.messages.corrections import Redo, Undo
+from caesura_protocol.messages.field_types import (
+    Amount,
+    AppField,
+    AppLabel,
+    Author,
+    Count,
+    EditState,
+    FiniteVector,
+    Listed,
+    Name,
+    Newtons,
+    Note,
+    Seconds,
+    SpeedFactor,
+    TaskName,
+    Tolerance,
+)
+from caesura_protocol.messages.limits import MAX_PART_APPS
+from caesura_protocol.messages.message import Message
+
+
+class AppReference(Message):
+    """An app as an editor has seen it.
+
+    It is the app of this kind that begins there, or else the one whose time is most nearly the same.
+    """
+
+    kind: AppKind
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    added: Count | None = None  # the number of the program edit that added it; None: it was taught
+
+
+class ChangeApp(Message):
+    """An app has other values. A field that is None stays as it is."""
+
+    do: Literal["change"] = "change"
+    app: AppReference
+    name: AppLabel | None = None
+    note: Note | None = None
+    target: FiniteVector | None = None  # [m] base frame; its path keeps the via points
+    target_name: AppLabel | None = None  # such as "above the tray"
+    speed: SpeedFactor | None = None  # a factor of the taught speed
+    force_n: Newtons | None = None  # [N] in the direction that was taught
+    tolerance_m: Tolerance | None = None  # that its path has to keep
+    gripper_width: Amount | None = None  # [m]
+    as_taught: Annotated[Listed[AppField], Field(max_length=8)] = ()  # fields that lose their edits
+
+
+class MoveApp(Message):
+    """An app is run at another place of the program."""
+
+    do: Literal["move"] = "move"
+    app: AppReference
+    after: AppReference | None  # None: first
+
+
+class DeleteApp(Message):
+    """An app is left out."""
+
+    do: Literal["delete"] = "delete"
+    app: AppReference
+
+
+class DuplicateApp(Message):
+    """A copy of an app follows it."""
+
+    do: Literal["duplicate"] = "duplicate"
+    app: AppReference
+
+
+class InsertApp(Message):
+    """A new app, which was not taught. What is None is that of the app before it."""
+
+    do: Literal["insert"] = "insert"
+    after: AppReference | None  # None: first
+    kind: AppKind
+    seconds: Annotated[float, Field(gt=0.0, le=600.0)] = 2.0  # that it takes
+    name: AppLabel | None = None
+    target: FiniteVector | None = None  # [m] base frame
+    force: FiniteVector | None = None  # [N] that the robot exerts, base frame
+    gripper_width: Amount | None = None  # [m]
+
+
+class ReplacePart(Message):
+    """The apps from `first` to `last` are replaced by those of another session of the station.
+
+    The service takes the apps as they are at the edit. What becomes of that session changes nothing.
+    """
+
+    do: Literal["replace_part"] = "replace_part"
+    first: AppReference  # where it begins, the first new app begins
+    last: AppReference
+    session: Name  # closed, with apps, of the same robot and wrench source
+
+
+class NameProgram(Message):
+    """The program is called this."""
+
+    do: Literal["name"] = "name"
+    name: TaskName
+
+
+ProgramChange = Annotated[
+    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | ReplacePart | NameProgram,
+    Field(discriminator="do"),
+]
+ProgramAction = Annotated[
+    ChangeApp | MoveApp | DeleteApp | DuplicateApp | InsertApp | ReplacePart | NameProgram | Undo | Redo,
+    Field(discriminator="do"),
+]
+
+
+class EditProgram(Message):
+    """Command: edit the program of a session, open or closed. What was inferred stays beneath the edits.
+
+    Refused where the program has another `edit_revision`: another operator was first.
+    """
+
+    type: Literal["edit_program"] = "edit_program"
+    session: Name
+    revision: Count  # `edit_revision` of the program, as the author has seen it
+    author: Author
+    action: ProgramAction
+
+
+class ProgramEdit(Message):
+    """An edit of a program, and what became of it."""
+
+    number: Count  # of this one, from 1; undo and redo count
+    author: Author
+    at: Seconds  # [s] time of day (UTC)
+    action: ProgramChange
+    state: EditState
+    reason: str | None = None  # why it is not applied
+    apps: Annotated[
+        Listed[App], Field(max_length=MAX_PART_APPS)
+    ] = ()  # of `replace_part`: as they were taught

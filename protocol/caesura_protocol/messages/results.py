@@ -1,0 +1,165 @@
+"""What was found in a session: changepoints, segments, phases, gaps and hints."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from caesura_protocol.messages.field_types import (
+    Certainty,
+    Contact,
+    Count,
+    HintKind,
+    HintText,
+    Kind,
+    Listed,
+    Motion,
+    Name,
+    PhaseKind,
+    PhaseName,
+    Probability,
+    Seconds,
+    Vector,
+)
+from caesura_protocol.messages.limits import MAX_HINTS
+from caesura_protocol.messages.message import Message
+
+
+class Changepoint(Message):
+    """A time at which one segment ends and the next begins."""
+
+    t: Seconds  # [s]
+    probability: Probability  # smoothed, given everything up to now
+    certainty: Certainty  # a final one is never revised but by an edit
+    t_low: Seconds | None = None  # [s] it lies between these two with probability 0.9
+    t_high: Seconds | None = None
+    corrected: bool = False  # an operator set it
+
+
+class ScrewMotion(Message):
+    """How a turning moves, base frame: about which axis, how far along it, and against which torque."""
+
+    axis: Vector  # of unit length; the turn is positive about it
+    point: Vector  # [m] of the axis, nearest to the flange where the turning begins
+    angle: float  # [rad] about the axis, more than a whole turn where it is
+    pitch_m: float  # [m] along the axis in one whole turn; above 0 as a right-handed screw
+    pitch_sd_m: float  # standard deviation of that
+    torque: Vector | None = None  # [Nm] held, about the point; None where the session reports no torque
+
+
+class Segment(Message):
+    """A stretch of the demonstration under one model. Consecutive ones share their boundary."""
+
+    t0: Seconds  # [s]
+    tn: Seconds  # [s]
+    kind: Kind
+    motion: Motion
+    contact: Contact
+    probability: Probability  # of this kind, given the boundaries
+    runner_up: Kind | None  # the second most probable kind
+    log_odds: float  # of the kind over the runner-up
+    certainty: Certainty  # final once its end is final
+    position_start: Vector  # [m] base frame
+    position_end: Vector  # [m]
+    force_start: Vector  # [N] base frame, on the robot, tared
+    force_end: Vector  # [N]
+    force_held: Vector | None  # [N] contact and sliding: the press proper, without touching and letting go
+    load_kg: float | None  # transport and hold: what is carried
+    load_sd_kg: float | None
+    corrected: bool = False  # an operator set its kind
+    turn: Vector | None = None  # [rad] base frame: axis times angle, of all turns together
+    centre: Vector | None = None  # [m] turning: the point of its axis that is nearest to where it begins
+    screw: ScrewMotion | None = None  # turning: its torque is that of the environment on the robot
+
+    @property
+    def force(self) -> Vector:
+        """[N] what it was held with; without a contact, what there was at its end."""
+        return self.force_held or self.force_end
+
+
+class Phase(Message):
+    """A run of segments that make one skill: reach, wipe, carry. Phases follow each other without a hole.
+
+    A phase of contact may hold short free segments, in which the tool lifts off between two strokes.
+    """
+
+    t0: Seconds  # [s] where its first segment begins
+    tn: Seconds  # [s] where its last segment ends
+    kind: PhaseKind
+    probability: Probability  # that a phase of this kind starts here
+    certainty: Certainty  # a final one is never revised but by an edit
+    first_segment: Count
+    last_segment: Count
+    strokes: Annotated[int, Field(ge=1)] = 1  # runs of segments in its contact state
+    name: PhaseName | None = None  # that an operator gave it
+
+
+class Gap(Message):
+    """Samples that never came: nothing is known between the two times.
+
+    Where what came before the first sample or after the last one is lost, both are that sample's time.
+    """
+
+    t0: Seconds
+    tn: Seconds
+    reason: Literal["source", "evicted"]  # the source paused, or no ring has the samples any more
+
+
+class Result(Message):
+    """Fields of every result, by which a reader separates old from new and lost from late."""
+
+    station: Name
+    session: Name
+    instance: Name
+    epoch: Count  # of the session's owner; readers keep the highest
+    seq: Count  # counts the messages of this stream from 0
+    t: Seconds  # [s] the last observation that it speaks of
+
+
+class Changepoints(Result):
+    """All changepoints from the `first` on; those before it stay as they were."""
+
+    first: Count
+    changepoints: Listed[Changepoint]
+
+
+class Segments(Result):
+    """All segments from the `first` on; those before it stay as they were.
+
+    The last one of an open session still grows: its end is published once a second.
+    Likewise all phases from the `first_phase` on. An older service sends none.
+    """
+
+    first: Count
+    segments: Listed[Segment]
+    first_phase: Count = 0
+    phases: Listed[Phase] = ()
+
+
+class Posterior(Result):
+    """Probability of each possible start of the current segment."""
+
+    starts: Listed[float]  # [s]
+    probabilities: Listed[float]
+
+
+class Hint(Message):
+    """What a teacher can do better, raised while the demonstration goes on."""
+
+    kind: HintKind
+    since: Seconds  # [s] the observation at which it was raised
+    until: Seconds | None = None  # [s] the observation at which it was cleared; None: it is active
+    text: HintText  # what was found, with the value and its limit
+    advice: HintText  # what to do
+    t0: Seconds | None = None  # [s] the part of the demonstration that it is about, where there is one
+    tn: Seconds | None = None
+
+
+class Hints(Result):
+    """All active hints and the newest of those that are cleared, by the time at which they were raised.
+
+    Each message is complete: only the newest counts. No hint is active once the session is closed.
+    """
+
+    hints: Annotated[tuple[Hint, ...], Field(max_length=MAX_HINTS, fail_fast=True)]

@@ -1,0 +1,83 @@
+"""Commands that begin, end and describe a session."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from caesura_protocol.messages.field_types import (
+    Author,
+    Columns,
+    Count,
+    ForceFrame,
+    ForceLimit,
+    HandOnRobot,
+    LengthUnit,
+    Listed,
+    Name,
+    Note,
+    Quantity,
+    Tag,
+    TaskName,
+    Tolerance,
+    WrenchSource,
+)
+from caesura_protocol.messages.limits import MAX_TAGS
+from caesura_protocol.messages.message import Message
+
+
+class Description(Message):
+    """What people state about a session. It changes no result."""
+
+    task: TaskName | None = None  # the name under which it is found again
+    operator: Author | None = None  # who teaches
+    note: Note | None = None
+    tags: Annotated[Listed[Tag], Field(max_length=MAX_TAGS)] = ()
+    success: bool | None = None  # None: not stated
+    deleted: bool = False  # lists leave it out; its samples stay until the journal's limits remove them
+
+
+class Open(Message):
+    """Command: begin a session, or say again what it is (opening twice alike is no error)."""
+
+    type: Literal["open"] = "open"
+    session: Name
+    epoch: Count = 0
+    columns: Columns
+    wrench_source: WrenchSource | None = None  # None: not stated; the service takes the conservative reading
+    hand_on_robot: HandOnRobot = "unknown"
+    force_frame: ForceFrame = "base"
+    length_unit: LengthUnit = "m"
+    preset: Name | None = None  # None: the service's own choice
+    bridge: Name | None = None  # names this bridge; another one needs a higher epoch to take the session over
+    force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
+    path_tolerance_m: Tolerance | None = None  # of the apps' paths; None: the service's own choice
+    path_tolerance_rad: Tolerance | None = None
+    robot: Name | None = None  # which arm this is; None: not stated
+    declared_units: Listed[Quantity] = ()  # whose unit a person declared: implausible values are believed
+    description: Description | None = None  # as it begins; `Describe` changes it
+
+
+class Close(Message):
+    """Command: the demonstration is over; everything up to batch `last_seq` belongs to it."""
+
+    type: Literal["close"] = "close"
+    session: Name
+    last_seq: Annotated[int, Field(ge=-1)]
+    bridge: Name | None = None
+    success: bool | None = None  # of the demonstration; None leaves the description as it is
+
+
+class Describe(Message):
+    """Command: replace the description of a session, open or closed.
+
+    Refused where the description is neither `before` nor `description`: another operator was first. Undo is
+    the same command with the two exchanged.
+    """
+
+    type: Literal["describe"] = "describe"
+    session: Name
+    author: Author
+    before: Description  # as the author has seen it
+    description: Description

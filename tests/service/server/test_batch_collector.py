@@ -99,6 +99,16 @@ def test_while_earlier_ones_wait_to_be_processed_the_next_observation_is_predict
     assert floor.blocks() == [[1, 2, 3, 4, 5], [6, 7, 8, 9, 10], [11, 12, 13, 14, 15]]
 
 
+def test_in_a_backlog_batches_wait_together_though_no_due_time_is_known():
+    floor = Floor()  # the session has still to process the first batch
+    for seq in range(20):
+        floor.put(payload_of(seq))
+    lengths = [len(block) for block in floor.blocks() if isinstance(block, list)]
+    assert lengths[0] == 1
+    assert all(4 <= count <= 6 for count in lengths[1:]), "five make an observation, but for a rounded time"
+    assert sum(lengths) >= 16
+
+
 def test_nothing_waits_longer_than_an_observation_takes():
     floor = Floor(due_s=9.0)
     floor.put(payload_of(0))

@@ -5,6 +5,7 @@ What comes out is, number for number, what a session over the wire would have sa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any
@@ -74,11 +75,16 @@ def views(
         try:
             pipeline.push(samples)
         except ValueError as error:
-            raise ValueError(f"from sample {taken} on: {error}") from error
+            raise ValueError(_counted_from(taken, str(error))) from error
         taken += len(samples)
         yield pipeline.view
     pipeline.finish()
     yield pipeline.view
+
+
+def _counted_from(taken: int, error: str) -> str:
+    """An error text whose sample is counted from the start of the recording, not of its batch."""
+    return re.sub(r"^sample (\d+)", lambda found: f"sample {taken + int(found[1])}", error)
 
 
 def recording_of(records: Iterable[Record]) -> Recording:

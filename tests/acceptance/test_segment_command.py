@@ -78,6 +78,16 @@ def test_a_threshold_that_is_no_probability_is_one_clear_line():
     ("name", "t", "words"),
     [
         ("one", np.array([0.0]), "nothing to segment in 1 samples"),
+        (
+            "slow",
+            np.arange(0.0, 12.0, 0.3),
+            "39 gaps between them; expected t in seconds, more than 0.2 s, and pauses of at most",
+        ),
+        (
+            "counted",
+            np.concatenate([np.arange(300), np.arange(200)]) / 100,
+            ".npz: sample 300: time goes back",
+        ),
         ("restarted", np.tile(np.arange(0, 5, 0.01), 2), "time goes back from 4.99 s to 0 s"),
         ("unix", np.concatenate([np.arange(20) / 100, 1.76e9 + np.arange(20) / 100]), "time leaps"),
         ("milliseconds", np.arange(0.0, 3000.0, 10.0), "samples are 10 s apart, at most 0.5 s are plausible"),

@@ -105,6 +105,15 @@ def standing_by(endpoint: str, *sources: Source, settings=QUICK, released_s=None
         yield standby
 
 
+@contextmanager
+def ready_to_start(caesura: Caesura, endpoint: str, *sources: Source, released_s=None) -> Iterator[Standby]:
+    """A bridge in standby, as `standing_by`, that a service answers."""
+    with standing_by(endpoint, *sources, released_s=released_s) as standby:
+        reaches(standby, "ready")
+        eventually(lambda: caesura.services() != [])
+        yield standby
+
+
 def reaches(standby: Standby, state: BridgeState) -> None:
     eventually(lambda: standby.status.state == state)
 
@@ -120,9 +129,7 @@ def refused(command: Callable[[], object]) -> ProtocolError:
 
 
 def test_one_process_teaches_session_after_session_and_nothing_in_between(router, service, caesura):
-    with standing_by(router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
         assert caesura.sessions(STATION) == []
         first = caesura.start(STATION, WIPE)
         assert (first.state, standby.status.description) == ("teaching", WIPE)
@@ -148,9 +155,7 @@ def test_one_process_teaches_session_after_session_and_nothing_in_between(router
 
 
 def test_commands_that_come_twice_or_collide_begin_and_end_one_session(router, service, caesura):
-    with standing_by(router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
         first = describing.start(caesura.transport, STATION, WIPE, name="press-1")
         assert describing.start(caesura.transport, STATION, WIPE, name="press-1") == first
         late = refused(lambda: caesura.start(STATION))
@@ -192,9 +197,7 @@ def test_without_a_service_nothing_starts_and_what_was_taught_waits_for_it(route
 
 def test_samples_from_before_the_start_are_no_part_of_the_session(router, service, caesura):
     robot = Robot()
-    with standing_by(router.endpoint, robot) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, robot):
         robot.give(samples(500, t0=100.0))
         session = caesura.start(STATION).session
         robot.give(samples(300, t0=200.0))
@@ -212,9 +215,7 @@ def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
 ):
     monkeypatch.setattr("caesura_clients.bridge.standby.RECONNECT_S", 0.05)
     robot, mended = Robot(), Robot()
-    with standing_by(router.endpoint, robot, mended) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, robot, mended) as standby:
         session = caesura.start(STATION).session
         robot.give(samples(300))
         robot.fail()
@@ -231,9 +232,7 @@ def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
 
 def test_a_source_that_delivers_nothing_does_not_keep_a_session_open(router, service, caesura):
     robot = Robot()
-    with standing_by(router.endpoint, robot) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, robot):
         session = caesura.start(STATION).session
         robot.give(samples(100))
         eventually(lambda: robot.read == 100)
@@ -303,9 +302,7 @@ def test_a_session_of_another_bridge_is_not_disturbed(router, service, caesura):
 
 
 def test_a_session_is_described_when_it_is_over(router, service, caesura):
-    with standing_by(router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, FileSource(RECORDING, pace=20.0)) as standby:
         session = caesura.start(STATION, WIPE).session
         eventually(lambda: standby.status.state == "ready")
         caesura.describe(STATION, session, author="Bob", task="wipe the table", success=False)
@@ -323,9 +320,7 @@ def test_the_command_line_starts_stops_describes_and_shows(router, service, caes
     def run(*words: str) -> Result:
         return CliRunner().invoke(app, [*words, "--connect", router.endpoint])
 
-    with standing_by(router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, FileSource(RECORDING, pace=SLOW)) as standby:
         begun = run("start", STATION, "--task", "wipe", "--operator", "Ann", "--tag", "left")
         assert begun.exit_code == 0, begun.output
         session = standby.status.session
@@ -387,9 +382,7 @@ def test_a_press_begins_a_demonstration_that_a_regrip_goes_on_with_and_a_release
     go, over = threading.Event(), threading.Event()
     phases = [(1.0, True), (1.0, False), (0.6, True), (0.8, False), (0.6, True), (3.0, False)]
     arm = GuidedArm(monkeypatch, name, phases, go, over)
-    with standing_by(router.endpoint, arm, released_s=1.0) as standby, released(go, over):
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, arm, released_s=1.0) as standby, released(go, over):
         go.set()
         eventually(lambda: standby.status.last_session is not None)
         (session,) = [one.session for one in caesura.sessions(STATION)]
@@ -417,9 +410,7 @@ def released(*events: threading.Event) -> Iterator[None]:
 
 def test_a_stop_ends_what_the_button_began_and_a_button_that_is_held_begins_nothing(router, service, caesura):
     arm = ArmWithButton()
-    with standing_by(router.endpoint, arm, released_s=1.0) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, arm, released_s=1.0) as standby:
         arm.guide(samples(100, t0=50.0), pressed=True)  # held before the bridge was there
         arm.guide(samples(700, t0=50.1), pressed=False)
         assert standby.status.state == "ready"
@@ -444,9 +435,7 @@ def test_a_stop_ends_what_the_button_began_and_a_button_that_is_held_begins_noth
 
 def test_what_start_began_is_not_ended_by_the_button(router, service, caesura):
     arm = ArmWithButton()
-    with standing_by(router.endpoint, arm, released_s=0.2) as standby:
-        reaches(standby, "ready")
-        eventually(lambda: caesura.services() != [])
+    with ready_to_start(caesura, router.endpoint, arm, released_s=0.2) as standby:
         session = caesura.start(STATION, WIPE).session
         for part, pressed in enumerate((False, True, False)):
             arm.guide(samples(500, t0=0.5 * part), pressed=pressed)

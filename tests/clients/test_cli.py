@@ -191,7 +191,7 @@ def test_a_station_that_is_no_name_is_one_line_that_does_not_speak_of_the_wire(c
     [
         ("a.npz", b"", "not a readable npz"),
         ("a.npz", b"text", "not a readable npz"),
-        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1\n", "sample 2 has 2 values"),
+        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1\n", "line 3 has 2 values"),
         ("a.csv", b"t,px,py,pz\nnan,1,2,3\n", "t is nan"),
         ("a.txt", b"", "suffix '.txt'"),
     ],

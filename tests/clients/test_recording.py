@@ -80,9 +80,19 @@ def written(path, **arrays):
         ("a.npz", b"", "not a readable npz"),
         ("a.csv", b"", "0 rows"),
         ("a.csv", b"t,px,py,pz\n", "1 rows"),
-        ("a.csv", b"t,px,py,pz\n0,1,2,x\n", "could not convert"),
-        ("a.csv", b"t,px,py,pz\n0,1,2\n", "sample 1 has 3 values, expected 4"),
-        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1,2\n", "sample 2 has 3 values, expected 4"),
+        ("a.csv", b"t,px,py,pz\n0,1,2,x\n", "line 2: pz is 'x', expected a number"),
+        (
+            "a.csv",
+            b"# of a day\n\nt,px,py,pz\n0,1,2,3\n1,2,,3\n",
+            "line 5: py is '', expected a number",
+        ),
+        (
+            "a.csv",
+            b"t,px,py,pz\n2024-05-01T10Z,1,2,3\n",
+            "line 2: t is '2024.*', expected a number of",
+        ),
+        ("a.csv", b"t,px,py,pz\n0,1,2\n", "line 2 has 3 values, expected 4"),
+        ("a.csv", b"t,px,py,pz\n0,1,2,3\n0,1,2\n", "line 3 has 3 values, expected 4"),
         ("a.csv", b"px,py,pz\n1,2,3\n", "expected t"),
         ("a.csv", b"t,px\n1,2\n", "has px but not py, pz"),
         ("a.csv", b"t,px,py,pz,fx,fy\n0,1,2,3,4,5\n", "has fx, fy but not fz"),
@@ -192,3 +202,13 @@ def test_a_csv_with_other_columns_names_them_and_the_mapping(tmp_path, first):
         load_recording(tmp_path / "odd.csv")
     for word in (first.replace(",", ", "), "px py pz", "--mapping FILE", "docs/recordings.md"):
         assert word in str(refused.value)
+
+
+def test_a_wrench_source_without_a_force_is_named_as_ignored(tmp_path):
+    # A file of a flange sensor whose force columns were lost passed for one without a wrench.
+    written(
+        tmp_path / "a.npz", t=np.arange(3.0), pos=np.ones((3, 3)), wrench_source=np.array("flange_sensor")
+    )
+    recording = load_recording(tmp_path / "a.npz")
+    assert recording.wrench_source == "none"
+    assert recording.ignored == ("wrench_source flange_sensor, because there is no force and no tau",)

@@ -105,14 +105,13 @@ class SlowSocket:
             self._held.append(message)
 
 
+# Of an element with plots: what is drawn was loaded for what is in sight.
+SETTLED = "({ plots }) => plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading"
+
+
 def settled(page: Page) -> None:
     """Until what is drawn was loaded for what is in sight."""
-    page.wait_for_function(
-        """() => {
-          const plots = document.querySelector(".plots").plots;
-          return plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading;
-        }"""
-    )
+    page.wait_for_function(f"() => ({SETTLED})(document.querySelector('.plots'))")
 
 
 class Visitor:

@@ -37,7 +37,7 @@ NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
 
 
 class Operator:
-    """Somebody at the dashboard, whose station is being taught, and the wire beside it."""
+    """An operator at the dashboard, whose station is being taught, and the wire beside it."""
 
     def __init__(self, stage: Stage, visitor: Visitor, wire: Subscriber, station: str) -> None:
         self.visitor, self.wire = visitor, wire
@@ -46,7 +46,7 @@ class Operator:
 
     @classmethod
     def at(cls, page: Page, visitor: Visitor) -> Operator:
-        """Somebody at a page that is open already and has its samples, without the wire."""
+        """An operator at a page that is open already and has its samples, without the wire."""
         operator = cls.__new__(cls)
         operator.page, operator.visitor = page, visitor
         settled(page)

@@ -18,7 +18,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, SETTLED, THEMES, Visitor, needs_chromium
 from dashboard.stage import Stage, patient
 from harness.demonstrations import guided
 from harness.forked import Forked
@@ -382,8 +382,6 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     assert visitor.errors == []
 
 
-BOTH_LOADED = """() => [...document.querySelectorAll(".plots")].every((one) => {
-  const state = one.plots && one.plots.state;
-  return state && state.data && !state.lacksData() && !state.loading && state.partnerLength > 0;
-})"""
+BOTH_LOADED = f"""() => [...document.querySelectorAll(".plots")].every(
+  (one) => ({SETTLED})(one) && one.plots.state.partnerLength > 0)"""
 RANGES = """() => [...document.querySelectorAll(".plots")].map((one) => one.plots.state.view())"""

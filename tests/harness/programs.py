@@ -80,6 +80,19 @@ def press() -> tuple[App, ...]:
     )
 
 
+def set_down_at_once() -> tuple[App, ...]:
+    """`pick_and_place`, whose carry is one movement: from the table over 50 mm in the air to the table."""
+    touch, grasp, lift, carry, let_go, leave = pick_and_place()
+    start, over, end = touch.target, lift.target, carry.target
+    assert start is not None
+    assert over is not None
+    assert end is not None
+    via = ViaPoint(t=5.7, position=over, orientation=DOWN, velocity=(0.0, 0.0, 0.0))
+    length = math.dist(start, over) + math.dist(over, end)
+    carried = carry.model_copy(update={"t0": 4.0, "path": path_from(start, 4.0, 7.5, length, via=(via,))})
+    return touch, grasp, carried, let_go, leave
+
+
 def wiped() -> tuple[App, ...]:
     """A stroke along a surface: pressed for 0.8 s before it begins, and for 0.5 s when it has ended."""
     touch, pressed, _ = press()

@@ -28,6 +28,7 @@ from caesura_lab.recording_warnings import recording_warnings
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
+from caesura_protocol.sample_runs import HOLE_S
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled
@@ -111,7 +112,8 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
     if not view.segments:
         raise SourceError(
             f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
-            f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds and more than 0.2 s"
+            f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds, more than 0.2 s, "
+            f"and pauses of at most {HOLE_S:g} s"
         )
     return view
 

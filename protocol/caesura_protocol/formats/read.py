@@ -83,12 +83,7 @@ def load_recording(
             ignored = [*ignored, "torque"]
     _check_overrides(path, options, overrides)
     options |= {key: value for key, value in overrides.items() if value is not None}
-    if (
-        "force" not in arrays
-        and "tau" not in arrays
-        and options.get("wrench_source", "none") in WRENCH_SOURCES
-    ):
-        options["wrench_source"] = "none"
+    ignored = [*ignored, *_without_wrench(arrays, options)]
     for quantity, name in _CONVERTED.items():
         if quantity in stated and name in arrays:
             arrays[name] = arrays[name] * UNITS[quantity][stated[quantity]]
@@ -106,6 +101,15 @@ def load_recording(
     if check_units and (found := recording.implausible) is not None:
         raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
     return recording
+
+
+def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> list[str]:
+    """State the source `none` where there is no wrench; the source that was stated, with the reason."""
+    source = options.get("wrench_source", "none")
+    if "force" in arrays or "tau" in arrays or source not in WRENCH_SOURCES:
+        return []
+    options["wrench_source"] = "none"
+    return [] if source == "none" else [f"wrench_source {source}, because there is no force and no tau"]
 
 
 def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[str, str | None]) -> None:
@@ -178,13 +182,14 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
     comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
     stated = {key.strip(): value.strip() for key, separator, value in comments if separator}
-    rows = list(csv.reader(line for line in lines if line and not line.startswith("#")))
+    numbers = [number for number, line in enumerate(lines, start=1) if line and not line.startswith("#")]
+    rows = list(csv.reader(lines[number - 1] for number in numbers))
     if len(rows) < 2:
         raise ValueError(f"{len(rows)} rows, expected a header and at least one sample")
     header = [name.strip() for name in rows[0]]
     if not has_own_columns(header):
         raise _foreign(path)
-    column = _columns(header, rows[1:])
+    column = _columns(header, rows[1:], numbers[1:])
     arrays = {
         signal: np.column_stack([column[name] for name in names])
         for signal, names in _whole_signals(path, column).items()
@@ -214,17 +219,30 @@ def _foreign(path: Path) -> UnknownColumnsError:
     )
 
 
-def _columns(header: list[str], rows: list[list[str]]) -> dict[str, Array]:
-    """The table by column. Raises ValueError where it is not rectangular or not of numbers."""
+def _columns(header: list[str], rows: list[list[str]], lines: list[int]) -> dict[str, Array]:
+    """The table by column; lines: of the rows. Raises ValueError where it is no rectangle of numbers."""
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise ValueError(f"column {twice[0]} comes twice")
-    for number, row in enumerate(rows, start=1):
+    for line, row in zip(lines, rows, strict=False):
         if len(row) != len(header):
-            raise ValueError(
-                f"sample {number} has {len(row)} values, expected {len(header)} as in the header"
-            )
-    return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
+            raise ValueError(f"line {line} has {len(row)} values, expected {len(header)} as in the header")
+    try:
+        table = np.array(rows, dtype=np.float64)
+    except ValueError:
+        for line, row in zip(lines, rows, strict=False):
+            for name, cell in zip(header, row, strict=True):
+                _check_number(line, name, cell)
+        raise
+    return dict(zip(header, table.T, strict=True))
+
+
+def _check_number(line: int, name: str, cell: str) -> None:
+    try:
+        float(cell)
+    except ValueError as error:
+        expected = "a number of seconds" if name == "t" else "a number; leave out the rows that have none"
+        raise ValueError(f"line {line}: {name} is {cell!r}, expected {expected}") from error
 
 
 def _whole_signals(path: Path, column: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from caesura_protocol.programs.limits import press_direction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
+ROUNDING_M = 1e-6
 STILL_RAD = 0.002  # a leg without a way that turns less stays where it is
 GRIPS = ("grasp", "gripper_move")
 
@@ -23,7 +25,9 @@ class PlannedApp(NamedTuple):
     place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
     wherever it is; legs: then; contact: (3,) where a contact ends it, the direction in which it is looked
     for; wait_s: that a press rests before the legs; hold_s: that it stays where it is then, as a hold or a
-    press does; pause_s: after it. wait_n, hold_n: how hard it presses meanwhile.
+    press does; pause_s: after it. wait_n, hold_n: how hard it presses meanwhile. clear_legs: so many of the
+    legs leave what the app before it touches; no force is looked for on them, and the sensor is zeroed after
+    them. None where no leg leaves it, and it still touches.
     """
 
     place: int
@@ -36,6 +40,7 @@ class PlannedApp(NamedTuple):
     pause_s: float
     wait_n: float
     hold_n: float
+    clear_legs: int | None
 
     @property
     def name(self) -> str:
@@ -49,6 +54,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
     Raises ValueError for an app without a target or a force that it needs.
     """
     place: Vector | None = None  # at the end of the last movement
+    touched: Vector | None = None  # the place of a contact that is not left yet
     for index, app in enumerate(program.apps):
         for field in APP_KINDS[app.kind].needs:
             if getattr(app, field) is None:
@@ -71,8 +77,32 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             start, legs = _begun(app, legs)
         pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
         pause = min(pause, program.safety.pause_s)
-        yield PlannedApp(index, app, start, legs, contact, wait, hold, pause, *rest_newtons(app))
+        legs, clear = _cleared(legs, touched, contact)
+        rests = rest_newtons(app)
+        yield PlannedApp(index, app, start, legs, contact, wait, hold, pause, *rests, clear)
         place = app.target or place
+        touches = contact is not None or app.kind == "apply_force"
+        touched = place if touches else _still_touched(legs, touched)
+
+
+def _leaves(leg: Leg, touched: Vector) -> bool:
+    return math.dist(leg.position, touched) >= STANDOFF_M - ROUNDING_M
+
+
+def _still_touched(legs: list[Leg], touched: Vector | None) -> Vector | None:
+    """The place of a contact, as long as no leg has left it."""
+    return None if touched is not None and any(_leaves(leg, touched) for leg in legs) else touched
+
+
+def _cleared(legs: list[Leg], touched: Vector | None, contact: Vector | None) -> tuple[list[Leg], int | None]:
+    """Stop where a contact has been left before another one is looked for; also how many legs leave it."""
+    if contact is None or touched is None:
+        return legs, 0
+    if not legs:
+        return legs, None
+    far = (i for i, leg in enumerate(legs) if _leaves(leg, touched))
+    last = next(far, len(legs) - 1)
+    return [*legs[:last], legs[last]._replace(blend_m=0.0), *legs[last + 1 :]], last + 1
 
 
 def _begun(app: App, legs: list[Leg]) -> tuple[tuple[Vector, Quaternion | None], list[Leg]]:

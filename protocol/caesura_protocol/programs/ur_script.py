@@ -88,7 +88,10 @@ class _Writer:
             return [*lines, f"sleep({planned.hold_s:.3f})"]
         if planned.contact is None:
             return lines + self._watched(planned.place, moves, self._tightness(app))
-        lines += ["zero_wrench()", *self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")]
+        if planned.clear_legs is not None:
+            lines += [*moves[: planned.clear_legs], "zero_wrench()"]
+            moves = moves[planned.clear_legs :]
+        lines += self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")
         return [*lines, f"search_contact({_list(planned.contact)})"]
 
     def _tightness(self, app: App) -> str | None:
@@ -134,7 +137,7 @@ class _Writer:
             lines += self._watched(planned.place, moves, self._tightness(app))
             if planned.hold_s >= LEAST_PAUSE_S:
                 lines += [f"begin_force({frame}, {planned.hold_n:.3f})"] if planned.hold_n != newtons else []
-                lines.append(f"sleep({planned.hold_s:.3f})")
+                lines += [f"{began} = get_actual_tcp_pose()", *_held(name, planned.hold_s, depth)]
         else:
             lines += _held(name, max(planned.hold_s, PERIOD_S), depth)
         return [*lines, "end_force_mode()", "stopl(2.0)"]

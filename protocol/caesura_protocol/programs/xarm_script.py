@@ -76,7 +76,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     if planned.start is not None:
         row["start"] = _pose(*planned.start)
     if planned.contact is not None:
-        row["contact"] = tuple(map(_rounded, planned.contact))
+        row["contact"], row["clear"] = tuple(map(_rounded, planned.contact)), planned.clear_legs
     if APP_KINDS[app.kind].carries:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:

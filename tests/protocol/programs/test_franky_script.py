@@ -22,7 +22,16 @@ from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import path_in_words
-from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
+from harness.programs import (
+    DOWN,
+    app,
+    as_file,
+    pick_and_place,
+    press,
+    pressed_harder_before,
+    set_down_at_once,
+    wiped,
+)
 
 from . import fake_franky
 
@@ -66,6 +75,21 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go() -> None:
         1,
         0,
     ]  # a contact ends the approach, and setting down; the others go to their targets
+
+
+def test_a_contact_that_ends_is_left_before_another_one_is_looked_for() -> None:
+    # The force was zeroed while the tool still pressed on the table: what was let go passed for a contact.
+    fake_franky.calls.clear()
+    made = module_of(as_file(set_down_at_once()))
+    runner = made.Runner(fake_franky, "robot")
+    runner.run(made.checked(made.APPS))
+    carried = [motion for motion in motions(fake_franky.calls) if hasattr(motion, "waypoints")]
+    over, (*_, end) = (motion.waypoints for motion in carried)
+    assert over[-1].target.pose.translation.tolist() == [-0.018, -0.624, 0.156]
+    assert end.target.pose.translation[2] == pytest.approx(0.127)
+    assert [len(motion.reactions) for motion in carried] == [0, 1]
+    assert [one.minimum_time.milliseconds for one in (over[-1], end)] == [1700, 1800]
+    assert runner.bias[2] == 0.0
 
 
 def test_it_sets_what_the_robot_itself_watches_before_it_moves() -> None:

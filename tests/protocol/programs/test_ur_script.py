@@ -15,7 +15,16 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.straight_legs import CHORD_M
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.reproduced_path import curve_of
-from harness.programs import DOWN, app, as_file, pick_and_place, press, pressed_harder_before, wiped
+from harness.programs import (
+    DOWN,
+    app,
+    as_file,
+    pick_and_place,
+    press,
+    pressed_harder_before,
+    set_down_at_once,
+    wiped,
+)
 
 from .fake_ur_controller import Controller, Halted, as_python
 
@@ -242,6 +251,57 @@ def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught()
         one["t"] for name, one in controller.calls[last : names.index("end_force_mode")] if name == "sleep"
     ]
     assert sum(holds) == pytest.approx(0.5)
+
+
+def test_the_sensor_is_zeroed_where_nothing_is_touched():
+    # At the start of a carry the tool still pressed on the table: the force that ended passed for a contact.
+    class NotesZeros(Controller):
+        zeroed_m: tuple[float, ...] = ()
+
+        def zero_ftsensor(self) -> None:
+            self.zeroed_m += (self.pose[2],)
+
+    controller = NotesZeros(table_m=0.11)
+    controller.play(ur_script(on_ur(set_down_at_once())))
+    assert len(controller.zeroed_m) == 3
+    assert min(controller.zeroed_m) > 0.11
+    searches = [i for i, (name, _) in enumerate(controller.calls) if name == "speedl"]
+    grasps = [i for i, (name, _) in enumerate(controller.calls) if name == "set_payload"]
+    assert searches[-1] > grasps[0]  # it looks for the table again
+
+
+class EndsBeyondAnEdge(Controller):
+    """Past its path a stroke has no surface below it: force mode moves the flange at its full speed."""
+
+    def __init__(self, **world: Any) -> None:
+        super().__init__(**world)
+        self.is_pressed_after_its_way = False
+
+    def movep(self, pose: list[float], a: float = 1.2, v: float = 0.25, r: float = 0) -> None:
+        super().movep(pose, a, v, r)
+        self.is_pressed_after_its_way = True
+
+    def end_force_mode(self) -> None:
+        self.is_pressed_after_its_way = False
+
+    def sleep(self, t: float) -> None:
+        if self.is_pressed_after_its_way:
+            self.pose[2] -= 0.03 * t
+
+
+def test_a_rest_after_a_way_that_has_lost_its_surface_stops_the_program():
+    # The rest was one sleep: without a surface the flange went on at 30 mm/s for as long as it lasted.
+    stroke = wiped()
+    at = next(i for i, one in enumerate(stroke) if one.kind == "apply_force")
+    long_rest = stroke[at].model_copy(update={"tn": stroke[at].tn + 4.0})
+    later = [
+        one.model_copy(update={"t0": one.t0 + 4.0, "tn": one.tn + 4.0, "path": None})
+        for one in stroke[at + 1 :]
+    ]
+    controller = EndsBeyondAnEdge(table_m=0.19)
+    with pytest.raises(Halted):
+        controller.play(ur_script(on_ur((*stroke[:at], long_rest, *later))))
+    assert controller.named("popup")[0]["s"] == "pushed in too deep"
 
 
 def test_a_rest_beside_a_way_is_pressed_with_its_own_force():

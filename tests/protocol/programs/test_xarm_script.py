@@ -17,7 +17,15 @@ from caesura_protocol.messages import App, ScrewMotion
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import DOWN, as_file, pick_and_place, press, pressed_harder_before, wiped
+from harness.programs import (
+    DOWN,
+    as_file,
+    pick_and_place,
+    press,
+    pressed_harder_before,
+    set_down_at_once,
+    wiped,
+)
 from harness.xarm_sdk import xarm_api
 
 from .test_ur_script import circle
@@ -137,6 +145,15 @@ def test_a_contact_that_is_not_there_stops_the_program():
     with pytest.raises(made.Stop, match=r"no contact within 0\.04 m"):
         made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
     assert arm.calls("vc_set_cartesian_velocity")[-1].args[0] == [0.0] * 6
+
+
+def test_the_sensor_is_zeroed_where_nothing_is_touched():
+    arm, made = Arm(table_m=0.11), module_of(on_xarm(set_down_at_once()))
+    zeroed_mm: list[float] = []
+    arm.api.set_ft_sensor_zero.side_effect = lambda *_: zeroed_mm.append(arm.pose[2]) or 0
+    made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
+    assert len(zeroed_mm) >= 2
+    assert min(zeroed_mm) > 110.0
 
 
 def test_a_force_beyond_the_limit_stops_the_program():

@@ -33,8 +33,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "batches that are processed together are not journalled",
         f"{SESSIONS}/batch_receiver.py",
-        "        count = self._journal.append_batches(block, count, now)\n",
-        "",
+        "        count = self._journal.append_batches(block, count, now)\n        is_in_turn",
+        "        is_in_turn",
         (
             "tests/service/server/test_batch_collector.py::"
             "test_a_demonstration_in_batches_that_wait_is_bit_for_bit_the_same",
@@ -117,9 +117,9 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a replayed batch is applied twice",
         f"{SESSIONS}/batch_receiver.py",
-        "            samples = self._buffer.pop_next()\n            self._update_missing_batch()\n",
-        "            samples = self._buffer.pop_next()\n            self._update_missing_batch()\n"
-        "            outputs += self._process(samples)\n",
+        "            ready = self._pop_together()\n",
+        "            ready = self._pop_together()\n"
+        "            outputs += self._host.push_together(np.concatenate(ready), len(ready)) if ready else []\n",
         (
             "tests/service/sessions/test_disturbances.py::"
             "test_duplication_reordering_and_loss_with_replay_change_no_result",

@@ -119,7 +119,8 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SESSIONS}/batch_receiver.py",
         "            ready = self._pop_together()\n",
         "            ready = self._pop_together()\n"
-        "            outputs += self._host.push_together(np.concatenate(ready), len(ready)) if ready else []\n",
+        "            if ready:\n"
+        "                outputs += self._host.push_together(np.concatenate(ready), len(ready))\n",
         (
             "tests/service/sessions/test_disturbances.py::"
             "test_duplication_reordering_and_loss_with_replay_change_no_result",

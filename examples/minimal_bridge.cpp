@@ -22,7 +22,7 @@
 
 using namespace std::chrono_literals;
 
-constexpr std::size_t BATCH = 20, RING = 1500;  // samples, batches: 30 s at 1 kHz
+constexpr std::size_t BATCH = 20, RING = 6000;  // samples, batches: 120 s at 1 kHz
 
 template <class Pack>
 std::vector<std::uint8_t> packed(Pack pack) {

@@ -18,7 +18,7 @@ import msgpack
 import zenoh
 
 COLUMNS = ["t", "px", "py", "pz"]
-BATCH, RATE_HZ, RING = 20, 1000.0, 1500  # samples, 1/s, batches: 30 s
+BATCH, RATE_HZ, RING = 20, 1000.0, 6000  # samples, 1/s, batches: 120 s
 
 
 def encoding(kind):

@@ -1,7 +1,7 @@
 """A bridge for your robot: a class that yields matrices of samples, and `run`.
 
 Here the robot is a sine; put the reading of yours into `chunks`. The bridge numbers the samples, keeps the
-last 30 s for replay, finds the service again after an absence, and closes the session.
+last two minutes for replay, finds the service again after an absence, and closes the session.
 """
 
 import sys

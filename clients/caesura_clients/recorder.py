@@ -35,7 +35,7 @@ ASK_EVERY_S = 0.5  # for what is missing
 AT_ONCE = 200  # batches in one question
 ATTEMPTS = 3  # without an answer, until it is a gap
 SILENT_S = 2.0  # a bridge says something every half second: without it, the service is asked
-LAST_S = 30.0  # at the end, for what is still missing: a bridge's ring holds no more
+LAST_S = 30.0  # at the end, for what is still missing
 UNREADABLE = 10_000  # batches that are remembered so as not to be asked for again
 TICK_S = 0.1
 

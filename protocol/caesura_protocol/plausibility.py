@@ -247,6 +247,11 @@ class FirstSecond:
         self._found: Implausible | None = None
         self._over = False
 
+    @property
+    def is_over(self) -> bool:
+        """Whether no further samples are checked."""
+        return self._over
+
     def look(self, rows: NDArray[np.floating]) -> Implausible | None:
         """What is implausible in the stream so far; rows: (k, columns), the next ones."""
         if self._over or not len(rows):

@@ -1,7 +1,7 @@
 """Where a service's time goes: µs of processor time a batch of 20 samples, part by part.
 
-What the worker's thread does with a batch of a 1 kHz robot, from the payload to the results' payloads, many
-stations in turn, with the real journal and the real mathematics. The network, its threads and the thread in
+What a service does with a batch of a 1 kHz robot, from the payload to the results' payloads, many stations in
+turn, with the real journal and the real mathematics. The network, its threads and the thread in
 which the journal writes are not in it: `service_load.py` has the whole. A part's time is without that of
 parts within it. Varied: stations teach five tasks, begun at five places, as in `service_load.py`.
 Usage: python tests/bench/batch_cost.py [--stations N] [--varied] [--json DIR]
@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -34,13 +35,15 @@ from caesura_service.monitoring.instrumented_registry import InstrumentedRegistr
 from caesura_service.monitoring.session_event_logger import SessionEventLogger
 from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.publishing import messages
-from caesura_service.publishing.events import Owner, Publish
+from caesura_service.publishing.events import Output, Owner, Publish
 from caesura_service.segmentation.pipeline import SegmentationPipeline
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.server import worker
+from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.inbound import RawPayload
 from caesura_service.server.result_publisher import key_of
 from caesura_service.sessions import batch_receiver
+from caesura_service.sessions.batch_block import ENCODING, BatchBlock
 from caesura_service.sessions.limits import Limits
 from caesura_service.signals import Conditioner
 
@@ -49,9 +52,14 @@ BATCH_S, BATCHES_PER_S = 0.02, 50
 
 #: Part → where its functions are looked up.
 PARTS: Mapping[str, tuple[tuple[Any, str], ...]] = {
+    "holding it": ((BatchCollector, "hold"), (BatchCollector, "take")),
     "reading the message": ((worker, "_batch"),),
-    "checking its samples": ((batch_receiver, "validated_samples"),),
-    "handing it to the journal": ((SqliteJournal, "append"),),
+    "checking its samples": (
+        (batch_receiver, "validated_samples"),
+        (batch_receiver, "is_usual"),
+        (BatchBlock, "samples"),
+    ),
+    "handing it to the journal": ((SqliteJournal, "append"), (SqliteJournal, "append_batch")),
     "conditioning": ((Conditioner, "push"),),
     "a step of the filter": ((CompiledRunLengthFilter, "step"),),
     "segments and changepoints": ((Segmenter, "look"), (Segmenter, "outline")),
@@ -116,8 +124,8 @@ def main() -> None:
             for owner, name in places:
                 timed = clock.timed(part, getattr(owner, name))
                 stack.enter_context(mock.patch.object(owner, name, timed))
-        write = clock.timed("writing messages", lambda message: list(fragment(message)))
-        whole = clock.timed(REST, lambda *given: take(registry, write, *given))
+        way = Way(registry, clock.timed("writing messages", lambda message: list(fragment(message))))
+        whole = clock.timed(REST, way.take)
         for seq, batches in enumerate(zip(*(content for content, _ in taught), strict=True)):
             if seq == WARM_UP:
                 clock.spent.clear()
@@ -127,20 +135,44 @@ def main() -> None:
     show(clock.spent, count, asked.stations, asked.json)
 
 
-def take(
-    registry: InstrumentedRegistry,
-    write: Callable[[Message], object],
-    station: str,
-    batch: Encoded,
-    now: float,
-) -> None:
-    """What the worker does with a batch."""
-    content = RawPayload(station_key(station, "samples"), batch.payload, batch.encoding, len(batch.payload))
-    said = registry.handle_samples(station, worker._batch(content), now)
-    for output in said:
-        if isinstance(output, Publish):
-            key_of(output.message)
-            write(output.message)
+class Way:
+    """What the threads of the service do with a batch, except for the network's and the journal's."""
+
+    def __init__(self, registry: InstrumentedRegistry, write: Callable[[Message], object]) -> None:
+        self._registry, self._write, self._now = registry, write, 0.0
+        self._passed: list[Callable[[], None]] = []  # to be processed, as the queue has it
+        self._collector = BatchCollector(
+            registry.awaited,
+            lambda *given: self._passed.append(partial(self._one, *given)),
+            lambda *given: self._passed.append(partial(self._block, *given)),
+            lambda: self._now,
+        )
+
+    def take(self, station: str, batch: Encoded, now: float) -> None:
+        """Hold it, or process it with those that were held."""
+        self._now, key = now, station_key(station, "samples")
+        if not self._collector.hold(key, batch.payload, batch.encoding):
+            self._collector.take(RawPayload.of(key, batch.payload, batch.encoding), key, station)
+        while self._passed:
+            self._passed.pop()()
+
+    def _one(self, content: RawPayload, source: str, station: str | None) -> None:
+        assert station is not None
+        self._publish(self._registry.handle_samples(station, worker._batch(content), self._now))
+
+    def _block(self, block: BatchBlock, source: str, station: str) -> None:
+        while block.payloads:
+            count, outputs = self._registry.handle_together(station, block, self._now)
+            if not count:
+                self._one(RawPayload.of(source, block.payloads[0], ENCODING), source, station)
+            self._publish(outputs)
+            block = block.after(max(count, 1))
+
+    def _publish(self, outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Publish):
+                key_of(output.message)
+                self._write(output.message)
 
 
 def show(spent: Mapping[str, float], count: int, stations: int, directory: Path | None) -> None:

@@ -28,20 +28,22 @@ from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Control
 from caesura_service.app import segmenting_pipeline
-from caesura_service.journal import SqliteJournal
+from caesura_service.decimation import SampleReader
+from caesura_service.journal import JournalBatches, SqliteJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.publishing.events import Owner
+from caesura_service.server import NetworkSettings, ZenohServer
 from caesura_service.server.budgets import Budgets
-from caesura_service.server.inbound import Arrival, RawPayload, SamplesReceived, source_of_key
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import ResultPublisher
-from caesura_service.server.work_queue import QueueSettings, WorkQueue
+from caesura_service.server.transport import Incoming
 from caesura_service.server.worker import TICK_S, Worker
 from caesura_service.sessions.limits import Limits
 
 HERE = Path(__file__).resolve()
 ROOMS = ("protocol", "service", "clients", "lab")
-IN_A_SLICE = 4  # batches of each station
+IN_A_SLICE = 5  # batches of each station, with which an observation is complete
+OWNER = Owner("bench", 1)
 SERVE, GO = "--serve", "go\n"
 Costs = tuple[float, float]  # [µs] a batch: of the process, and of the worker
 
@@ -133,18 +135,21 @@ def slices(stations: int) -> Iterator[Costs]:
     now = [1e3]  # [s] the clock, which goes as fast as the work does
     with tempfile.TemporaryDirectory() as directory, SqliteJournal(Path(directory) / "journal") as journal:
         registry = InstrumentedRegistry(
-            owner=Owner("bench", 1),
+            owner=OWNER,
             pipeline_factory=segmenting_pipeline(),
             default_preset="default",
             journal=journal,
             limits=Limits(),
         )
-        budgets = Budgets(RateLimits(), clock=lambda: now[0])
-        queue: WorkQueue[Arrival] = WorkQueue(QueueSettings(), announced=True)
+        reader = SampleReader(JournalBatches(journal))
+        server = ZenohServer(
+            registry, OWNER, NetworkSettings(), version="", samples=reader, clock=lambda: now[0]
+        )
+        server.budgets = budgets = Budgets(RateLimits(), clock=lambda: now[0])
         network: Any = Unread()
         manager: Any = Idle()
-        publisher = ResultPublisher(network, queue, budgets, lanes=manager)
-        worker = Worker(registry, manager, queue, publisher, budgets, lambda: now[0])
+        publisher = ResultPublisher(network, server._queue, budgets, lanes=manager)
+        worker = Worker(registry, manager, server._queue, publisher, budgets, lambda: now[0])
         plan, next_tick_s = planned(registry, stations), 0.0
         while arrivals := list(islice(plan, IN_A_SLICE * stations)):
             if arrivals[0][0] >= WARM_UP_S and not sys.stdin.readline():
@@ -155,7 +160,7 @@ def slices(stations: int) -> Iterator[Costs]:
                 if due_s >= next_tick_s:
                     next_tick_s = due_s + TICK_S
                     worker.emit(registry.tick(now[0]))
-                put(budgets, queue, key, batch)
+                server._handle_samples(Incoming(key, batch.payload, batch.encoding))
                 worker._process_some(1, 0.0)
             if arrivals[0][0] >= WARM_UP_S:
                 spent = time.process_time() - began[0], time.thread_time() - began[1]
@@ -175,15 +180,6 @@ def planned(registry: InstrumentedRegistry, stations: int) -> Iterator[tuple[flo
         content[key] = batches
         plan += [((seq + 1) * BATCH_S + late_s, key, seq) for seq in range(len(batches))]
     return ((due_s, key, content[key][seq]) for due_s, key, seq in sorted(plan))
-
-
-def put(budgets: Budgets, queue: WorkQueue[Arrival], key: str, batch: Encoded) -> None:
-    """What the network's side does with a batch."""
-    source, station = source_of_key(key)
-    assert station is not None
-    assert budgets.reject_put(station, len(batch.payload)) is None
-    content = RawPayload.of(key, batch.payload, batch.encoding)
-    assert queue.offer(SamplesReceived(content, station), source, len(content.payload), station)
 
 
 if __name__ == "__main__":

@@ -112,5 +112,33 @@ def pressed_harder_before(newton: float = 12.0) -> tuple[App, ...]:
     return touch, stroke.model_copy(update={"rest_before": before, "rest_after": after})
 
 
+def barrel_m(x: float, y: float) -> float:
+    """The height of the barrel of `over_barrel` at x and y [m]."""
+    return 0.19 - 0.2 * (1.0 - math.cos(math.asin(min(max((y + 0.52) / 0.2, -1.0), 1.0))))
+
+
+def over_barrel(seconds: float = 4.0, radius_m: float = 0.2) -> tuple[App, ...]:
+    """A stroke over the top of a barrel along x, along y by 60°, with the tool along its normal."""
+
+    def at(angle: float, t: float) -> ViaPoint:
+        half = -0.5 * angle  # about x, after DOWN
+        x, y, z, w = DOWN
+        sine, cosine = math.sin(half), math.cos(half)
+        turned = (cosine * x + sine * w, cosine * y - sine * z, cosine * z + sine * y, cosine * w - sine * x)
+        place = (0.0, -0.52 + radius_m * math.sin(angle), 0.19 - radius_m * (1.0 - math.cos(angle)))
+        return ViaPoint(t=t, position=place, orientation=turned)
+
+    touch, pressed, _ = press()
+    start, *via, end = (
+        at(math.radians(degrees), pressed.t0 + seconds * (degrees + 30.0) / 60.0)
+        for degrees in range(-30, 31, 10)
+    )
+    path = path_from(start.position, start.t, end.t, radius_m * math.radians(60.0), via=tuple(via))
+    path = path.model_copy(update={"start": start})
+    reached = {"target": start.position, "orientation": start.orientation}
+    stroke = {"path": path, "tn": end.t, "target": end.position, "orientation": end.orientation}
+    return touch.model_copy(update=reached), pressed.model_copy(update=stroke)
+
+
 def as_file(apps: tuple[App, ...], name: str = "example") -> ProgramFile:
     return document_of_apps(apps, name)

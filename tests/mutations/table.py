@@ -31,6 +31,26 @@ MUTATIONS: tuple[Mutation, ...] = (
         row="histories",
     ),
     Mutation(
+        "batches that are processed together are not journalled",
+        f"{SESSIONS}/batch_receiver.py",
+        "        count = self._journal.append_batches(block, count, now)\n        is_in_turn",
+        "        is_in_turn",
+        (
+            "tests/service/server/test_batch_collector.py::"
+            "test_a_demonstration_in_batches_that_wait_is_bit_for_bit_the_same",
+        ),
+    ),
+    Mutation(
+        "batches that are processed together are cut elsewhere",
+        f"{SESSIONS}/batch_receiver.py",
+        "until = int(is_due.argmax()) if is_due.any() else len(samples) - 1",
+        "until = len(samples) - 1",
+        (
+            "tests/service/server/test_batch_collector.py::"
+            "test_a_wrong_guess_when_an_observation_is_complete_changes_nothing",
+        ),
+    ),
+    Mutation(
         "a batch that came early is not journalled",
         f"{SESSIONS}/batch_receiver.py",
         "        self._journal.append(batch, now)\n        return [*self._hold(batch)",
@@ -97,9 +117,10 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a replayed batch is applied twice",
         f"{SESSIONS}/batch_receiver.py",
-        "            samples = self._buffer.pop_next()\n            self._update_missing_batch()\n",
-        "            samples = self._buffer.pop_next()\n            self._update_missing_batch()\n"
-        "            outputs += self._process(samples)\n",
+        "            ready = self._pop_together()\n",
+        "            ready = self._pop_together()\n"
+        "            if ready:\n"
+        "                outputs += self._host.push_together(np.concatenate(ready), len(ready))\n",
         (
             "tests/service/sessions/test_disturbances.py::"
             "test_duplication_reordering_and_loss_with_replay_change_no_result",

@@ -1,4 +1,4 @@
-"""A bridge between one robot and the service: it publishes numbered batches and keeps the last 30 s.
+"""A bridge between one robot and the service: it publishes numbered batches and keeps the last two minutes.
 
 Four threads:
   the caller's  takes chunks from the source and leaves them in the ring, numbered; it calls no network;

@@ -23,7 +23,7 @@ from caesura_clients.bridge.sources import Chunk, Mark
 
 LEAD_S = 0.5  # the tare takes 0.4 s
 RELEASED_S = 2.0  # a hand regrips in less
-WAITING_S = 30.0  # as long as a ring; a press that no session has followed by then is forgotten
+WAITING_S = 30.0  # a press that no session has followed by then is forgotten
 
 Deliver = Callable[[Chunk | Mark], None]
 State = Literal["idle", "pressed", "opening", "taught", "over", "by_start"]

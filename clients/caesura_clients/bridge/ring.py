@@ -48,7 +48,7 @@ class StoredBatch:
 class ReplayRing:
     """Consecutive batches, oldest first; safe between threads."""
 
-    def __init__(self, *, span_s: float = 30.0, max_samples: int = 200_000, min_batches: int = 64) -> None:
+    def __init__(self, *, span_s: float = 120.0, max_samples: int = 200_000, min_batches: int = 64) -> None:
         self.span_s = span_s
         self.max_samples = max_samples
         self.min_batches = min_batches

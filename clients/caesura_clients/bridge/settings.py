@@ -14,7 +14,7 @@ class BridgeSettings:
     batch_samples: int = 20
     max_latency_s: float = 0.1  # a batch that does not fill goes after this time
     heartbeat_s: float = 0.5  # silence after which the last number is repeated
-    ring_span_s: float = 30.0  # [s] session clock
+    ring_span_s: float = 120.0  # [s] session clock; about 11 MB at 1 kHz with all columns
     ring_samples: int = 200_000
     window_batches: int = 64  # under way at most, where the source can wait
     tick_s: float = 0.02  # between two polls of the keeper and the send thread

@@ -33,7 +33,7 @@ def record_session(
 ) -> None:
     """Record a session as it is taught, until it is closed or Ctrl-C: .mcap with its results, .npz or .csv.
 
-    What was sent before, up to 30 s, is asked of the bridge; the exit code is 1 where something is missing.
+    What was sent before, up to two minutes, is asked of the bridge; exit code 1 where something is missing.
     """
     with reported():
         named(station)

@@ -160,6 +160,7 @@ class SkillController:
             if k == round(0.5 * (weighs_from + weighed)):
                 self._check_load(measured)
             if approach is not None and k > weighed and -float(approach @ self.felt) > self.safety.contact_n:
+                self._check_contact(app, measured)
                 self._enter_contact(approach)
                 self._settle_on_contact(approach)
                 return
@@ -290,6 +291,13 @@ class SkillController:
             how = "lighter" if wrong > 0.0 else "heavier"
             load = f"{self.arm.load_kg:.2f} kg of its load"
             raise RobotStopped(f"what is carried is {abs(wrong):.1f} N {how} than the {load}")
+
+    def _check_contact(self, app: App, measured: ArmMeasurement) -> None:
+        """Check that a contact is near where it was taught. Raises RobotStopped: it is something else."""
+        off, most = math.dist(measured.position, app.target or measured.position), self.safety.search_m
+        if off > most:
+            where = f"contact {1000 * off:.0f} mm from where it was taught"
+            raise RobotStopped(f"{where}, at most {1000 * most:.0f} mm")
 
     def _settle_on_contact(self, along: Array) -> None:
         """Come to rest on a new contact, so that it and the next app are separate events."""

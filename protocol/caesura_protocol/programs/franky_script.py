@@ -7,7 +7,6 @@ is a template (`franky_template.py.txt`) with these filled in.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pprint import pformat
 from typing import Any
 
 from caesura_protocol.app_kinds import step_title
@@ -15,25 +14,36 @@ from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.limits import CONSTANTS, touching_force
+from caesura_protocol.programs.limits import CONSTANTS, force_in_tool, refuse_beyond_limits
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.programs.script_templates import (
+    filled_template,
+    head_comments,
+    robot_of_script,
+    table_of_apps,
+    title_of,
+)
 from caesura_protocol.reproduced_path import turn_of, turning_at_points
 from caesura_protocol.screw_motion import stop_torque_nm
 
 FIELDS = ("target", "orientation", "joints", "force", "force_taught", "load_kg", "gripper_width")
 DIGITS = 6
 MARK_LIMITS, MARK_APPS, MARK_NAME = "# <LIMITS>", "# <APPS>", "<NAME>"
+MARK_FINDINGS = "# <FINDINGS>\n"
 
 
 def franky_script(program: ProgramFile) -> str:
-    """The script's text. Raises ValueError for a robot of another maker, or a number that is not finite."""
+    """The script's text.
+
+    Raises ValueError for a robot of another maker, an app beyond the limits, or a number that is not finite.
+    """
     robot_of_script(program, "franky", "a franky script is for a Franka arm")
-    apps = [_row(app) for app in program.apps]
+    refuse_beyond_limits(program)
     texts = {
         MARK_NAME: title_of(program),
+        MARK_FINDINGS: head_comments(program),
         MARK_LIMITS: _limits(program.safety),
-        MARK_APPS: f"APPS = {pformat(apps, width=100, sort_dicts=False)}",
+        MARK_APPS: table_of_apps(program, [_row(app) for app in program.apps], 96),
     }
     return filled_template("franky_template.py.txt", texts)
 
@@ -65,8 +75,9 @@ def _row(app: ProgramStep) -> dict[str, Any]:
             for one, turns in zip(points, turning, strict=True)
         ]
         row["arrives"] = round(app.path.tn - began, 3)
-        if row.get("force") and touching_force(app) is None:
-            row["tilts"] = True
+        in_tool = force_in_tool(app)
+        if in_tool is not None:
+            row["in_tool"] = _rounded(in_tool)
         row["waits"] = round(rests_of(app)[0], 3)
         for name, rest in (("before_n", app.rest_before), ("after_n", app.rest_after)):
             if rest is not None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.force_limit import exerted_forces
-from caesura_protocol.messages import App, Vector
+from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
+from caesura_protocol.reproduced_path import curve_of
 from caesura_protocol.robots import RobotDescription
 from caesura_protocol.rotations import matrix_of
 
@@ -20,7 +21,10 @@ CONSTANTS = {
     "MAX_FORCE_N": ("most_force_n", "that an app may ask for"),
     "STOP_FORCE_N": ("felt_force_n", "of anything: the robot stops"),
     "CONTACT_FORCE_N": ("contact_n", "from which a contact is one"),
-    "SEARCH_M": ("search_m", "past its target that a contact is looked for"),
+    "SEARCH_M": (
+        "search_m",
+        "that a contact may be from where it was taught, and a press beyond its way",
+    ),
     "MAX_LOAD_KG": ("load_kg", "in the gripper"),
     "GRASP_FORCE_N": ("grasp_force_n", "of the fingers"),
     "GRIPPER_M_PER_S": ("gripper_m_per_s", "of the fingers"),
@@ -53,10 +57,11 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
-    """Raises ValueError for an app whose place, force or load is beyond the limits of the program."""
+    """Raises ValueError for an app beyond the limits of place, force or load, or without what it needs."""
     safety = program.safety
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)
+        _refuse_incomplete(name, app)
         places = [("target", app.target)]
         if app.path is not None:
             places += [("its path", point.position) for point in (app.path.start, *app.path.via)]
@@ -71,18 +76,55 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
             raise ValueError(f"{name}: load {app.load_kg} kg, at most {safety.load_kg} kg are allowed")
 
 
+def _refuse_incomplete(name: str, app: App) -> None:
+    for field in APP_KINDS[app.kind].needs:
+        if getattr(app, field) is None:
+            raise ValueError(f"{name} has no {field}")
+    if app.path is not None and app.target is None:
+        raise ValueError(f"{name} has a path, but no target")
+    if APP_KINDS[app.kind].presses and not any(app.force or ()):
+        raise ValueError(f"{name}: force 0 N, expected one with a direction")
+
+
 def touching_force(following: App | None) -> Vector | None:
     """The force [N] with which an app presses from the touch on; None where it presses nothing.
 
-    None, too, where its path tilts the tool by `TILTED_RAD`: its force is not that of the touch any more.
+    None, too, where its path tilts the tool: its force is not that of the touch any more.
     """
     if following is None or following.force is None or not any(following.force):
         return None
-    points = () if following.path is None else (following.path.start, *following.path.via)
-    shown = [one.orientation for one in points] + [following.orientation]
+    return None if _is_tilted(following) else following.force
+
+
+def force_in_tool(app: App) -> Vector | None:
+    """The force [N] of a press in the axes of the tool, where its path tilts the tool: it turns with it.
+
+    None where it keeps its direction. The force of an app is stated as the tool stands when half of the
+    press is over, which is not quite halfway along its path. So one that leans from the tool's axis by less
+    than 45° is along that axis, as the simulated robot has it.
+    """
+    halfway = orientation_halfway(app)
+    if app.force is None or halfway is None or not _is_tilted(app):
+        return None
+    x, y, z = (matrix_of(halfway).T @ app.force).tolist()
+    return (0.0, 0.0, math.hypot(x, y, z)) if z > math.hypot(x, y) else (x, y, z)
+
+
+def orientation_halfway(app: App) -> Quaternion | None:
+    """How the flange stands halfway along an app's path, at its target without one; None where unknown."""
+    if app.path is None or app.path.start.orientation is None or app.orientation is None:
+        return app.orientation
+    curve = curve_of(app)
+    x, y, z, w = curve.at(0.5 * float(curve.t[0] + curve.t[-1]))[0][3:].tolist()
+    return x, y, z, w
+
+
+def _is_tilted(app: App) -> bool:
+    """Whether the path of an app tilts the tool by `TILTED_RAD`."""
+    points = () if app.path is None else (app.path.start, *app.path.via)
+    shown = [one.orientation for one in points] + [app.orientation]
     axes = [matrix_of(quaternion)[:, 2] for quaternion in shown if quaternion is not None]
-    tilted = any(float(axes[0] @ axis) < math.cos(TILTED_RAD) for axis in axes[1:])
-    return None if tilted else following.force
+    return any(float(axes[0] @ axis) < math.cos(TILTED_RAD) for axis in axes[1:])
 
 
 def press_direction(app: App, following: App | None) -> Vector:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
+from caesura_protocol.app_kinds import app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
@@ -23,19 +23,22 @@ class PlannedApp(NamedTuple):
     """An app with its movements.
 
     place: in the program, from 0; start: (position [m], orientation) to which the arm goes first from
-    wherever it is; legs: then; contact: (3,) where a contact ends it, the direction in which it is looked
-    for; wait_s: that a press rests before the legs; hold_s: that it stays where it is then, as a hold or a
-    press does; pause_s: after it. wait_n, hold_n: how hard it presses meanwhile. clear_legs: so many of the
-    legs leave what the app before it touches; no force is looked for on them, and the sensor is zeroed after
-    them. None where no leg leaves it, and it still touches.
+    wherever it is; begins: where it was taught to begin; legs: then; contact: (3,) where a contact ends it,
+    the direction in which it is looked for; wait_s: that a press rests before the legs; stay_s: that it
+    presses without legs; hold_s: that it stays where it is then, as a hold or a press does; pause_s: after
+    it. wait_n, hold_n: how hard it presses meanwhile. clear_legs: so many of the legs leave what the app
+    before it touches; no force is looked for on them, and the sensor is zeroed after them. None where no leg
+    leaves it, and it still touches.
     """
 
     place: int
     app: App
     start: tuple[Vector, Quaternion | None] | None
+    begins: Vector | None
     legs: list[Leg]
     contact: Vector | None
     wait_s: float
+    stay_s: float
     hold_s: float
     pause_s: float
     wait_n: float
@@ -49,16 +52,10 @@ class PlannedApp(NamedTuple):
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:
-    """Plan one app after another; acceleration: [m/s²] of a leg that starts and stops.
-
-    Raises ValueError for an app without a target or a force that it needs.
-    """
+    """Plan apps that have what they need; acceleration: [m/s²] of a leg that starts and stops."""
     place: Vector | None = None  # at the end of the last movement
     touched: Vector | None = None  # the place of a contact that is not left yet
     for index, app in enumerate(program.apps):
-        for field in APP_KINDS[app.kind].needs:
-            if getattr(app, field) is None:
-                raise ValueError(f"{app_name(index, app.kind)} has no {field}")
         following = program.apps[index + 1] if index + 1 < len(program.apps) else None
         contact = None
         if ends_in_contact(app.kind, None if following is None else following.kind):
@@ -69,9 +66,13 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             legs = straight_legs(app, place, program.safety, acceleration, stop_short=short)
         if all(leg.speed_m_per_s is None and leg.turn_rad < STILL_RAD for leg in legs):
             legs = []
-        wait, hold = rests_of(app) if legs and app.kind == "apply_force" else (0.0, 0.0)
-        if not legs and contact is None and app.kind not in GRIPS:
+        wait = stay = hold = 0.0
+        if app.kind == "apply_force":
+            wait, hold = rests_of(app)
+            stay = 0.0 if legs else app.tn - app.t0 - wait - hold
+        elif not legs and contact is None and app.kind not in GRIPS:
             hold = app.tn - app.t0
+        begins = place if app.path is None else app.path.start.position
         start = None
         if place is None and legs:
             start, legs = _begun(app, legs)
@@ -79,7 +80,7 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
         pause = min(pause, program.safety.pause_s)
         legs, clear = _cleared(legs, touched, contact)
         rests = rest_newtons(app)
-        yield PlannedApp(index, app, start, legs, contact, wait, hold, pause, *rests, clear)
+        yield PlannedApp(index, app, start, begins, legs, contact, wait, stay, hold, pause, *rests, clear)
         place = app.target or place
         touches = contact is not None or app.kind == "apply_force"
         touched = place if touches else _still_touched(legs, touched)

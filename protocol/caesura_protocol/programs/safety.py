@@ -30,7 +30,7 @@ class Safety(BaseModel):
     )
     felt_force_n: float = 30.0  # of anything, before the robot stops
     contact_n: float = 4.0  # from which a contact is one
-    search_m: float = 0.04  # past its target that a contact is looked for
+    search_m: float = 0.04  # that a contact may be from where it was taught, and a press beyond its way
     load_kg: float = 3.0  # what the Panda carries
     grasp_force_n: float = 20.0
     gripper_m_per_s: float = 0.05

@@ -1,10 +1,17 @@
-"""What the scripts of all makers share: which robots they are for, and how their template is filled."""
+"""What the scripts of all makers share: their robots, the findings in them, and how a template is filled."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
+from pprint import pformat
+from textwrap import indent
+from typing import Any
 
+from caesura_protocol.app_kinds import app_name
+from caesura_protocol.messages import App
+from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.robots import RobotDescription, robot_description
 
@@ -22,12 +29,50 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
     return robot
 
 
+def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
+    """What a check finds of each app, by its place from 0, as lines without a mark; None: of the whole.
+
+    Reach is not looked at: that needs the kinematics of a robot.
+    """
+    comments: dict[int | None, list[str]] = {}
+    for one in document_findings(program):
+        comments.setdefault(one.index, []).append(_one_line(f"{one.severity}: {one.reason}"))
+    return comments
+
+
+def head_comments(program: ProgramFile) -> str:
+    """What a check finds of the whole program, as lines of comment for the top of a script."""
+    return "".join(f"# {comment}\n" for comment in findings_as_comments(program).get(None, ()))
+
+
+def table_of_apps(
+    program: ProgramFile,
+    rows: Sequence[Mapping[str, Any]],
+    width: int,
+    also: Callable[[App], Sequence[str]] = lambda app: (),
+) -> str:
+    """The apps of a Python script as a list of rows, with what a check finds of an app above its row.
+
+    also: what else the script says of an app.
+    """
+    comments, lines = findings_as_comments(program), []
+    for index, (app, row) in enumerate(zip(program.apps, rows, strict=True)):
+        said = [app_name(index, app.kind), *comments.get(index, ()), *also(app)]
+        lines += [f"    # {comment}" for comment in said]
+        lines += [indent(pformat(row, width=width, sort_dicts=False), "    ") + ","]
+    return "\n".join(["APPS = [", *lines, "]"])
+
+
+def _one_line(text: str) -> str:
+    """A text without its line breaks: what follows one would be code."""
+    return " ".join(text.split())
+
+
 def filled_template(name: str, texts: Mapping[str, str]) -> str:
     """The template of this file name, with a text in place of every mark."""
     template = files("caesura_protocol.programs").joinpath(name).read_text("utf-8")
-    for mark, text in texts.items():
-        template = template.replace(mark, text)
-    return template
+    marks = "|".join(map(re.escape, texts))
+    return re.sub(marks, lambda mark: texts[mark[0]], template)  # a text may contain a mark of another one
 
 
 def title_of(program: ProgramFile) -> str:

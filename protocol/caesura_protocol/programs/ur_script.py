@@ -11,19 +11,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
-from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
-from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.programs.limits import (
+    acting_limits,
+    force_in_tool,
+    refuse_beyond_limits,
+    within_robot,
+)
+from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
+from caesura_protocol.programs.script_templates import (
+    filled_template,
+    findings_as_comments,
+    head_comments,
+    robot_of_script,
+    title_of,
+)
 from caesura_protocol.programs.straight_legs import Leg, Quaternion
 from caesura_protocol.robots import GripperDescription
-from caesura_protocol.rotations import rotation_vector
+from caesura_protocol.rotations import align_signs, matrix_of, rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
-DEPTH_M = 0.05
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
 LEAST_PAUSE_S = 0.05
@@ -47,14 +59,20 @@ def ur_script(program: ProgramFile) -> str:
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": title,
+        "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
-        "<STANDOFF>": f"{STANDOFF_M}",
-        "<DEPTH>": f"{DEPTH_M}",
         "<ACCELERATION>": f"{acceleration:g}",
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
     }
-    return filled_template("ur_template.script.txt", texts)
+    return _ascii(filled_template("ur_template.script.txt", texts))
+
+
+def _ascii(text: str) -> str:
+    """A script as the controller can read it: what is not ASCII stands in comments alone."""
+    for mark, word in (("°", " degrees"), ("–", " to "), ("±", "+-")):
+        text = text.replace(mark, word)
+    return text.encode("ascii", "replace").decode("ascii")
 
 
 class _Writer:
@@ -62,11 +80,14 @@ class _Writer:
 
     def __init__(self, program: ProgramFile) -> None:
         self._gripper = gripper_of(program)
+        self._comments = findings_as_comments(program)
 
     def lines(self, planned: PlannedApp) -> list[str]:
         """The lines of an app, and the pause after it."""
         app = planned.app
-        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught", f'textmsg("{planned.name}")']
+        lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught"]
+        lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]
+        lines += [f'begin_app("{planned.name}")']
         if app.kind == "apply_force":
             lines += self._force(planned)
         elif app.kind in GRIPS:
@@ -92,7 +113,8 @@ class _Writer:
             lines += [*moves[: planned.clear_legs], "zero_wrench()"]
             moves = moves[planned.clear_legs :]
         lines += self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")
-        return [*lines, f"search_contact({_list(planned.contact)})"]
+        lines += [] if moves else ["global arrived = True"]
+        return [*lines, f"search_contact({_list(app.target or ())}, {_list(planned.contact)})"]
 
     def _tightness(self, app: App) -> str | None:
         """The condition under which a turn goes on."""
@@ -123,23 +145,25 @@ class _Writer:
     def _force(self, planned: PlannedApp) -> list[str]:
         app, number = planned.app, planned.place + 1
         force = app.force or (0.0, 0.0, 0.0)
-        newtons = math.hypot(*force)
-        direction = (force[0] / newtons, force[1] / newtons, force[2] / newtons)
-        frame, began = _pose((0.0, 0.0, 0.0), _z_along(direction)), f"began_{number}"
-        first_n = planned.wait_n if planned.legs else newtons
-        lines = [f"{began} = get_actual_tcp_pose()", f"begin_force({frame}, {first_n:.3f})"]
-        depth, name = f"check_depth({began}, {_list(direction)})", f"held_{number}"
-        if planned.legs:
-            kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
-            moves = [_move(leg, kind) for leg in planned.legs]
-            lines += _held(name, planned.wait_s, depth)
-            lines += [f"begin_force({frame}, {newtons:.3f})"] if planned.wait_n != newtons else []
-            lines += self._watched(planned.place, moves, self._tightness(app))
-            if planned.hold_s >= LEAST_PAUSE_S:
-                lines += [f"begin_force({frame}, {planned.hold_n:.3f})"] if planned.hold_n != newtons else []
-                lines += [f"{began} = get_actual_tcp_pose()", *_held(name, planned.hold_s, depth)]
-        else:
-            lines += _held(name, max(planned.hold_s, PERIOD_S), depth)
+        newtons, name = math.hypot(*force), f"held_{number}"
+        begins = planned.begins or app.target or (0.0, 0.0, 0.0)
+        first, last = _directions(app)
+        ends = begins if planned.legs else app.target or begins
+        lines = [f"begin_press({_list(first)}, {_list(begins)}, {_list(ends)})"]
+        given = ""
+        for seconds, wanted_n, direction, moves in (
+            (planned.wait_s, planned.wait_n, first, []),
+            (planned.stay_s, newtons, first, _press_moves(app, begins, planned.legs)),
+            (planned.hold_s, planned.hold_n, last, []),
+        ):
+            held, wanted = _held(name, seconds, "check_press()"), _begin_force(direction, wanted_n)
+            if wanted != given and (held or moves):
+                lines.append(wanted)
+                given = wanted
+            tight = self._tightness(app)
+            beyond = "beyond() < SEARCH_M"
+            lines += self._watched(planned.place, moves, beyond if tight is None else f"{beyond} and {tight}")
+            lines += ["check_press()"] if moves else held
         return [*lines, "end_force_mode()", "stopl(2.0)"]
 
     def _grip(self, planned: PlannedApp) -> list[str]:
@@ -150,6 +174,48 @@ class _Writer:
             raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
         lines = calls(held_by, planned.app)
         return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
+
+
+def _press_moves(app: App, begins: Vector, legs: Sequence[Leg]) -> list[str]:
+    """The movements of a press, each after the ends of its leg, beyond which the flange is not pushed far.
+
+    Where the path tilts the tool, the force turns with it from leg to leg.
+    """
+    kind = "movep" if app.path is not None and app.path.length_m >= SLIDE_M else "movel"
+    moves, in_tool, newtons = [], force_in_tool(app), math.hypot(*(app.force or ()))
+    turned = None if app.path is None else app.path.start.orientation
+    for leg in legs:
+        moves.append(f"global leg = {_list((*begins, *leg.position))}")
+        if in_tool is not None and turned is not None and leg.orientation is not None:
+            both = np.array([turned, leg.orientation])
+            align_signs(both)
+            push = _turned(in_tool, (both.sum(axis=0) / np.linalg.norm(both.sum(axis=0))).tolist())
+            moves += [f"global push = {_list(push)}", _begin_force(push, newtons)]
+        moves.append(_move(leg, kind))
+        begins, turned = leg.position, leg.orientation
+    return moves
+
+
+def _begin_force(direction: Vector, newtons: float) -> str:
+    return f"begin_force({_pose((0.0, 0.0, 0.0), _z_along(direction))}, {newtons:.3f})"
+
+
+def _directions(app: App) -> tuple[Vector, Vector]:
+    """Where a press pushes before its path begins, and when it has ended; of unit length."""
+    in_tool, force = force_in_tool(app), app.force or (0.0, 0.0, 0.0)
+    if in_tool is None or app.path is None or app.path.start.orientation is None or app.orientation is None:
+        return _unit(force), _unit(force)
+    return _turned(in_tool, app.path.start.orientation), _turned(in_tool, app.orientation)
+
+
+def _turned(in_tool: Vector, orientation: Sequence[float]) -> Vector:
+    x, y, z = (matrix_of(orientation) @ in_tool).tolist()
+    return _unit((x, y, z))
+
+
+def _unit(vector: Vector) -> Vector:
+    length = math.hypot(*vector)
+    return vector[0] / length, vector[1] / length, vector[2] / length
 
 
 def _held(name: str, seconds: float, each: str) -> list[str]:
@@ -168,9 +234,9 @@ def _held(name: str, seconds: float, each: str) -> list[str]:
 
 
 def _move(leg: Leg, kind: str) -> str:
-    how = (
-        f"t={leg.seconds:.3f}" if leg.speed_m_per_s is None else f"a=ACCELERATION, v={leg.speed_m_per_s:.4f}"
-    )
+    how = f"t={leg.seconds:.3f}"
+    if leg.speed_m_per_s is not None:
+        how = f"a=ACCELERATION, v=limited({leg.speed_m_per_s:.4f})"
     kind = "movel" if leg.speed_m_per_s is None else kind  # movep takes no time
     blend = f", r={leg.blend_m:.4f}" if leg.blend_m > 0.0 else ""
     return f"{kind}({_pose(leg.position, leg.orientation)}, {how}{blend})"

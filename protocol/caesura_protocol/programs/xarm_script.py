@@ -2,24 +2,35 @@
 
 The script stands alone: limits as constants at its top, the apps as a table, and a runner. It is a template
 (`xarm_template.py.txt`) with these filled in. The force controller follows an axis of the base or of the
-tool: a force along none of them is refused.
+tool: what leans from one by up to 20° is pressed along it, and any other force is refused.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from pprint import pformat
 from typing import Any
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import acting_limits, refuse_beyond_limits, within_robot
-from caesura_protocol.programs.planned_apps import GRIPS, STANDOFF_M, PlannedApp, planned_apps
+from caesura_protocol.programs.limits import (
+    acting_limits,
+    force_in_tool,
+    orientation_halfway,
+    refuse_beyond_limits,
+    within_robot,
+)
+from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.programs.script_templates import filled_template, robot_of_script, title_of
+from caesura_protocol.programs.script_templates import (
+    filled_template,
+    head_comments,
+    robot_of_script,
+    table_of_apps,
+    title_of,
+)
 from caesura_protocol.programs.straight_legs import Quaternion
 from caesura_protocol.robots import GripperDescription
 from caesura_protocol.rotations import matrix_of, rotation_vector
@@ -27,7 +38,9 @@ from caesura_protocol.screw_motion import stop_torque_nm
 
 ACCELERATION_M_PER_S2 = 1.0
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
-ALONG_AXIS = math.cos(math.radians(10.0))  # that a force may lean from an axis
+MOST_LEAN_RAD = math.radians(20.0)  # of a force from an axis along which it is pressed all the same
+NAMED_LEAN_RAD = math.radians(5.0)  # from which on the script says so
+SAME_RAD = math.radians(2.0)  # by which an axis of the tool must be nearer than one of the base
 DIGITS = 6
 BASE, TOOL = 0, 1  # frames of the force controller
 
@@ -46,10 +59,10 @@ def xarm_script(program: ProgramFile) -> str:
     texts = {
         "<NAME>": title_of(program),
         "<ROBOT>": title,
+        "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(acting_limits(program.safety)),
-        "<STANDOFF>": f"{STANDOFF_M}",
         "<ACCELERATION>": f"{acceleration:g}",
-        "<APPS>": f"APPS = {pformat(rows, width=110, sort_dicts=False)}",
+        "<APPS>": table_of_apps(program, rows, 106, _leaning),
     }
     return filled_template("xarm_template.py.txt", texts)
 
@@ -62,6 +75,7 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         "title": step_title(app.kind, app.name, app.target_name),
         "pause": round(planned.pause_s, 3),
         "wait": round(planned.wait_s, 3),
+        "stay": round(planned.stay_s, 3),
         "hold": round(planned.hold_s, 3),
     }
     row["legs"] = [
@@ -77,12 +91,16 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         row["start"] = _pose(*planned.start)
     if planned.contact is not None:
         row["contact"], row["clear"] = tuple(map(_rounded, planned.contact)), planned.clear_legs
+        row["taught"] = tuple(map(_rounded, app.target or ()))
     if APP_KINDS[app.kind].carries:
         row["load_kg"] = round(app.load_kg or 0.0, 3)
     if app.kind == "apply_force" and app.force is not None:
-        row["force"] = frame, axis, newtons = _force(planned.name, app.force, app.orientation)
-        rests = (("wait_force", app.rest_before), ("hold_force", app.rest_after)) if planned.legs else ()
-        for name, rest in rests:
+        row["force"] = frame, axis, newtons = _force(planned.name, app)
+        row["push"] = tuple(_rounded(value / abs(newtons)) for value in app.force)
+        begins = planned.begins or app.target or (0.0, 0.0, 0.0)
+        ends = [leg.position for leg in planned.legs] or [app.target or begins]
+        row["way"] = [tuple(map(_rounded, place)) for place in (begins, *ends)]
+        for name, rest in (("wait_force", app.rest_before), ("hold_force", app.rest_after)):
             if rest is not None:
                 row[name] = frame, axis, round(math.copysign(rest.newton, newtons), 3)
     if app.kind in GRIPS:
@@ -93,18 +111,47 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
     return row
 
 
-def _force(name: str, force: Vector, orientation: Quaternion | None) -> tuple[int, int, float]:
-    """A frame, an axis of it, and the force [N] along it. Raises ValueError for a force along no axis."""
-    newtons = math.hypot(*force)
-    base = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    tool = () if orientation is None else matrix_of(orientation).T.tolist()
-    for frame, axes in ((BASE, base), (TOOL, tool)):
+def _force(name: str, app: App) -> tuple[int, int, float]:
+    """The frame and axis from which the force of an app leans least, and the force [N] along it.
+
+    Raises ValueError where it leans from all by more than `MOST_LEAN_RAD`.
+    """
+    frame, axis, lean_rad, newtons = _axis(app)
+    if lean_rad > MOST_LEAN_RAD:
+        stated = ", ".join(f"{value:.1f}" for value in app.force or ())
+        raise ValueError(f"{name}: force ({stated}) N, expected one along an axis of the base or the tool")
+    return frame, axis, newtons
+
+
+def _axis(app: App) -> tuple[int, int, float, float]:
+    """A frame, an axis of it, by how much the force of an app leans from it [rad], and its size along it [N].
+
+    Where the path tilts the tool, the axis is one of the tool.
+    """
+    force, orientation = app.force or (0.0, 0.0, 0.0), orientation_halfway(app)
+    newtons, in_tool = math.hypot(*force), force_in_tool(app)
+    if in_tool is not None and orientation is not None:
+        x, y, z = (matrix_of(orientation) @ in_tool).tolist()
+        force = (x, y, z)
+    base = (BASE, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    tool = (TOOL, () if orientation is None else matrix_of(orientation).T.tolist())
+    found = []
+    for frame, axes in (base, tool) if in_tool is None else (tool,):
         for number, axis in enumerate(axes):
             along = sum(a * b for a, b in zip(axis, force, strict=True))
-            if abs(along) >= ALONG_AXIS * newtons:
-                return frame, number, round(math.copysign(newtons, along), 3)
-    stated = ", ".join(f"{value:.1f}" for value in force)
-    raise ValueError(f"{name}: force ({stated}) N, expected one along an axis of the base or the tool")
+            lean = math.acos(min(abs(along) / newtons, 1.0))
+            found.append((frame, number, lean, round(math.copysign(newtons, along), 3)))
+    return min(found, key=lambda one: one[2] + SAME_RAD * one[0])
+
+
+def _leaning(app: App) -> list[str]:
+    """What a script says of a force that leans from the axis along which it presses."""
+    if app.kind != "apply_force":
+        return []
+    frame, axis, lean_rad, _ = _axis(app)
+    of = "tool" if frame == TOOL else "base"
+    said = f"its force leans by {math.degrees(lean_rad):.0f}° from the axis {'xyz'[axis]} of the {of}"
+    return [f"warning: {said}, along which it presses"] if lean_rad > NAMED_LEAN_RAD else []
 
 
 def _pose(place: Vector, orientation: Quaternion | None) -> tuple[float, ...]:

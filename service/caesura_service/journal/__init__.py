@@ -3,6 +3,7 @@
 from caesura_service.journal.edits import Edit, EditProgram, Resolution
 from caesura_service.journal.journal import (
     Copy,
+    EncodedBatch,
     Journal,
     JournalBusyError,
     JournalDamagedError,
@@ -32,6 +33,7 @@ __all__ = [
     "Copy",
     "Edit",
     "EditProgram",
+    "EncodedBatch",
     "FileBatches",
     "Journal",
     "JournalBatches",

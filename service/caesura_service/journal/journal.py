@@ -53,6 +53,14 @@ class Record(NamedTuple):
     message: Recordable
 
 
+class EncodedBatch(NamedTuple):
+    """A batch with its payload, which is as `encode` makes it."""
+
+    epoch: int
+    seq: int
+    payload: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The results of a closed session, which answer its queries without a replay."""
@@ -101,6 +109,9 @@ class Journal(Protocol):
 
         Raises JournalError, and has not appended it then.
         """
+
+    def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:
+        """Append a batch as `append` does, without packing it again. at: [s] the service's clock."""
 
     def commit(self) -> None:
         """Write every appended record to disk. Raises JournalError."""

@@ -5,9 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 
+from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Close, Describe, EditProgram, JournalReport, SampleBatch
 from caesura_service.journal.edits import Edit
-from caesura_service.journal.journal import Copy, JournalError, Key, Outcome, Record, StoredOutcome
+from caesura_service.journal.journal import (
+    Copy,
+    EncodedBatch,
+    JournalError,
+    Key,
+    Outcome,
+    Record,
+    StoredOutcome,
+)
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its samples
@@ -35,6 +44,11 @@ class MemoryJournal:
         self._make_room(key, _size(record), needed=isinstance(record.message, SampleBatch))
         self._records.setdefault(key, []).append(record)
         self._sizes[key] = self._sizes.get(key, 0) + _size(record)
+
+    def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:
+        """Append a batch as `append` does."""
+        message = decode(batch.payload, encoding_of(SampleBatch), SampleBatch)
+        self.append(Record(station, session, at, message))
 
     def _make_room(self, key: Key, size: int, *, needed: bool) -> None:
         while (sizes := self._station_sizes(key, size)).total() > self.capacity_bytes:

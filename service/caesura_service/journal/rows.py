@@ -20,7 +20,15 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal.checksums import checksum, is_intact
 from caesura_service.journal.edits import Edit, EditProgram
-from caesura_service.journal.journal import Copy, JournalDamagedError, Key, Outcome, Record, Recordable
+from caesura_service.journal.journal import (
+    Copy,
+    EncodedBatch,
+    JournalDamagedError,
+    Key,
+    Outcome,
+    Record,
+    Recordable,
+)
 from caesura_service.journal.schema import (
     SELECT_EPOCH,
     SELECT_INDEXES,
@@ -66,6 +74,13 @@ def row_of(record: Record) -> RecordRow:
     payload, encoding = encode(message)
     crc = checksum(epoch, seq, record.at, encoding, payload)
     return RecordRow(record.station, record.session, epoch, seq, record.at, encoding, payload, crc)
+
+
+def batch_row(station: str, session: str, at: float, batch: EncodedBatch) -> RecordRow:
+    """Return the row that `row_of` makes of the batch."""
+    encoding = encoding_of(SampleBatch)
+    crc = checksum(batch.epoch, batch.seq, at, encoding, batch.payload)
+    return RecordRow(station, session, batch.epoch, batch.seq, at, encoding, batch.payload, crc)
 
 
 class Stored(NamedTuple):

@@ -34,6 +34,7 @@ from caesura_service.journal.edits import Edit
 from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
 from caesura_service.journal.journal import (
     Copy,
+    EncodedBatch,
     JournalDamagedError,
     JournalError,
     Key,
@@ -47,6 +48,7 @@ from caesura_service.journal.rows import (
     ROW_BYTES,
     RecordRow,
     SessionRow,
+    batch_row,
     copies_in,
     edits_of,
     epoch_in,
@@ -168,7 +170,13 @@ class SqliteJournal:
 
         Raises JournalError where earlier records could not be written, or at its station's limit for batches.
         """
-        row = row_of(record)
+        self._append_row(row_of(record), now=now)
+
+    def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:
+        """Append a batch as `append` does, without packing it again."""
+        self._append_row(batch_row(station, session, at, batch))
+
+    def _append_row(self, row: RecordRow, *, now: bool = False) -> None:
         if row.seq is not None:
             self._check_station_share(row.station)
         if now or not self.settings.commit_s:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from caesura_service.monitoring.http_server import Health, HttpServer
 from caesura_service.monitoring.metrics import MetricsSource, metrics_of
 
-# Far past what one arrival can take: a station that is taken over is replayed in a fifteenth of its time, and
+# Far past what one arrival can take: a station that is taken over is replayed in a fiftieth of its time, and
 # this is more than an hour of it. A restart at this age loses less than waiting on.
 STUCK_AFTER_S = 300.0
 

@@ -15,6 +15,7 @@ from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Incoming, Output, ReplayEnded
 from caesura_service.publishing.session_state import SessionCounters, SessionState
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.session import Session
 
 
@@ -58,6 +59,20 @@ class InstrumentedRegistry(Registry):
         self._record(station, message, changes, outputs, counters, began)
         return outputs
 
+    def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process several batches together, each of which is counted."""
+        session = self._find_session(station, block.session)
+        if session is None:
+            return 0, []
+        before, counters, began = self._last_state(session), self.counters, self._monotonic()
+        count, outputs = super().handle_together(station, block, now)
+        if count:
+            after = self._update_last_state(session)
+            changes = (Change(before, after),) if after is not before else ()
+            message = block.layout.message
+            self._record(station, message, changes, outputs, counters, began, batches=count)
+        return count, outputs
+
     def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
         """Count a message that could not be read."""
         return self._instrumented(station, None, partial(super().reject, station, error))
@@ -92,12 +107,14 @@ class InstrumentedRegistry(Registry):
         outputs: list[Output],
         counters: SessionCounters,
         began: float,
+        *,
+        batches: int = 1,
     ) -> None:
-        """Count and log a call. counters: before the call; began: its start [s]."""
+        """Count and log a call. counters: before the call; began: its start [s]; batches: processed in it."""
         now, same = self._monotonic(), self.counters is counters
         refused = 0 if same else _rejections(self.counters) - _rejections(counters)
         refusal = None if same else self.counters.last_refusal
-        call = RegistryCall(station, message, changes, outputs, refused, refusal, now - began)
+        call = RegistryCall(station, message, changes, outputs, refused, refusal, now - began, batches)
         self.station_counters.count_call(call, self.index.sessions, now)
         self._event_logger.log_call(call)
 

@@ -21,7 +21,7 @@ class RegistryCall(NamedTuple):
     """One message, command or tick.
 
     station: None where the key has none, or where it concerns all. refused: how many refusals it
-    made, of which `refusal` is the last.
+    made, of which `refusal` is the last. batches: how many were processed together, `message` the first.
     """
 
     station: str | None
@@ -31,6 +31,7 @@ class RegistryCall(NamedTuple):
     refused: int
     refusal: Refusal | None
     duration_s: float
+    batches: int = 1
 
 
 def changes_between(before: Mapping[str, SessionState], after: Mapping[str, SessionState]) -> list[Change]:

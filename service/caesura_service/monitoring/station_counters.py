@@ -100,7 +100,8 @@ class StationCounterSet:
         """Count a call. stations: those of the registry; now: [s]."""
         self.stepped_s = now
         if isinstance(call.message, SampleBatch):
-            self.durations.observe(call.duration_s)
+            for _ in range(call.batches):
+                self.durations.observe(call.duration_s / call.batches)
         for output in call.outputs:
             if isinstance(output, RequestReplay) and output.station in stations:
                 self._counters(output.station, stations).replays += 1

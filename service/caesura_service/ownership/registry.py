@@ -57,8 +57,9 @@ from caesura_service.publishing.events import (
     TakeoverFailed,
 )
 from caesura_service.publishing.session_state import SessionCounters, program_of, status_of
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.limits import Limits
-from caesura_service.sessions.session import Session
+from caesura_service.sessions.session import Awaited, Session
 
 REBUILDING = "/rebuilding"  # what `step` does, among the slices; the name of no station
 
@@ -207,6 +208,34 @@ class Registry:
                 outputs = self._track_throttled(session, session.receive(message, now))
         except ProtocolError as error:
             return self._count_rejection(station, message.session, error)
+        return self._with_limits(station, session, outputs, now)
+
+    def awaited(self, station: str, session: str) -> Awaited | None:
+        """Return what an open session awaits; None where it is not here. Any thread may call it."""
+        for held in reversed(self.index.sessions.get(station, ())):
+            if held.name == session:
+                return held.awaited if held.is_open else None
+        return None
+
+    def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block together, as `handle_samples` does in turn; return how many.
+
+        0: the first one has to be handled by itself.
+        """
+        session = self._find_session(station, block.session)
+        if session is None or self.ownership.rejection_reason(station) is not None:
+            return 0, []
+        try:
+            with _AS_OVERLOADED:
+                count, outputs = session.receive_together(block, now)
+        except ProtocolError as error:
+            return 1, self._count_rejection(station, session.name, error)
+        if not count:
+            return 0, []
+        return count, self._with_limits(station, session, self._track_throttled(session, outputs), now)
+
+    def _with_limits(self, station: str, session: Session, outputs: list[Output], now: float) -> list[Output]:
+        """Count the rejected batches among the outputs; close the session at its limit of observations."""
         for output in outputs:
             if isinstance(output, BatchRejected):
                 self.counters = self.counters.with_refusal(output.error)

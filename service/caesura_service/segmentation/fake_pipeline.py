@@ -87,6 +87,11 @@ class FakePipeline:
             capped=0,
         )
 
+    @property
+    def due_s(self) -> float:
+        """Every sample may change the view."""
+        return float("-inf")
+
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Take samples (n, columns). Raises ValueError, and has not changed then, for IMPOSSIBLE ones."""
         if (samples[:, 1] == IMPOSSIBLE).any():

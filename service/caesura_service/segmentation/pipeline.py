@@ -243,6 +243,11 @@ class SegmentationPipeline:
             self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
         return self._view
 
+    @property
+    def due_s(self) -> float:
+        """[s] The first sample from then on changes the view, as in `Pipeline`."""
+        return self._conditioner.due_s if self._first_second.is_over else -math.inf
+
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
         if (found := self._first_second.look(samples)) is not None:

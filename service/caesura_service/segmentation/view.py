@@ -36,6 +36,9 @@ NO_GRIPPER = (
 )
 
 
+MOST_TOGETHER = 500  # samples of several pushes in one
+
+
 class PipelineView(NamedTuple):
     """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
 
@@ -68,6 +71,15 @@ class Pipeline(Protocol):
     @property
     def view(self) -> PipelineView:
         """What is known now."""
+
+    @property
+    def due_s(self) -> float:
+        """[s] Session time of the first sample that changes more of the view than counts.
+
+        Samples before it, MOST_TOGETHER at most, and those of the next push may come in one push: with the
+        same results, except that a push that raises is one of fewer samples. −inf where they may not.
+        Any thread may read it.
+        """
 
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Take the next samples, (n, columns) as declared when the session was opened, time first.

@@ -54,12 +54,12 @@ class Budgets:
         self._busiest_until_s = float("-inf")  # [s]
         self._lock = threading.Lock()
 
-    def reject_put(self, station: str, size: int) -> ProtocolError | None:
-        """Count a message of so many bytes; return why it is dropped, or None. size: [bytes]."""
-        lacking = self._put.lacking(station, 1.0, size)
+    def reject_put(self, station: str, size: int, messages: int = 1) -> ProtocolError | None:
+        """Count messages of so many bytes in all; return why they are dropped, or None. size: [bytes]."""
+        lacking = self._put.lacking(station, messages, size)
         if lacking is not None:
-            return self._count_and_explain(station, ("messages", "bytes")[lacking])
-        return self.reject_work(station)
+            return self._count_and_explain(station, ("messages", "bytes")[lacking], messages)
+        return self.reject_work(station, messages)
 
     def reject_command(self, station: str) -> ProtocolError | None:
         """Count a command; return why it is refused, or None."""
@@ -67,10 +67,10 @@ class Budgets:
             return self._count_and_explain(station, "commands")
         return self.reject_work(station)
 
-    def reject_work(self, station: str) -> ProtocolError | None:
-        """Count a message that is refused because the work is used up; return why, or None."""
+    def reject_work(self, station: str, messages: int = 1) -> ProtocolError | None:
+        """Count messages that are refused because the work is used up; return why, or None."""
         if (refusal := self.work_exhausted(station)) is not None:
-            self._count(station, "work")
+            self._count(station, "work", messages)
         return refusal
 
     def work_exhausted(self, station: str) -> ProtocolError | None:
@@ -130,14 +130,14 @@ class Budgets:
         shares = (used / self._rates[use].burst for use, used in self._used(station).items())
         return max(shares) + (FULL if station in self._refused else 0.0)
 
-    def _count_and_explain(self, station: str, use: Use) -> ProtocolError:
-        self._count(station, use)
+    def _count_and_explain(self, station: str, use: Use, times: int = 1) -> ProtocolError:
+        self._count(station, use, times)
         return self._error(station, use)
 
-    def _count(self, station: str, use: Use) -> None:
+    def _count(self, station: str, use: Use, times: int = 1) -> None:
         with self._lock:
             counts = self._refused.pop(station, {})
-            self._refused[station] = {**counts, use: counts.get(use, 0) + 1}
+            self._refused[station] = {**counts, use: counts.get(use, 0) + times}
             if len(self._refused) > SENDERS:
                 del self._refused[next(iter(self._refused))]
 

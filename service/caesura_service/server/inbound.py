@@ -14,6 +14,7 @@ from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.server.transport import Payload
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.token_bucket import SENDERS
 
 UNKNOWN = "?"  # the station of keys that name none
@@ -49,6 +50,14 @@ class SamplesReceived(NamedTuple):
 
     content: RawPayload
     station: str | None  # None: the key names none
+
+
+class BatchesReceived(NamedTuple):
+    """Consecutive batches on a station's `samples` key."""
+
+    block: BatchBlock
+    key: str
+    station: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +141,7 @@ class Unfinished:
 
 Arrival = (
     SamplesReceived
+    | BatchesReceived
     | CommandReceived
     | ReplayFinished
     | LivelinessChanged

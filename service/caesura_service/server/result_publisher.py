@@ -30,6 +30,7 @@ from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     Arrival,
+    BatchesReceived,
     PendingReplay,
     RawPayload,
     ReplayFinished,
@@ -37,14 +38,17 @@ from caesura_service.server.inbound import (
     sources_of,
 )
 from caesura_service.server.lanes import Lanes
+from caesura_service.server.replay_blocks import ReplayBlocks
 from caesura_service.server.transport import Incoming, Network, NetworkError, Publisher
 from caesura_service.server.work_queue import WorkQueue
+from caesura_service.sessions.batch_block import BatchBlock
 
 logger = logging.getLogger(__name__)
 
 # Questions under way at once. Their answers fit into the inbox together; those of every station after an
 # outage would not, and would be asked for again and again.
 REPLAYS = 8
+REPLAYS_OVERLOADED = 1  # while the queue is: their answers take the room of what comes live
 PUBLISHERS = 1024  # declared at once, those of 200 sessions
 
 STREAMS: Mapping[type[Result], SessionPart] = {
@@ -94,7 +98,8 @@ class ResultPublisher:
         self._send_next_request()
 
     def _send_next_request(self) -> None:
-        while self._waiting and self._under_way < REPLAYS:
+        most = REPLAYS_OVERLOADED if self._queue.is_overloaded() else REPLAYS
+        while self._waiting and self._under_way < most:
             request = self._waiting.pop(next(iter(self._waiting)))
             self._under_way += 1
             if not self._lanes.submit(request.station, partial(self._send_request, request)):
@@ -119,23 +124,35 @@ class ResultPublisher:
 
     def _get_batches(self, replay: PendingReplay, request: RequestReplay) -> None:
         wanted = ReplayRange(request.first, request.last, request.last - request.first + 1, request.session)
+        blocks = ReplayBlocks(partial(self._enqueue_reply, replay), partial(self._enqueue_block, replay))
         self._network.request(
             station_key(request.station, "replay"),
             replay_parameters(wanted),
-            received=partial(self._receive_reply, replay),
+            received=partial(_receive_reply, replay, blocks),
             refused=partial(_receive_refusal, replay),
-            ended=partial(self._finish_replay, replay),
+            ended=partial(self._end_replay, replay, blocks),
         )
 
-    def _receive_reply(self, replay: PendingReplay, reply: Incoming) -> None:
-        replay.replies += 1
+    def _enqueue_reply(self, replay: PendingReplay, content: RawPayload) -> None:
+        self._enqueue(replay, SamplesReceived(content, replay.request.station), len(content.payload), 1)
+
+    def _enqueue_block(self, replay: PendingReplay, block: BatchBlock) -> None:
+        station, count = replay.request.station, len(block.payloads)
+        arrival = BatchesReceived(block, station_key(station, "replay"), station)
+        self._enqueue(replay, arrival, count * block.layout.size, count)
+
+    def _enqueue(
+        self, replay: PendingReplay, arrival: SamplesReceived | BatchesReceived, size: int, count: int
+    ) -> None:
         station = replay.request.station
-        arrival = SamplesReceived(RawPayload.of(*reply), station)
-        size = len(arrival.content.payload)
-        has_room = self._budgets.reject_work(station) is None and self._queue.offer(
-            arrival, station, size, station
+        is_taken = self._budgets.reject_work(station, count) is None and self._queue.offer(
+            arrival, station, size, station, count=count
         )
-        replay.dropped += not has_room
+        replay.dropped += 0 if is_taken else count
+
+    def _end_replay(self, replay: PendingReplay, blocks: ReplayBlocks) -> None:
+        blocks.end()
+        self._finish_replay(replay)
 
     def _finish_replay(self, replay: PendingReplay) -> None:
         """Enqueue the end of a replay, once: Zenoh ends some of the queries that fail."""
@@ -166,6 +183,11 @@ def key_of(message: Changepoints | Segments | Posterior | Hints | SessionStatus 
     if isinstance(message, Program):
         return station_key(message.station, "program")
     return session_key(message.station, message.session, STREAMS[type(message)])
+
+
+def _receive_reply(replay: PendingReplay, blocks: ReplayBlocks, reply: Incoming) -> None:
+    replay.replies += 1
+    blocks.take(RawPayload.of(*reply))
 
 
 def _receive_refusal(replay: PendingReplay, refusal: Encoded) -> None:

@@ -29,9 +29,9 @@ CHANNEL = 256  # messages of one expression; in a full one the link waits, whose
 class SubscriberPoller(BackgroundThread):
     """Passes received samples to a callback, one at a time, while the context lasts."""
 
-    def __init__(self, handle: Callable[[Incoming], None]) -> None:
-        """take: only enqueues; called in more threads than one, never at once."""
-        self._handle = handle
+    def __init__(self, handle: Callable[[Incoming], None], polled: Callable[[], None] = lambda: None) -> None:
+        """handle: only enqueues; called in more threads than one, never at once. polled: after each poll."""
+        self._handle, self._polled = handle, polled
         self._declared: dict[str, Subscriber] = {}
         self._turn = threading.Lock()
         self._log_rate = RateLimit(LOG_RATE)
@@ -70,3 +70,4 @@ class SubscriberPoller(BackgroundThread):
         idle_polls = 0
         while not self._stopped.wait(POLL_S if idle_polls < IDLE_AFTER else IDLE_POLL_S):
             idle_polls = 0 if self.drain() else idle_polls + 1
+            self._polled()

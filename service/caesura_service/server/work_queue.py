@@ -63,9 +63,9 @@ class _Load:
         self.mark, self.mark_bytes = (settings.overloaded_at * of for of in (self.most, self.most_bytes))
         self.items = self.size = 0  # size [bytes]
 
-    def has_room(self, size: int, room: float) -> bool:
-        """Whether one more item of that size [bytes] fits. room: a factor on the limits."""
-        return self.items < room * self.most and self.size + size <= room * self.most_bytes
+    def has_room(self, items: int, size: int, room: float) -> bool:
+        """Whether so many more items of that size in all [bytes] fit. room: a factor on the limits."""
+        return self.items + items - 1 < room * self.most and self.size + size <= room * self.most_bytes
 
     def is_overloaded(self) -> bool:
         """Whether the load is at its mark or above."""
@@ -84,7 +84,8 @@ class _Lane(Generic[T]):
 
     def __init__(self) -> None:
         # Each with what it counts for, if for anything, its size [bytes], and whether it is a command.
-        self.items: deque[tuple[T, _Load | None, int, bool]] = deque()
+        # Where one stands for several, how many.
+        self.items: deque[tuple[T, _Load | None, int, bool, int]] = deque()
         self.commands = 0
         self.due = 0.0  # [s] virtual time; its turn comes BURST_S earlier
 
@@ -117,28 +118,28 @@ class WorkQueue(Generic[T]):
         self._lock = threading.Lock()
         self._arrived = threading.Condition(self._lock)
 
-    def offer(self, item: T, source: str, size: int = 0, lane: str | None = None) -> bool:
+    def offer(self, item: T, source: str, size: int = 0, lane: str | None = None, *, count: int = 1) -> bool:
         """Enqueue an item; return False where it was dropped, which is counted.
 
-        lane: whose turn it takes; by default the source's own.
+        lane: whose turn it takes; by default the source's own. count: how many it stands for.
         """
         with self._lock:
             room = 1.0 if self._is_announced else 2.0
             load = self._of_source.get(source) or self._add_source(source)
             self._total.items = self._waiting
-            if not (self._total.has_room(size, room) and load.has_room(size, room)):
-                self._drop(source)
+            if not (self._total.has_room(count, size, room) and load.has_room(count, size, room)):
+                self._drop(source, count)
                 return False
-            load.items += 1
-            self._total.items += 1
+            load.items += count
+            self._total.items += count
             self._account(load, size)
-            self._enqueue(source if lane is None else lane, item, load, size)
+            self._enqueue(source if lane is None else lane, item, load, size, count=count)
         return True
 
-    def count_drop(self, source: str) -> None:
-        """Count an item that was dropped on its way here."""
+    def count_drop(self, source: str, count: int = 1) -> None:
+        """Count items that were dropped on their way here."""
         with self._lock:
-            self._drop(source)
+            self._drop(source, count)
 
     def put(self, item: T, lane: str = "") -> bool:
         """Enqueue an item with as much room again; return False where that is used up too."""
@@ -166,7 +167,7 @@ class WorkQueue(Generic[T]):
         """Put an item in front of the lane that `get` served last."""
         with self._lock:
             assert self._served is not None
-            self._served.items.appendleft((item, None, 0, False))
+            self._served.items.appendleft((item, None, 0, False, 1))
             self._waiting += 1
 
     def get(self, timeout_s: float) -> T | None:
@@ -180,12 +181,12 @@ class WorkQueue(Generic[T]):
                 return None
             self._virtual_s, _, lane = heappop(self._turns)
             self._served = lane
-            item, load, size, command = lane.items.popleft()
+            item, load, size, command, count = lane.items.popleft()
             lane.commands -= command
-            self._waiting -= 1
+            self._waiting -= count
             self._total.items = self._waiting  # commands too
             if load is not None:
-                load.items -= 1
+                load.items -= count
                 self._account(load, -size)
             elif self.overloaded_sources:  # by what may lie behind the last sample
                 self._update_overload(self._total)
@@ -230,12 +231,19 @@ class WorkQueue(Generic[T]):
     # --- under the lock ---------------------------------------------------------------------------------
 
     def _enqueue(
-        self, name: str, item: T, load: _Load | None = None, size: int = 0, *, command: bool = False
+        self,
+        name: str,
+        item: T,
+        load: _Load | None = None,
+        size: int = 0,
+        *,
+        command: bool = False,
+        count: int = 1,
     ) -> None:
         lane = self._lanes.get(name) or self._new_lane(name)
-        lane.items.append((item, load, size, command))
+        lane.items.append((item, load, size, command, count))
         lane.commands += command
-        self._waiting += 1
+        self._waiting += count
         if len(lane.items) == 1 and lane is not self._served:
             self._queue(lane)
             self._arrived.notify()
@@ -265,11 +273,11 @@ class WorkQueue(Generic[T]):
         load = self._of_source[source] = _Load(source, self.settings, self.settings.shares)
         return load
 
-    def _drop(self, source: str) -> None:
-        self.dropped += 1
+    def _drop(self, source: str, count: int = 1) -> None:
+        self.dropped += count
         self.revision += 1
         if source in self._drops or len(self._drops) < SOURCES:
-            self._drops[source] = self._drops.get(source, 0) + 1
+            self._drops[source] = self._drops.get(source, 0) + count
 
     def _account(self, load: _Load, size: int) -> None:
         """Add to the waiting bytes and update the overload."""

@@ -37,6 +37,7 @@ from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
     Arrival,
+    BatchesReceived,
     CommandReceived,
     LivelinessChanged,
     RawPayload,
@@ -51,11 +52,12 @@ from caesura_service.server.inbound import (
 from caesura_service.server.result_publisher import ResultPublisher
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import WHOLE, WorkQueue
+from caesura_service.sessions.batch_block import ENCODING
 from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
 Given = TypeVarTuple("Given")
-StationArrival = SamplesReceived | ReplayFinished | CommandReceived
+StationArrival = SamplesReceived | BatchesReceived | ReplayFinished | CommandReceived
 
 TICK_S = 0.1  # between two looks at what is still missing
 AT_ONCE = 16  # arrivals before a look at everything else, unless there is something else to do
@@ -185,10 +187,12 @@ class Worker(BackgroundThread):
                 logger.exception("an arrival was lost to an error of the service")
 
     def _process(self, arrival: StationArrival) -> None:
-        self.messages += 1
+        self.messages += len(arrival.block.payloads) if isinstance(arrival, BatchesReceived) else 1
         match arrival:
             case SamplesReceived(content, station):
                 self._process_samples(content, station)
+            case BatchesReceived():
+                self._process_batches(arrival)
             case ReplayFinished(replay):
                 self._publisher.replay_finished()
                 self.emit(
@@ -206,6 +210,17 @@ class Worker(BackgroundThread):
             self.emit(self._registry.reject(station, error))
             return
         self.emit(self._registry.handle_samples(station, message, self._clock()))
+
+    def _process_batches(self, arrival: BatchesReceived) -> None:
+        """Process batches in turn, those of one observation together."""
+        block, station = arrival.block, arrival.station
+        while block.payloads:
+            count, outputs = self._registry.handle_together(station, block, self._clock())
+            if not count:
+                payload = block.payloads[0]
+                self._process_samples(RawPayload(arrival.key, payload, ENCODING, len(payload)), station)
+            self.emit(outputs)
+            block = block.after(max(count, 1))
 
     def _process_command(self, arrival: CommandReceived) -> None:
         try:
@@ -269,12 +284,19 @@ class Worker(BackgroundThread):
 
 def _log_key(*given: object) -> str:
     """Return the key of the message among the arguments, or an empty string."""
-    return next((one.content.key for one in given if isinstance(one, SamplesReceived | CommandReceived)), "")
+    for one in given:
+        if isinstance(one, SamplesReceived | CommandReceived):
+            return one.content.key
+        if isinstance(one, BatchesReceived):
+            return one.key
+    return ""
 
 
 def _lane_of(arrival: StationArrival | Unfinished) -> str:
     """Return the lane in which an arrival was enqueued."""
     match arrival:
+        case BatchesReceived(_, _, station):
+            return station
         case SamplesReceived(_, station):
             return station or UNKNOWN
         case Unfinished(lane):

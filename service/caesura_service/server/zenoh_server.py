@@ -18,16 +18,18 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from caesura_protocol.keys import service_key, session_key
+from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
+from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     UNKNOWN,
     Arrival,
+    BatchesReceived,
     RawPayload,
     SamplesReceived,
     Watching,
@@ -48,6 +50,7 @@ from caesura_service.server.subscriber_poller import SubscriberPoller
 from caesura_service.server.transport import Incoming, Network
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
@@ -93,7 +96,10 @@ class ZenohServer:
             registry, self._queue, self.status, self.budgets, rates.queries, self._stored.take
         )
         self._samples = SampleServer(samples, lambda: registry.index, rates.queries, owner)
-        self._poller = SubscriberPoller(self._handle_samples)
+        self._collector = BatchCollector(
+            registry.awaited, self._enqueue_samples, self._enqueue_batches, clock
+        )
+        self._poller = SubscriberPoller(self._handle_samples, self._collector.release_overdue)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -122,6 +128,7 @@ class ZenohServer:
             self._worker.emit(self._registry.republish_status(None))
             stack.enter_context(self._worker)
             stack.enter_context(self._poller)
+            stack.callback(self._collector.release_all)
             stack.callback(subscriptions.close)
             self._announce(stack, network)
             self._stack = stack.pop_all()
@@ -177,20 +184,33 @@ class ZenohServer:
 
     def _handle_command(self, query: IncomingQuery) -> None:
         self._poller.drain()  # samples put before the command are processed before it
+        if (station := source_of_key(query.key).station) is not None:
+            self._collector.release(station_key(station, "samples"))
         self._queries.command(query)
 
     def _handle_samples(self, sample: Incoming) -> None:
         key, payload, encoding = sample
+        if self._collector.hold(key, payload, encoding):
+            return
         source, station = source_of_key(key)
         lane = station or UNKNOWN
         if (refusal := self.budgets.reject_put(lane, len(payload))) is not None:
             self._drop(source, refusal.message)
             return
-        content = RawPayload.of(key, payload, encoding)
-        self._queue.offer(SamplesReceived(content, station), source, len(content.payload), lane)
+        self._collector.take(RawPayload.of(key, payload, encoding), source, station)
 
-    def _drop(self, source: str, why: str) -> None:
-        """Count a dropped message and log it, throttled; the session requests it again."""
-        self._queue.count_drop(source)
+    def _enqueue_samples(self, content: RawPayload, source: str, station: str | None) -> None:
+        self._queue.offer(SamplesReceived(content, station), source, len(content.payload), station or UNKNOWN)
+
+    def _enqueue_batches(self, block: BatchBlock, source: str, station: str) -> None:
+        count, size = len(block.payloads), len(block.payloads) * block.layout.size
+        if (refusal := self.budgets.reject_put(station, size, count)) is not None:
+            self._drop(source, refusal.message, count)
+            return
+        self._queue.offer(BatchesReceived(block, source, station), source, size, station, count=count)
+
+    def _drop(self, source: str, why: str, count: int = 1) -> None:
+        """Count dropped messages and log them, throttled; the session requests them again."""
+        self._queue.count_drop(source, count)
         if self._log_rate.allows(source):
             logger.warning("%s: %s; messages are dropped until then", source, why)

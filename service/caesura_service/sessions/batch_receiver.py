@@ -7,13 +7,17 @@ because sending it again would not change it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.publishing.events import Output, ReplayEnded, RequestReplay
-from caesura_service.sessions.batch_validation import validated_samples
+from caesura_service.segmentation.view import MOST_TOGETHER
+from caesura_service.sessions.batch_block import BatchBlock
+from caesura_service.sessions.batch_validation import is_usual, validated_samples
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost
 from caesura_service.sessions.reorder_buffer import ReorderBuffer, ReplayBackoff
@@ -64,6 +68,22 @@ class BatchReceiver:
             return self.request_missing(now)
         self._journal.append(batch, now)
         return [*self._hold(batch), *self._process_ready(), *self.request_missing(now)]
+
+    def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block together, up to one with which an observation is complete.
+
+        Those of a block that is early are held. Return how many those are, and the outputs of `receive_batch`
+        for each in turn. 0: the first one has to be received by itself. Raises JournalError where the first
+        one cannot be recorded.
+        """
+        if block.layout.message.columns != self._columns or self._buffer.is_duplicate(block.first):
+            return 0, []
+        samples = block.samples()
+        if not is_usual(samples, self._limits):
+            return 0, []
+        if block.first == self.next_seq:
+            return self._receive_next(block, samples, now)
+        return self._receive_early(block, samples, now)
 
     def announce_seq(self, seq: int, now: float) -> list[Output]:
         """Request what is missing up to this batch. Raises ProtocolError where it is too far ahead."""
@@ -134,6 +154,42 @@ class BatchReceiver:
         self._buffer.advance()
         return outputs + self._process(samples)
 
+    def _receive_next(self, block: BatchBlock, samples: Samples, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block that begins with the expected one; as `receive_together`."""
+        n, due_s = block.layout.message.n, self._host.due_s
+        if not math.isfinite(due_s):
+            return 0, []
+        is_due = samples[:, 0] >= due_s
+        until = int(is_due.argmax()) if is_due.any() else len(samples) - 1
+        free = self._buffer.free_run(block.first)
+        count = min(until // n + 1, MOST_TOGETHER // n, *(() if free is None else (free,)))
+        if not count:
+            return 0, []
+        count = self._journal.append_batches(block, count, now)
+        is_in_turn = self._buffer.is_in_turn(block.first)
+        self._buffer.advance(count)
+        if is_in_turn:
+            return count, self._host.push_together(samples[: count * n], count)
+        self._update_missing_batch()
+        outputs = self._host.push_together(samples[: count * n], count)
+        return count, [*outputs, *self._process_ready(), *self.request_missing(now)]
+
+    def _receive_early(self, block: BatchBlock, samples: Samples, now: float) -> tuple[int, list[Output]]:
+        """Hold the first batches of a block behind a missing one, as many as there is room for."""
+        message, free = block.layout.message, self._buffer.free_run(block.first)
+        most = len(block.payloads) if free is None else min(free, len(block.payloads))
+        if block.first + most - 1 > self.next_seq + self._limits.batches_ahead:
+            return 0, []
+        count = min(most, self._buffer.room_for(_size(message)))
+        if not count:
+            self._announce(block.first + most - 1)
+            return most, self.request_missing(now)
+        count = self._journal.append_batches(block, count, now)
+        for place, own in enumerate(np.split(samples[: count * message.n], count)):
+            self._buffer.hold(block.first + place, own, _size(message))
+        self._update_missing_batch()
+        return count, self.request_missing(now)
+
     def _validated(self, batch: SampleBatch) -> tuple[Samples | None, list[Output]]:
         """Return the samples of a batch, or _REJECTED and the outputs of the refusal."""
         try:
@@ -156,10 +212,28 @@ class BatchReceiver:
         outputs: list[Output] = []
         self._update_missing_batch()
         while self._buffer.has_next() and self._is_open:
-            samples = self._buffer.pop_next()
+            ready = self._pop_together()
             self._update_missing_batch()
-            outputs += self._process(samples)
+            outputs += (
+                self._host.push_together(np.concatenate(ready), len(ready))
+                if ready
+                else self._host.declare_gap(1)
+            )
         return outputs
+
+    def _pop_together(self) -> list[Samples]:
+        """Remove held batches, up to one with which an observation is complete; none for a rejected one."""
+        samples, due_s = self._buffer.pop_next(), self._host.due_s
+        if samples is _REJECTED:
+            return []
+        ready = [samples]
+        while (len(ready) + 1) * len(samples) <= MOST_TOGETHER and ready[-1][:, 0].max() < due_s:
+            following = self._buffer.peek_next()
+            if following is None or len(following) != len(samples):
+                break
+            ready.append(following)
+            self._buffer.pop_next()
+        return ready
 
     def _announce(self, seq: int) -> None:
         self._buffer.announce(seq)

@@ -37,6 +37,18 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
     return matrix
 
 
+def is_usual(samples: NDArray[np.float64], limits: Limits) -> bool:
+    """Whether samples (n, columns) of several batches are such that `validated_samples` passes each of them.
+
+    False says nothing: each has to be validated by itself.
+    """
+    if not np.vdot(samples, samples) <= limits.value**2:
+        return False
+    known = samples[:, 0].tolist()
+    low, high = min(known), max(known)
+    return bool(max(-low, high) <= limits.time_s and high - low <= limits.batch_span_s)
+
+
 def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
     known = times.tolist()
     low, high = min(known), max(known)

@@ -23,6 +23,11 @@ class ClosedPipeline:
     def __init__(self, snapshot: Snapshot) -> None:
         self.view = view_from_snapshot(snapshot)
 
+    @property
+    def due_s(self) -> float:
+        """No sample is expected."""
+        return float("-inf")
+
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Raise RuntimeError: a closed session takes no samples."""
         raise RuntimeError("the session is closed")

@@ -112,21 +112,41 @@ class PipelineHost:
         self.state, outputs = messages.initial_messages(self.state)
         return outputs
 
+    @property
+    def due_s(self) -> float:
+        """[s] Session time of the first sample that changes more than counts, as of `Pipeline.due_s`."""
+        return self._pipeline.due_s
+
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
         """Push the samples (n, columns) of a batch; invalid ones are rejected and leave a gap."""
+        try:
+            return self._push(samples, 1)
+        except ProtocolError as error:
+            return [*self.reject_batch(error), *self.declare_gap(1)]
+
+    def push_together(self, samples: NDArray[np.float64], batches: int) -> list[Output]:
+        """Push the samples of so many batches of one size as `push` does in turn, where `due_s` allows it."""
+        try:
+            return self._push(samples, batches)
+        except ProtocolError:  # nothing has changed: which batch has to be rejected is found one by one
+            parts = np.split(samples, batches)
+            return [output for part in parts if self.lifecycle == "open" for output in self.push(part)]
+
+    def _push(self, samples: NDArray[np.float64], count: int) -> list[Output]:
+        """Push the samples of so many batches. Raises ProtocolError for invalid ones; nothing has changed."""
         try:
             changed = _push(
                 self._pipeline, samples
             )  # may give way: what is published meanwhile is not retracted
-        except ProtocolError as error:
-            return [*self.reject_batch(error), *self.declare_gap(1)]
+        except ProtocolError:
+            raise
         except Exception as error:
             return self._fail(error)
         published, batches, before = self._latest
         if not changed:
-            self._latest = (published, batches + 1, before + len(samples))
+            self._latest = (published, batches + count, before + len(samples))
             return []
-        counters = published.counters._replace(batches=published.counters.batches + batches + 1)
+        counters = published.counters._replace(batches=published.counters.batches + batches + count)
         return self._run_guarded(lambda: self._update_view(counters))
 
     def declare_gap(self, batches: int) -> list[Output]:

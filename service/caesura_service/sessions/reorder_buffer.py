@@ -34,17 +34,25 @@ class ReorderBuffer(Generic[T]):
 
     def has_room(self, seq: int, size: int) -> bool:
         """Whether the batch can be held; the expected one always can. size: [bytes]."""
-        full = len(self._held) >= self._capacity or self._bytes + size > self._capacity_bytes
-        return seq == self.next_seq or not full
+        return seq == self.next_seq or self.room_for(size) > 0
+
+    def room_for(self, size: int) -> int:
+        """Return how many further items of a size [bytes] can be held."""
+        by_size = (self._capacity_bytes - self._bytes) // max(size, 1)
+        return max(0, min(self._capacity - len(self._held), by_size))
+
+    def free_run(self, seq: int) -> int | None:
+        """Return how many items from this one on are not held; None where no later one is held."""
+        return min((held - seq for held in self._held if held >= seq), default=None)
 
     def is_in_turn(self, seq: int) -> bool:
         """Whether it is the expected batch, with nothing held and nothing missing."""
         return seq == self.next_seq and not self._held and self.newest_seq < seq
 
-    def advance(self) -> None:
-        """Skip the expected batch, which was processed without being held."""
-        self.newest_seq = self.next_seq
-        self.next_seq += 1
+    def advance(self, count: int = 1) -> None:
+        """Skip the expected batches, which are processed without being held."""
+        self.next_seq += count
+        self.announce(self.next_seq - 1)
 
     def hold(self, seq: int, item: T, size: int) -> None:
         """Hold an item that is no duplicate and for which there is room. size: [bytes]."""
@@ -59,6 +67,11 @@ class ReorderBuffer(Generic[T]):
     def has_next(self) -> bool:
         """Whether the expected item is held."""
         return self.next_seq in self._held
+
+    def peek_next(self) -> T | None:
+        """Return the expected item; None where it is not held."""
+        held = self._held.get(self.next_seq)
+        return None if held is None else held.item
 
     def pop_next(self) -> T:
         """Remove and return the expected item. Raises KeyError where it is not held."""

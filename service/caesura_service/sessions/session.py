@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
@@ -42,10 +43,21 @@ from caesura_service.publishing.lifecycle import next_state
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
+from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.batch_receiver import BatchReceiver
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.pipeline_host import PipelineHost, replacing_apps
 from caesura_service.sessions.session_journal import SessionJournal
+
+
+class Awaited(NamedTuple):
+    """The batch that a session expects, and the session time that completes its next observation [s].
+
+    due_s: −inf where every batch has to be processed by itself.
+    """
+
+    next_seq: int
+    due_s: float
 
 
 class Session:
@@ -134,6 +146,8 @@ class Session:
                         self._host.replay_edit(edit, record.at)
                     case EditProgram() as command:
                         self._host.edit_program(command, record.at)
+                    case SampleBatch() if self._host.lifecycle == "failed":
+                        pass  # it was recorded together with the one that failed
                     case Open() | SampleBatch() | Close() | Describe() as message:
                         self.receive(message, record.at)
                 yield
@@ -208,6 +222,22 @@ class Session:
                 return self._receive_close(message, now)
             case Edit() | Preview() | Describe() | EditProgram():
                 return self._receive_change(message, now)
+
+    @property
+    def awaited(self) -> Awaited:
+        """What the session awaits of its bridge; any thread may read it."""
+        return Awaited(self.next_seq, self._host.due_s)
+
+    def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
+        """Process the first batches of a block together, as `receive` does in turn.
+
+        Return how many, and the outputs. 0: the first one has to be received by itself. Raises JournalError.
+        """
+        message, opening = block.layout.message, self._opening
+        is_own = message.bridge in {opening.bridge, None} or opening.bridge is None
+        if not is_own or message.epoch != opening.epoch or self._host.lifecycle != "open":
+            return 0, []
+        return self._receiver.receive_together(block, now)
 
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""

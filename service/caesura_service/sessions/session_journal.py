@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from caesura_protocol.messages import SampleBatch
-from caesura_service.journal import Journal, JournalError, Outcome, Record, Recordable
+from caesura_service.journal import EncodedBatch, Journal, JournalError, Outcome, Record, Recordable
+from caesura_service.sessions.batch_block import BatchBlock
 
 
 class SessionJournal:
@@ -43,6 +44,26 @@ class SessionJournal:
         except JournalError:
             self._missed |= is_batch
             raise
+
+    def append_batches(self, block: BatchBlock, count: int, now: float) -> int:
+        """Append the first batches of a block, `count` at most; return how many.
+
+        Raises JournalError where not even the first one can be.
+        """
+        if self._journal is None:
+            return count
+        epoch = block.layout.message.epoch
+        for number, payload in enumerate(block.payloads[:count]):
+            try:
+                self._journal.append_batch(
+                    self._station, self._session, now, EncodedBatch(epoch, block.first + number, payload)
+                )
+            except JournalError:
+                if number:
+                    return number
+                self._missed = True
+                raise
+        return count
 
     def has_missed_batches(self) -> bool:
         """Return whether a batch could not be recorded since the last call."""

@@ -24,7 +24,7 @@ from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.boundary_place import RecentRows
 from caesura_service.signals.filtering import SavitzkyGolay
 from caesura_service.signals.flange import columns_of, flange_rows
-from caesura_service.signals.grid import NOTHING, Block, GridState, Resampler
+from caesura_service.signals.grid import MAX_WAITING_SAMPLES, NOTHING, Block, GridState, Resampler
 from caesura_service.signals.gripper import GripperEvent, GripperParameters, GripperState, GripperTracker
 from caesura_service.signals.observation import (
     FilteredRow,
@@ -40,6 +40,8 @@ from caesura_service.signals.tared_torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 
 Array = NDArray[np.float64]
+
+MOST_TOGETHER = MAX_WAITING_SAMPLES // 2  # samples: with as many that wait, no cell has too many
 
 _TARED, _UNTARED = BiasTracker(TRACKED_BIAS_N), BiasTracker(UNTARED_BIAS_N)
 
@@ -181,6 +183,18 @@ class Conditioner:
     def t_last(self) -> float:
         """[s] The last sample; −inf before the first."""
         return -math.inf if self._grid is None else self._grid.latest
+
+    @property
+    def due_s(self) -> float:
+        """[s] The first sample from then on completes an observation.
+
+        Pushes of earlier samples, MOST_TOGETHER at most, may be joined with the next one: it has the same
+        results. −inf where each push has to come by itself. Any thread may read it.
+        """
+        grid = self._grid
+        if grid is None or self._broken or self._finished or grid.known > MOST_TOGETHER:
+            return -math.inf
+        return grid.due
 
     @property
     def observations(self) -> int:

@@ -119,6 +119,12 @@ def test_no_contact_stops_it(robot: Robot) -> None:
     assert stopped(high, PRESSING, robot) == "0: no contact within 40 mm past its target"
 
 
+def test_a_contact_far_before_where_it_was_taught_stops_it(robot: Robot) -> None:
+    deep = (app("move_to_contact", 0.0, 8.0, (-0.02, -0.52, 0.13)),)
+    said = stopped(deep, PRESSING, robot)
+    assert said == "0: contact 61 mm from where it was taught, at most 40 mm"
+
+
 def test_nothing_between_the_fingers_stops_it(robot: Robot) -> None:
     aside = (
         app("cartesian_motion", 0.0, 1.0, (0.08, -0.62, 0.24)),

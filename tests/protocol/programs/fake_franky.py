@@ -6,9 +6,11 @@ Signatures are those of `franky/_franky.pyi` of franky-control 2.0.0. What is ca
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 calls: list[tuple[str, dict[str, Any]]] = []
 felt_n = [0.0]  # what the force sensor says along -z
@@ -26,10 +28,13 @@ class Affine:
 
     @property
     def inverse(self) -> Affine:
-        return Affine(-self.translation, self.quaternion)
+        back = Rotation.from_quat(self.quaternion).inv()
+        return Affine(-back.apply(self.translation), back.as_quat())
 
     def __mul__(self, other: Affine) -> Affine:
-        return Affine(self.translation + other.translation, self.quaternion)
+        turn = Rotation.from_quat(self.quaternion)
+        turned = turn * Rotation.from_quat(other.quaternion)
+        return Affine(self.translation + turn.apply(other.translation), turned.as_quat())
 
 
 class Condition:
@@ -144,7 +149,9 @@ class DoubleDynamicsLimit:
 
 
 class RobotState:
-    F_T_EE = Affine((0.0, 0.0, 0.1034))
+    F_T_EE = Affine(
+        (0.0, 0.0, 0.1034), Rotation.from_euler("z", -45.0, degrees=True).as_quat()
+    )  # a Franka Hand
 
     @property
     def O_F_ext_hat_K(self) -> Any:  # noqa: N802  (franky's own name)
@@ -152,7 +159,8 @@ class RobotState:
 
 
 class RobotPose:
-    end_effector_pose = Affine((0.3, 0.0, 0.4), (1.0, 0.0, 0.0, 0.0))
+    def __init__(self, flange: Affine) -> None:
+        self.end_effector_pose = flange * RobotState.F_T_EE
 
 
 class Robot:
@@ -163,7 +171,11 @@ class Robot:
         self.state = RobotState()
         self.translation_velocity_limit = DoubleDynamicsLimit("limit", 1.7)
         self.rotation_velocity_limit = DoubleDynamicsLimit("turn", 2.5)
-        self.current_pose = RobotPose()
+        self.flange = Affine((0.3, 0.0, 0.4), (1.0, 0.0, 0.0, 0.0))
+
+    @property
+    def current_pose(self) -> RobotPose:
+        return RobotPose(self.flange)
 
     def recover_from_errors(self) -> bool:
         return True
@@ -178,11 +190,69 @@ class Robot:
 
     def move(self, motion: _Motion, asynchronous: bool = False) -> None:
         _note("move", motion=motion, asynchronous=asynchronous)
+        for target in _targets(motion):
+            self.flange = target
         felt_n[0] = 6.0 if motion.reactions else 0.0  # where it may meet something, it does
 
     def join_motion(self, timeout: float | None = None) -> bool:
         motion = calls[-1][1]["motion"]
         return torque_nm[0] == 0.0 and not isinstance(motion, CartesianImpedanceTrackingMotion)
+
+
+def _targets(motion: _Motion) -> list[Affine]:
+    """Where a motion leads the flange."""
+    if isinstance(motion, CartesianMotion):
+        return [motion.target]
+    return (
+        [one.target.pose for one in motion.waypoints] if isinstance(motion, CartesianWaypointMotion) else []
+    )
+
+
+class MovingRobot(Robot):
+    """A robot over a surface, which its flange cannot pass: motions with a reaction end where it is met.
+
+    surface_m: its height at x and y [m]. An impedance leads the flange to its reference within every period.
+    """
+
+    surface_m: Callable[[float, float], float]
+
+    def __init__(self, fci_hostname: str) -> None:
+        super().__init__(fci_hostname)
+        self.state = _FeltState(self)
+        self.reference: Affine | None = None
+
+    def move(self, motion: _Motion, asynchronous: bool = False) -> None:
+        _note("move", motion=motion, asynchronous=asynchronous)
+        self.reference = None
+        if isinstance(motion, CartesianImpedanceTrackingMotion):
+            self._tracked = motion
+        for target in _targets(motion):
+            begun, way = self.flange.translation, target.translation - self.flange.translation
+            for share in np.linspace(0.0, 1.0, 1000):
+                self.flange = Affine(begun + share * way, target.quaternion)
+                if motion.reactions and self.felt_n() > 4.0:
+                    return
+
+    def join_motion(self, timeout: float | None = None) -> bool:
+        self.reference = self._tracked.references[-1].target * RobotState.F_T_EE.inverse
+        x, y, z = self.reference.translation
+        self.flange = Affine((x, y, max(z, self.surface_m(x, y))), self.reference.quaternion)
+        return False
+
+    def felt_n(self) -> float:
+        x, y, z = self.flange.translation
+        if z > self.surface_m(x, y) + 1e-6:
+            return 0.0
+        return 8.0 if self.reference is None else 500.0 * float(z - self.reference.translation[2])
+
+
+class _FeltState(RobotState):
+    def __init__(self, robot: MovingRobot) -> None:
+        self._robot = robot
+
+    @property
+    def O_F_ext_hat_K(self) -> Any:  # noqa: N802  (franky's own name)
+        return np.array([0.0, 0.0, self._robot.felt_n(), 0.0, 0.0, 0.0])
 
 
 class Gripper:

@@ -14,8 +14,12 @@ import textwrap
 from collections.abc import Callable
 from typing import Any
 
+import greenlet
 import numpy as np
 
+FRAME_S = 0.01
+PUSHED_M_PER_S = 0.03
+TOUCHES_M = 1e-6
 BLOCK = re.compile(r"^(def|thread|if|elif|else|while)\b.*:$")
 
 
@@ -50,6 +54,10 @@ def _statement(line: str) -> str:
     line = re.sub(r"^local ", "", line)
     line = re.sub(r"^global (\w+) =", r"globals()['\1'] =", line)
     return "halt()" if line == "halt" else line
+
+
+def _as_text(value: object) -> str:
+    return f"{value:.6f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)
 
 
 class _Pose:
@@ -163,6 +171,9 @@ class Controller:
 
     def sync(self) -> None: ...
 
+    def str_cat(self, op1: object, op2: object) -> str:
+        return _as_text(op1) + _as_text(op2)
+
     def textmsg(self, s1: str, s2: object = "") -> None: ...
 
     def popup(
@@ -186,3 +197,67 @@ class Controller:
         return [3, 97, 99, 107]
 
     def kill(self, thread: object) -> None: ...
+
+
+class MovingController(Controller):
+    """Movements of a thread, and what force mode pushes along -z meanwhile, take their time.
+
+    surface_m: the height of what is pressed on, at x and y [m]; what is met on the way to it: an obstacle.
+    """
+
+    def __init__(self, surface_m: Callable[[float, float], float], **world: Any) -> None:
+        super().__init__(**world)
+        self.surface_m = surface_m
+        self._moves: greenlet.greenlet | None = None
+        self._is_pushing = False
+
+    def get_tcp_force(self) -> list[float]:
+        x, y, z = self.pose[:3]
+        felt = self.surface_m(x, y) + TOUCHES_M >= z
+        return [0.0, 0.0, (self.pressed_n if self._is_pushing else 8.0) if felt else 0.0, 0.0, 0.0, 0.0]
+
+    def force_mode(
+        self, frame: list[float], selection: list[int], wrench: list[float], kind: int, limits: list[float]
+    ) -> None:
+        super().force_mode(frame, selection, wrench, kind, limits)
+        self._is_pushing = True
+
+    def end_force_mode(self) -> None:
+        self._is_pushing = False
+
+    def movel(self, pose: list[float], a: float = 1.2, v: float = 0.25, t: float = 0, r: float = 0) -> None:
+        self._move(pose, v)
+
+    def movep(self, pose: list[float], a: float = 1.2, v: float = 0.25, r: float = 0) -> None:
+        self._move(pose, v)
+
+    def sync(self) -> None:
+        self._pass(FRAME_S)
+
+    def sleep(self, t: float) -> None:
+        for _ in range(round(t / FRAME_S)):
+            self._pass(FRAME_S)
+
+    def kill(self, thread: object) -> None:
+        self._moves = None
+
+    def _start(self, thread: Callable[[], None]) -> None:
+        if thread.__name__ != "watch_force":
+            self._moves = greenlet.greenlet(thread)
+
+    def _move(self, pose: list[float], v: float) -> None:
+        while math.dist(self.pose[: 2 + (not self._is_pushing)], pose[: 2 + (not self._is_pushing)]) > 1e-9:
+            way = np.subtract(pose, self.pose)
+            way[2] *= not self._is_pushing
+            share = min(1.0, v * FRAME_S / float(np.linalg.norm(way[:3])))
+            self.pose = [p + share * w for p, w in zip(self.pose, way.tolist(), strict=True)]
+            if self._moves is not None and greenlet.getcurrent() is self._moves:
+                self._moves.parent.switch()
+
+    def _pass(self, seconds: float) -> None:
+        """Let some time go by."""
+        if self._is_pushing:
+            x, y, z = self.pose[:3]
+            self.pose[2] = max(z - PUSHED_M_PER_S * seconds, self.surface_m(x, y))
+        if self._moves is not None and not self._moves.dead:
+            self._moves.switch()

@@ -12,6 +12,7 @@ from caesura_protocol.messages import (
     Gap,
     Program,
     ProgramEdit,
+    RestForce,
     ScrewMotion,
     Vector,
     ViaPoint,
@@ -121,3 +122,21 @@ def test_findings_are_short_whatever_numbers_a_file_states():
 def test_a_rest_whose_force_was_cut_is_a_force_that_was_limited():
     reasons = [reason for _, reason in found(*pressed_harder_before()) if "force" in reason]
     assert reasons == ["force limited: 10.0 N (12.0 N of 18.0 N taught before, 5.0 N after)"]
+
+
+def test_the_force_of_a_rest_that_has_no_time_is_named():
+    # Without a path nothing says how long a rest lasted: one force was pressed over all of it, in silence.
+    touch, stroke = pressed_harder_before()
+    assert reasons((touch, stroke)) == reasons((touch, stroke.model_copy(update={"rest_before": None})))
+    said = reasons((touch, stroke.model_copy(update={"path": None})))
+    assert said == [
+        "was taught with 12.0 N before its path, where it presses with 10.0 N: no path says how long",
+        "was taught with 5.0 N after its path, where it presses with 10.0 N: no path says how long",
+    ]
+    nearly = RestForce(newton=11.4, newton_taught=11.4)  # within 15 %
+    even = stroke.model_copy(update={"path": None, "rest_before": nearly, "rest_after": None})
+    assert reasons((touch, even)) == []
+
+
+def reasons(apps: tuple[App, ...]) -> list[str]:
+    return [one.reason for one in fidelity_findings(apps, None, DEFAULT) if "limited" not in one.reason]

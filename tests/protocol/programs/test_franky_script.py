@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,6 +28,9 @@ from harness.programs import (
     DOWN,
     app,
     as_file,
+    barrel_m,
+    over_barrel,
+    path_from,
     pick_and_place,
     press,
     pressed_harder_before,
@@ -34,6 +39,7 @@ from harness.programs import (
 )
 
 from . import fake_franky
+from .test_ur_script import slid
 
 
 def module_of(program: ProgramFile) -> ModuleType:
@@ -52,6 +58,51 @@ def run(program: ProgramFile) -> list[tuple[str, dict[str, Any]]]:
 
 def motions(calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
     return [arguments["motion"] for name, arguments in calls if name == "move"]
+
+
+def flanges(pressed: fake_franky.CartesianImpedanceTrackingMotion) -> list[fake_franky.Affine]:
+    """The poses of the flange to which a press leads the robot."""
+    return [one.target * fake_franky.RobotState.F_T_EE.inverse for one in pressed.references]
+
+
+def over_surface(
+    monkeypatch: pytest.MonkeyPatch, program: ProgramFile, surface_m: Callable[[float, float], float]
+) -> tuple[ModuleType, Any]:
+    """A script, and its runner of a robot over a surface."""
+    fake_franky.calls.clear()
+    monkeypatch.setattr(fake_franky, "Robot", fake_franky.MovingRobot)
+    monkeypatch.setattr(fake_franky.MovingRobot, "surface_m", staticmethod(surface_m), raising=False)
+    made = module_of(program)
+    return made, made.Runner(fake_franky, "robot")
+
+
+def stopped(
+    monkeypatch: pytest.MonkeyPatch, program: ProgramFile, surface_m: Callable[[float, float], float]
+) -> str:
+    """What a script says where it stops by itself; no motion goes on then."""
+    made, runner = over_surface(monkeypatch, program, surface_m)
+    with pytest.raises(made.Stop) as raised:
+        runner.run(made.APPS)
+    assert not isinstance(motions(fake_franky.calls)[-1], fake_franky.CartesianImpedanceTrackingMotion)
+    return str(raised.value)
+
+
+def pressed_n(
+    monkeypatch: pytest.MonkeyPatch, program: ProgramFile, surface_m: Callable[[float, float], float]
+) -> list[float]:
+    """The forces [N] with which a script presses on a surface, one a period."""
+    felt: list[float] = []
+    joined = fake_franky.MovingRobot.join_motion
+
+    def join_motion(robot: Any, timeout: float | None = None) -> bool:
+        ended = joined(robot, timeout)
+        felt.append(robot.felt_n())
+        return ended
+
+    made, runner = over_surface(monkeypatch, program, surface_m)
+    monkeypatch.setattr(fake_franky.MovingRobot, "join_motion", join_motion)
+    runner.run(made.APPS)
+    return felt
 
 
 def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
@@ -230,17 +281,15 @@ def test_a_press_that_slides_follows_its_path_across_the_force() -> None:
     apps[1] = apps[1].model_copy(update={"path": path, "target": (0.1, 0.0, 0.19)})
     calls = motions(run(as_file(tuple(apps))))
     pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
-    begin = fake_franky.RobotPose.end_effector_pose.translation
-    assert pressed.references[-1].target.translation[0] - begin[0] == pytest.approx(0.1, abs=1e-3)
+    begin, *_, end = flanges(pressed)
+    assert end.translation[0] - begin.translation[0] == pytest.approx(0.1, abs=1e-3)
 
 
 def test_a_stroke_presses_where_it_is_before_its_way_and_after_it() -> None:
     calls = motions(run(as_file(wiped())))
     pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
-    ways = (
-        np.array([one.target.translation[0] for one in pressed.references[1:]])
-        - (fake_franky.RobotPose.end_effector_pose.translation[0])
-    )
+    begin, *followed = flanges(pressed)
+    ways = np.array([one.translation[0] for one in followed]) - begin.translation[0]
     assert len(ways) == 115  # 2.3 s, one each 20 ms
     still = np.abs(np.diff(ways)) < 1e-9
     assert np.flatnonzero(~still)[[0, -1]].tolist() == pytest.approx([40, 89], abs=1)
@@ -262,6 +311,8 @@ def test_a_rest_beyond_the_limit_is_refused_before_anything_moves() -> None:
     made.APPS[1]["before_n"] = 40.0
     with pytest.raises(made.Stop, match=r"force 40\.0 N"):
         made.checked(made.APPS)
+    with pytest.raises(ValueError, match=r"app 2 .*force 40\.0 N, at most 28\.5 N"):
+        franky_script(as_file(pressed_harder_before(newton=40.0)))
 
 
 def test_over_a_bend_the_contact_is_looked_for_where_the_fingers_point() -> None:
@@ -288,7 +339,7 @@ def test_a_press_that_turns_follows_its_orientation() -> None:
     apps[1] = apps[1].model_copy(update={"path": path, "target": (-0.02, -0.52, 0.19), "orientation": turned})
     calls = motions(run(as_file(tuple(apps))))
     pressed = next(m for m in calls if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
-    followed = [reference.target.quaternion for reference in pressed.references[1:]]
+    followed = [one.quaternion for one in flanges(pressed)[1:]]
     assert list(followed[0]) == pytest.approx(DOWN, abs=1e-3)
     assert list(followed[-1]) == pytest.approx(turned, abs=1e-3)
     assert all(sum(x * x for x in quaternion) == pytest.approx(1.0) for quaternion in followed)
@@ -297,8 +348,8 @@ def test_a_press_that_turns_follows_its_orientation() -> None:
 def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> None:
     calls = run(as_file(press()))
     pressed = next(m for m in motions(calls) if isinstance(m, fake_franky.CartesianImpedanceTrackingMotion))
-    begin = fake_franky.RobotPose.end_effector_pose.translation
-    offsets = [float(begin[2] - one.target.translation[2]) for one in pressed.references]
+    begin = flanges(pressed)[0].translation
+    offsets = [float(begin[2] - one.translation[2]) for one in flanges(pressed)]
     assert 0.0 < max(offsets) <= 0.05
     assert max(offsets) * pressed.stiffness < Safety().felt_force_n
     assert isinstance(pressed.reactions[0].motion, fake_franky.TorqueStopMotion)
@@ -315,17 +366,17 @@ def test_a_press_follows_the_force_within_its_reach_and_ends_with_a_stop() -> No
 )
 def test_it_refuses_what_is_beyond_its_limits_before_anything_moves(wrong: dict[str, Any], said: str) -> None:
     first, *rest = press()
-    made = module_of(as_file((first, rest[0].model_copy(update=wrong))))
+    made = module_of(as_file((first, rest[0])))
+    made.APPS[1].update(wrong)
     with pytest.raises(made.Stop, match=rf"app 2 \(apply force\): .*{said}"):
         made.checked(made.APPS)
+    with pytest.raises(ValueError, match=rf"app 2 \(apply force\): .*{said}"):
+        franky_script(as_file((first, rest[0].model_copy(update=wrong))))
 
 
 def test_without_a_contact_it_stops_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fake_franky.Robot, "move", lambda self, motion, asynchronous=False: None)
-    fake_franky.felt_n[0] = 0.0
-    made = module_of(as_file(press()))
-    with pytest.raises(made.Stop, match="no contact"):
-        made.Runner(fake_franky, "robot").run(made.APPS)
+    said = stopped(monkeypatch, as_file(press()), lambda x, y: -9.0)
+    assert said == "app 1 (move to contact): no contact within 0.04 m past its target"
 
 
 def test_a_dry_run_says_every_app_and_needs_no_franky(tmp_path: Path) -> None:
@@ -347,3 +398,126 @@ def test_the_fake_has_the_names_of_franky_itself() -> None:
             real = getattr(franky, name)
             own = {n for n in vars(made) if not n.startswith("_")}
             assert own <= set(dir(real)), name
+
+
+def test_a_surface_that_ends_in_the_middle_of_a_stroke_stops_the_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # The tool went on 50 mm below its way, through the air.
+    said = stopped(monkeypatch, as_file(slid(4.0)), lambda x, y: 0.19 if x < 0.02 else 0.0)
+    assert re.fullmatch(
+        r"app 2 \(apply force\): nothing to press on: 0\.04\d m beyond its way at 0\.0 N, at most 0\.04 m",
+        said,
+    )
+
+
+def test_a_surface_that_leads_down_is_followed_as_it_was_taught(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = as_file(slid(4.0, down_m=0.06))
+    made, runner = over_surface(monkeypatch, program, lambda x, y: 0.19 - 0.6 * max(x + 0.02, 0.0))
+    runner.run(made.APPS)
+    assert runner.robot.flange.translation[2] == pytest.approx(0.13, abs=1e-3)
+
+
+@pytest.mark.parametrize("rise", [0.4, -0.4])
+def test_a_slope_is_pressed_as_hard_as_it_was_taught(monkeypatch: pytest.MonkeyPatch, rise: float) -> None:
+    # The setpoint stayed at the height of the touch: 40 mm above it 20 N were pressed in place of 10.
+    program = as_file(slid(4.0, down_m=-0.1 * rise))
+    felt = pressed_n(monkeypatch, program, lambda x, y: 0.19 + rise * min(max(x + 0.02, 0.0), 0.1))
+    assert felt[-20:] == pytest.approx([10.0] * 20, abs=1.5)
+
+
+def test_what_is_pushed_in_is_no_lost_surface_and_has_its_force_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # The setpoint stayed within 50 mm of the touch: 43 mm deep 3.5 N were left of 10.
+    touch, pressed, _ = press()
+    deep = pressed.model_copy(update={"target": (-0.02, -0.52, 0.145), "tn": pressed.tn + 6.0})
+
+    def giving_way(x: float, y: float) -> float:
+        tracked = fake_franky.CartesianImpedanceTrackingMotion
+        return 0.147 if any(isinstance(one, tracked) for one in motions(fake_franky.calls)) else 0.19
+
+    program = as_file((touch, deep))
+    assert pressed_n(monkeypatch, program, giving_way)[-20:] == pytest.approx([10.0] * 20, abs=1.0)
+
+
+def test_the_largest_force_that_a_program_may_ask_for_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The setpoint went 50 mm beyond the surface at most, which is 25 N.
+    touch, pressed, _ = press()
+    hard = pressed.model_copy(update={"force": (0.0, 0.0, -28.0), "tn": pressed.tn + 6.0})
+    felt = pressed_n(monkeypatch, as_file((touch, hard)), lambda x, y: 0.19)
+    assert felt[-20:] == pytest.approx([28.0] * 20, abs=1.0)
+    assert max(felt) < Safety().felt_force_n
+
+
+@pytest.mark.parametrize("early_m", [0.1, 0.03])
+def test_a_contact_far_before_where_it_was_taught_stops_the_program(
+    monkeypatch: pytest.MonkeyPatch, early_m: float
+) -> None:
+    # What was met 100 mm above the table was pressed.
+    touch, pressed, away = press()
+    from_above = path_from((-0.02, -0.52, 0.4), touch.t0, touch.tn, 0.21)
+    program = as_file((touch.model_copy(update={"path": from_above}), pressed, away))
+    if early_m < Safety().search_m:
+        made, runner = over_surface(monkeypatch, program, lambda x, y: 0.19 + early_m)
+        runner.run(made.APPS)
+        return
+    said = stopped(monkeypatch, program, lambda x, y: 0.19 + early_m)
+    assert said == "app 1 (move to contact): contact 0.100 m from where it was taught, at most 0.04 m"
+    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    assert not any(isinstance(motion, pressing) for motion in motions(fake_franky.calls))
+
+
+def test_a_press_keeps_the_flange_where_it_touches(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The end effector got the orientation of the flange: with a Franka Hand the tool turned by 45 degrees.
+    made, runner = over_surface(monkeypatch, as_file(slid(4.0)), lambda x, y: 0.19)
+    runner.run(made.APPS)
+    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    pressed = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
+    turned = Rotation.from_quat([one.quaternion for one in flanges(pressed)]) * Rotation.from_quat(DOWN).inv()
+    assert turned.magnitude().max() < 1e-5
+
+
+def test_the_force_turns_with_a_tool_that_is_tilted(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Over a barrel it kept the direction of the top: at both ends it leaned by 30° from the normal.
+    program = as_file(over_barrel())
+    made, runner = over_surface(monkeypatch, program, barrel_m)
+    runner.run(made.APPS)
+    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    pressed = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
+    _, *_, last = flanges(pressed)
+    begun = flanges(pressed)[0].translation
+    way = np.subtract(program.apps[1].target, program.apps[1].path.start.position)
+    pushed = last.translation - (begun + way)
+    axis = Rotation.from_quat(last.quaternion).apply([0.0, 0.0, 1.0])
+    assert pushed @ axis > 0.01
+    assert np.linalg.norm(np.cross(pushed, axis)) < 0.05 * (pushed @ axis)
+
+
+def test_an_interrupted_press_ends_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Ctrl-C left the impedance to the end of the process.
+    made, runner = over_surface(monkeypatch, as_file(press()), lambda x, y: 0.19)
+
+    def interrupted(robot: Any, timeout: float | None = None) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fake_franky.MovingRobot, "join_motion", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        runner.run(made.APPS)
+    assert isinstance(motions(fake_franky.calls)[-1], fake_franky.TorqueStopMotion)
+
+
+def test_a_short_press_reaches_its_force_no_faster_than_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The force came by a time constant of a second: a press of 1.3 s ended at 73 % of its force. Without a
+    # surface the setpoint of a press with 28 N fell at 56 mm/s.
+    touch, pressed, _ = press()
+    short = pressed.model_copy(update={"tn": pressed.t0 + 1.3})
+    felt = pressed_n(monkeypatch, as_file((touch, short)), lambda x, y: 0.19)
+    assert felt[-1] == pytest.approx(10.0, rel=0.05)
+    assert max(felt) < 10.5
+    hard = pressed.model_copy(update={"force": (0.0, 0.0, -28.0)})
+    pressed_n(monkeypatch, as_file((touch, hard)), lambda x, y: 0.19)
+    pressing = fake_franky.CartesianImpedanceTrackingMotion
+    tracked = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
+    heights = np.array([one.translation[2] for one in flanges(tracked)])
+    assert np.abs(np.diff(heights)).max() <= 0.03 * 0.02 + 1e-9  # a period of 20 ms

@@ -38,6 +38,10 @@ class Held:
         self._pipeline = pipeline
         self._gate, self._held = gate, held
 
+    @property
+    def due_s(self) -> float:
+        return self._pipeline.due_s
+
     def push(self, samples: NDArray[np.float64]) -> bool:
         self._held.set()
         assert self._gate.wait(30.0)

@@ -18,7 +18,7 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import exerted_forces, force_in_words
 from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed
-from caesura_protocol.programs.app_times import part_of
+from caesura_protocol.programs.app_times import part_of, rests_of
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.gripping import GRIP_REACH_M
@@ -28,6 +28,7 @@ from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 
 EVEN = 1e-6  # relative, by which a number may be above its tolerance
+UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
 TAUGHT_APART = "a part was taught again"
 EDITED_APART = "the way between them was not taught"
@@ -197,6 +198,7 @@ def _force_limits(app: App) -> Iterator[Reason]:
         newtons = float(np.linalg.norm(app.force_taught))
         reason = f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce"
         yield (reason, newtons, None)
+    yield from _lost_rests(app)
     if APP_KINDS[app.kind].presses and app.screw is not None and app.screw.torque is None:
         degrees = math.degrees(app.screw.angle)
         reason = f"turns by {fixed(degrees, 0)}° in contact, with a torque that was not measured"
@@ -209,6 +211,22 @@ def _force_limits(app: App) -> Iterator[Reason]:
             app.load_kg,
             least,
         )
+
+
+def _lost_rests(app: App) -> Iterator[Reason]:
+    """Find a rest that was pressed harder or softer than its stroke, and has no time in the app."""
+    if app.force is None:
+        return
+    newtons = float(np.linalg.norm(app.force))
+    for when, rest, seconds in zip(
+        ("before", "after"), (app.rest_before, app.rest_after), rests_of(app), strict=True
+    ):
+        if rest is not None and seconds <= 0.0 and abs(rest.newton - newtons) > UNEVEN_SHARE * newtons:
+            reason = (
+                f"was taught with {fixed(rest.newton, 1)} N {when} its path, where it presses with "
+                f"{fixed(newtons, 1)} N: no path says how long"
+            )
+            yield (reason, rest.newton, newtons)
 
 
 def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:

@@ -1,0 +1,87 @@
+"""What a check finds stands in the scripts of all makers: about an app at that app, the rest at the top."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from caesura_protocol.app_kinds import app_name
+from caesura_protocol.messages import App, WrenchReport
+from caesura_protocol.programs.checks import document_findings
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.ur_script import ur_script
+from caesura_protocol.programs.xarm_script import xarm_script
+from harness.programs import as_file, path_from, pick_and_place
+
+Writer = Callable[[ProgramFile], str]
+SCRIPTS = [
+    (franky_script, "panda", "franka_hand"),
+    (ur_script, "ur5e", "robotiq_2f_85"),
+    (xarm_script, "xarm7", "xarm_gripper"),
+]
+
+
+def grasped_with_a_press() -> tuple[App, ...]:
+    """The hand pressed on the table with 13.7 N while the fingers closed."""
+    touch, grasp, *rest = pick_and_place()
+    return touch, grasp.model_copy(update={"force_taught": (0.0, 0.0, -13.7)}), *rest
+
+
+def on_robot(apps: tuple[App, ...], robot: str, gripper: str) -> ProgramFile:
+    return as_file(apps).model_copy(update={"robot": robot, "gripper": gripper})
+
+
+def wrench(*, stated: bool, contact_models: bool, note: str = "") -> WrenchReport:
+    return WrenchReport(
+        source="flange_sensor",
+        stated=stated,
+        contact_models=contact_models,
+        transport_models=True,
+        tare=None,
+        note=note,
+    )
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_what_a_check_finds_of_an_app_stands_at_that_app(write: Writer, robot: str, gripper: str):
+    program = on_robot(grasped_with_a_press(), robot, gripper)
+    lines = [line.strip() for line in write(program).splitlines()]
+    heads = [
+        next(i for i, line in enumerate(lines) if line.startswith(f"# {app_name(index, one.kind)}"))
+        for index, one in enumerate(program.apps)
+    ]
+    found = [one for one in document_findings(program) if one.index is not None]
+    assert any("press of 13.7 N, which it does not reproduce" in one.reason for one in found)
+    for one in found:
+        assert f"# {one.severity}: {one.reason}" in lines[heads[one.index] + 1 :][: len(found)]
+        assert lines.count(f"# {one.severity}: {one.reason}") == 1
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_what_a_check_finds_of_the_whole_program_stands_at_the_top(write: Writer, robot: str, gripper: str):
+    program = on_robot(pick_and_place(), robot, gripper)
+    assumed = wrench(stated=False, contact_models=True)
+    text = write(program.model_copy(update={"wrench": assumed}))
+    said = "# warning: wrench source flange_sensor is assumed: state it with --wrench-source"
+    assert text.index(said) < text.index("MAX_SPEED_M_PER_S")
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_a_finding_is_one_line_of_comment(write: Writer, robot: str, gripper: str):
+    program = on_robot(pick_and_place(), robot, gripper)
+    noted = wrench(stated=True, contact_models=False, note="first\nimport os")
+    lines = write(program.model_copy(update={"wrench": noted})).splitlines()
+    assert [line for line in lines if "import os" in line] == [
+        "# warning: contacts were not looked for. first import os"
+    ]
+
+
+def test_a_urscript_is_plain_ascii():
+    # The controller reads it from a socket; findings have degrees and ranges.
+    touch, *rest = grasped_with_a_press()
+    off = path_from((-0.014, -0.673, 0.3), touch.t0, touch.tn, 0.2).model_copy(update={"deviation_rad": 0.1})
+    text = ur_script(on_robot((touch.model_copy(update={"path": off}), *rest), "ur5e", "robotiq_2f_85"))
+    assert "# warning: deviates by up to 5.7 degrees from the orientations taught, 1.1 degrees were" in text
+    assert text.isascii()

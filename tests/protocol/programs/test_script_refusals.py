@@ -1,0 +1,44 @@
+"""What no script can run is refused by name when a script is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.franky_script import franky_script
+from caesura_protocol.programs.ur_script import ur_script
+from caesura_protocol.programs.xarm_script import xarm_script
+from harness.programs import as_file, press, wiped
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+@pytest.mark.parametrize(
+    ("index", "field", "said"),
+    [
+        (0, "target", "app 1 .move to contact. has no target"),
+        (1, "force", "app 2 .apply force. has no force"),
+    ],
+)
+def test_an_app_without_what_it_needs_is_refused(
+    write: Callable[[ProgramFile], str], index: int, field: str, said: str
+):
+    apps = list(press())
+    apps[index] = apps[index].model_copy(update={field: None})
+    with pytest.raises(ValueError, match=said):
+        write(as_file(tuple(apps)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_press_without_a_direction_is_refused(write: Callable[[ProgramFile], str]):
+    touch, pressed, away = press()
+    with pytest.raises(ValueError, match=r"app 2 .apply force.: force 0 N, expected one with a direction"):
+        write(as_file((touch, pressed.model_copy(update={"force": (0.0, 0.0, 0.0)}), away)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_path_without_a_target_is_refused(write: Callable[[ProgramFile], str]):
+    touch, stroke = wiped()
+    with pytest.raises(ValueError, match=r"app 2 .apply force. has a path, but no target"):
+        write(as_file((touch, stroke.model_copy(update={"target": None}))))

@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
+from zlib import crc32
+
+import numpy as np
 
 from caesura_lab.annotations import (
     SUFFIX,
@@ -20,6 +23,7 @@ from caesura_lab.annotations import (
     truth_of,
 )
 from caesura_lab.evaluation.declared import with_declarations
+from caesura_lab.evaluation.sensor_conditions import CONDITIONS
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
 from caesura_protocol.formats.read import load_recording
@@ -129,6 +133,39 @@ class SimulatedDemonstration:
 
 
 @dataclass(frozen=True)
+class PoorerCase:
+    """A case whose recording is changed as of one of CONDITIONS; its truth stays.
+
+    Random numbers depend on the recording's name alone.
+    """
+
+    case: Case
+    condition: str
+
+    @property
+    def name(self) -> str:
+        """The condition and the recording's name."""
+        return f"{self.condition}: {self.case.name}"
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """The condition."""
+        return (self.condition,)
+
+    @property
+    def group(self) -> str:
+        """The condition."""
+        return self.condition
+
+    def load(self) -> tuple[Recording, Truth]:
+        """Load the case and change its recording; where results are shown by robot, the condition is one."""
+        recording, truth = self.case.load()
+        rng = np.random.default_rng(crc32(self.case.name.encode()))
+        changed = CONDITIONS[self.condition](recording, rng)
+        return changed, replace(truth, name=self.name, robot=self.condition)
+
+
+@dataclass(frozen=True)
 class SuiteOptions:
     """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
 
@@ -205,12 +242,17 @@ def real(extent: SuiteOptions) -> list[Case]:
     return cases
 
 
+def sensors(extent: SuiteOptions) -> list[Case]:
+    """Return the recordings of `real` under every one of CONDITIONS. Raises TruthError as `real`."""
+    return [PoorerCase(case, condition) for condition in CONDITIONS for case in real(extent)]
+
+
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
     """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
 
     name: of the suite, None where files are judged.
     """
-    if name != "real":
+    if name not in ("real", "sensors"):
         return []
     return [
         f"{file}: not in {extent.data}, left out; its source: {source.source or 'not stated'}"
@@ -249,4 +291,5 @@ SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
     "real": real,
+    "sensors": sensors,
 }

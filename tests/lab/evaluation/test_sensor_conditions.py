@@ -1,0 +1,111 @@
+"""`--suite sensors`: annotated recordings as poorer sensors would have made them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_lab.evaluation.sensor_conditions import CONDITIONS
+from caesura_lab.evaluation.suites import FileCase, PoorerCase, SuiteOptions, suite
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.recording import Recording
+
+BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
+BASE = load_recording(BUTTON)
+RNG_SEED = 7
+
+
+def under(condition: str) -> Recording:
+    return CONDITIONS[condition](BASE, np.random.default_rng(RNG_SEED))
+
+
+def of(recording: Recording, *names: str) -> np.ndarray:
+    return np.column_stack([recording.signals[name] for name in names])
+
+
+@pytest.mark.parametrize(("condition", "rate_hz"), [("50 Hz", 50.0), ("20 Hz", 20.0), ("10 Hz", 10.0)])
+def test_a_lower_rate_keeps_samples_that_were_measured(condition: str, rate_hz: float):
+    slower = under(condition)
+    assert np.median(np.diff(slower.t)) == pytest.approx(1.0 / rate_hz, rel=0.01)
+    rows = np.searchsorted(BASE.t, slower.t)
+    np.testing.assert_array_equal(slower.matrix(), BASE.matrix()[rows])
+
+
+def test_a_lower_rate_is_a_mean_where_samples_come_in_bursts():
+    times = np.sort(np.concatenate([np.arange(0.0, 10.0, 0.02), np.arange(0.0, 10.0, 0.02) + 0.001]))
+    bursts = Recording(t=times, signals={"pos": np.zeros((len(times), 3))})
+    slower = CONDITIONS["20 Hz"](bursts, np.random.default_rng(RNG_SEED))
+    assert len(slower.t) == pytest.approx(200, abs=2)
+
+
+def test_a_tenth_of_the_samples_is_lost():
+    assert len(under("a tenth of the samples lost").t) == pytest.approx(0.9 * len(BASE.t), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("condition", "signal", "deviation"),
+    [
+        ("position noise 0.5 mm", "pos", 0.0005),
+        ("position noise 1 mm", "pos", 0.001),
+        ("force noise 1 N", "force", 1.0),
+    ],
+)
+def test_noise_has_its_deviation_and_leaves_the_rest(condition: str, signal: str, deviation: float):
+    noisy = under(condition)
+    added = noisy.signals[signal] - BASE.signals[signal]
+    np.testing.assert_allclose(added.std(axis=0), deviation, rtol=0.05)
+    rest = [name for name in BASE.signals if name != signal]
+    np.testing.assert_array_equal(of(noisy, *rest), of(BASE, *rest))
+
+
+@pytest.mark.parametrize(
+    ("condition", "signal", "step"),
+    [("position in steps of 1 mm", "pos", 0.001), ("force in steps of 0.5 N", "force", 0.5)],
+)
+def test_steps_are_multiples_nearest_to_what_was_measured(condition: str, signal: str, step: float):
+    stepped = under(condition).signals[signal]
+    np.testing.assert_allclose(stepped / step, np.round(stepped / step), atol=1e-9)
+    assert np.abs(stepped - BASE.signals[signal]).max() <= 0.5 * step + 1e-12
+
+
+def test_a_late_wrench_is_the_one_of_a_tenth_of_a_second_ago():
+    late = under("wrench 0.1 s late")
+    rows = np.flatnonzero(BASE.t - BASE.t[0] > 0.2)[:500]
+    ago = [int(np.argmin(np.abs(BASE.t - (BASE.t[row] - 0.1)))) for row in rows]
+    np.testing.assert_array_equal(late.signals["force"][rows], BASE.signals["force"][ago])
+    np.testing.assert_array_equal(late.signals["pos"], BASE.signals["pos"])
+
+
+def test_a_drift_ends_at_its_size():
+    added = under("force drifts by 2 N").signals["force"] - BASE.signals["force"]
+    np.testing.assert_allclose(added[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(added[-1], 2.0)
+
+
+def test_the_suite_has_every_recording_under_every_condition(tmp_path: Path):
+    annotations = tmp_path / "annotations"
+    annotations.mkdir()
+    source = {"file": BUTTON.name, "sha256": hashlib.sha256(BUTTON.read_bytes()).hexdigest()}
+    truth = {"window": [0, 5], "changepoints": [{"t": 2.0, "tol": 0.15, "level": "major"}]}
+    (annotations / "button.ann.json").write_text(json.dumps(truth | {"recording": source}))
+    cases = suite("sensors", SuiteOptions(data=BUTTON.parent, annotations=annotations))
+    button = [case for case in cases if case.name.endswith(BUTTON.name)]
+    assert [case.group for case in button] == list(CONDITIONS)
+    noisy, truth_of_it = pickle.loads(pickle.dumps(button[6])).load()
+    assert truth_of_it.robot == button[6].group
+    again, _ = button[6].load()
+    np.testing.assert_array_equal(noisy.matrix(), again.matrix())
+
+
+def test_two_recordings_have_other_noise():
+    cases = [
+        PoorerCase(FileCase(BUTTON.with_name(name)), "position noise 1 mm")
+        for name in ("button.npz", "wiping.npz")
+    ]
+    added = [case.load()[0].signals["pos"] - case.case.load()[0].signals["pos"] for case in cases]
+    assert not np.allclose(added[0][:100], added[1][:100])

@@ -2,7 +2,7 @@
 
 A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
 dead driver, or simulated. It shows no contact and no load, so contact and load are off then, and the reason
-is stated. A simulation without noise is exactly 0 in free space and has forces elsewhere; it is used, and
+is stated. A sensor with coarse steps repeats its values too, but throughout the recording. A simulation without noise is exactly 0 in free space and has forces elsewhere; it is used, and
 named. A unit of the force that was declared (`--force-unit N`) is believed, and so are its values.
 
 A recording that is shorter than the tare has a force without a zero: the bias of a sensor, up to 20 N on real
@@ -24,7 +24,8 @@ from caesura_protocol.plausibility import LEAST_SAMPLES, METRES
 
 Array = NDArray[np.float64]
 
-FROZEN_S = 0.5  # the longest of 52 real recordings is 0.05 s, while the flange moved by 0.1 mm
+FROZEN_S = 0.5  # the longest of 55 real recordings is 0.05 s, while the flange moved by 0.1 mm
+USUAL_SHARE, MORE = 0.9, 10.0  # a dead driver repeats a force for so much longer than it usually stays
 MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
 TARE_S = 0.4  # of the service: the force is zeroed by this much at the start
@@ -105,14 +106,18 @@ def _unused(
 def frozen_runs(
     t: Array, signals: Mapping[str, Array], wrench: Sequence[str], length_unit: str
 ) -> list[FrozenRun]:
-    """Runs of samples in which no axis of the wrench changes for over FROZEN_S while the robot moves."""
+    """Runs of samples in which no axis of the wrench changes for over FROZEN_S while the robot moves.
+
+    Where a sensor has coarse steps, they last MORE times longer than usual.
+    """
     place, least = ("pos", MOVED_M / METRES[length_unit]) if "pos" in signals else ("q", MOVED_RAD)
     values = np.column_stack([signals[name] for name in wrench])
     changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1))
     edges = np.concatenate([[0], changes + 1, [t.size]])
     lengths = t[edges[1:] - 1] - t[edges[:-1]]
+    usual_s = _usual(np.diff(t[edges[:-1]], append=t[-1]))
     found = []
-    for index in np.flatnonzero(lengths > FROZEN_S).tolist():
+    for index in np.flatnonzero(lengths > max(FROZEN_S, MORE * usual_s)).tolist():
         start, stop = int(edges[index]), int(edges[index + 1])
         moved = float(np.linalg.norm(np.ptp(signals[place][start:stop], axis=0)))
         if moved > least:
@@ -120,6 +125,15 @@ def frozen_runs(
             force = tuple(signals[wrench[0]][start].tolist())
             found.append(FrozenRun(float(t[start]), float(t[stop - 1]), shown, force))
     return found
+
+
+def _usual(seconds: Array) -> float:
+    """How long runs last [s], of those that are not longer than FROZEN_S, in USUAL_SHARE of their time."""
+    short = np.sort(seconds[(seconds > 0.0) & (seconds <= FROZEN_S)])
+    if not short.size:
+        return 0.0
+    share = np.cumsum(short) / short.sum()
+    return float(short[np.searchsorted(share, USUAL_SHARE)])
 
 
 def _named(runs: Sequence[FrozenRun], wrench: Sequence[str], signals: Mapping[str, Array]) -> str:

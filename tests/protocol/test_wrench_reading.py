@@ -48,6 +48,23 @@ def test_a_force_that_freezes_is_named_and_not_used(tmp_path: Path):
     assert "it is declared to be right" in believed.cautions[0]
 
 
+@pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
+def test_a_sensor_with_coarse_steps_is_used(tmp_path: Path, step: float):
+    def stepped(values: np.ndarray) -> np.ndarray:
+        return step * np.round(values / step) + 0.01
+
+    found = load_recording(changed(tmp_path / "a.npz", force=stepped, torque=stepped))
+    assert (found.wrench_source, found.cautions) == ("flange_sensor", ())
+    if step == 2.0:
+        changes = np.flatnonzero(np.diff(found.signals["force"], axis=0).any(axis=1))
+        assert np.diff(found.t[changes]).max() > FROZEN_S, "a value lasts as long as a dead driver's"
+
+
+def test_a_driver_that_dies_at_once_is_found_in_a_recording_of_two_forces(tmp_path: Path):
+    file = changed(tmp_path / "a.npz", force=frozen_from(1), torque=frozen_from(1))
+    assert load_recording(file).wrench_source == "none"
+
+
 def test_a_force_of_zeros_is_no_force(tmp_path: Path):
     found = load_recording(changed(tmp_path / "a.npz", force=np.zeros_like, torque=np.zeros_like))
     assert found.wrench_source == "none"

@@ -2,8 +2,9 @@
 
 A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
 dead driver, or simulated. It shows no contact and no load, so contact and load are off then, and the reason
-is stated. A sensor with coarse steps repeats its values too, but throughout the recording. A simulation without noise is exactly 0 in free space and has forces elsewhere; it is used, and
-named. A unit of the force that was declared (`--force-unit N`) is believed, and so are its values.
+is stated. A sensor with coarse steps repeats its values too, but throughout the recording. A simulation
+without noise is exactly 0 in free space and has forces elsewhere; it is used, and named. A unit of the
+force that was declared (`--force-unit N`) is believed, and so are its values.
 
 A recording that is shorter than the tare has a force without a zero: the bias of a sensor, up to 20 N on real
 ones, would pass for a contact.

@@ -23,7 +23,7 @@ from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
 from caesura_service.constants import GRAVITY
-from caesura_service.robot import HandDynamics, Robot
+from caesura_service.robot import HandDynamics, Robot, solve
 
 DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
@@ -106,14 +106,14 @@ class GuidedArmSimulation:
     def _step(self, tick: int, row: Array) -> None:
         """Write the state and its wrenches into the row, then advance one tick."""
         arm = self._robot.hand_dynamics(self._q)
-        flange_twist = arm.jacobian @ self._v
+        flange_twist = arm.jacobian.dot(self._v)
         twist = flange_twist.tolist()
         axis = arm.rotation_base[:, 2]
         lever = lever_along(axis)
         hand = self._hand_wrench(tick, arm, twist)
         load_kg = float(self._plan.load_kg[tick])
         tip, tip_velocity = tip_motion(arm.position_base, twist, lever)
-        spin = float(flange_twist[3:] @ axis)
+        spin = float(flange_twist[3:].dot(axis))
         contact, torque_nm, normal_n = self._contact(tip, tip_velocity, spin, DT, GRAVITY * load_kg)
         self._adapt_hand(tick, load_kg, normal_n, torque_nm)
         outside = with_weight(contact, load_kg)
@@ -129,11 +129,10 @@ class GuidedArmSimulation:
         change = velocity_change(arm, self._v, flange_wrench, friction_nm, load_kg, at_tip)
         if at_tip is not None:
             environment = at_flange(with_inertia(outside, load_kg, at_tip, change), lever)
-        joints = self._robot.joints
-        row[:joints], row[joints : 2 * joints], rest = self._q, self._v, row[2 * joints :]
-        rest[:] = *twist, *environment, *hand, *contact, *tip_velocity, normal_n
         if torque_nm:
-            rest[9:12] += torque_nm * axis
+            environment = turned(environment, (torque_nm * axis).tolist())
+        state = *self._q.tolist(), *self._v.tolist(), *twist
+        row[:] = *state, *environment, *hand, *contact, *tip_velocity, normal_n
         self._v = self._v + change
         self._q = self._q + DT * self._v
 
@@ -231,19 +230,19 @@ def velocity_change(
     friction_nm: (n,) Coulomb friction of the joints; at_tip: (3, n) Jacobian where a load adds its mass.
     """
     resistance: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
-    driving = arm.jacobian.T @ flange_wrench
+    driving = flange_wrench.dot(arm.jacobian)
     if torques is not None:
         driving += torques
     damped = loaded_mass(arm, load_kg, at_tip)
     damped.ravel()[:: len(v) + 1] += DT * resistance  # its diagonal, in a third of the time of np.diag
-    return np.asarray(np.linalg.solve(damped, DT * (driving - resistance * v)), dtype=np.float64)
+    return solve(damped, DT * (driving - resistance * v))
 
 
 def loaded_mass(arm: HandDynamics, load_kg: float, at_tip: Array | None) -> Array:
     """Mass matrix (n, n) with a load, if any, at the end of the Jacobian at_tip (3, n); a new array."""
     if at_tip is None:
         return arm.mass_matrix.copy()
-    return np.asarray(arm.mass_matrix + load_kg * at_tip.T @ at_tip)
+    return np.asarray(arm.mass_matrix + (load_kg * at_tip.T).dot(at_tip))
 
 
 def lever_along(axis: Array) -> Vector:
@@ -282,9 +281,16 @@ def at_flange(force: Vector, lever: Vector) -> tuple[float, ...]:
     return fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx
 
 
+def turned(wrench: tuple[float, ...], turning: Sequence[float]) -> list[float]:
+    """Add a moment (3,) [Nm] to a wrench (6,)."""
+    fx, fy, fz, mx, my, mz = wrench
+    tx, ty, tz = turning
+    return [fx, fy, fz, mx + tx, my + ty, mz + tz]
+
+
 def turn_error(meant: Array, rotation: Array) -> Vector:
     """Rotation vector [rad] from one rotation (3, 3) to another, for small angles."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (meant @ rotation.T).tolist()
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = meant.dot(rotation.T).tolist()
     return 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
 
 
@@ -292,5 +298,5 @@ def tip_jacobian(jacobian: Array, lever: Vector) -> Array:
     """Velocity of the fingertips per joint velocity, (3, n)."""
     x, y, z = lever
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    at_tip: Array = jacobian[:3] - cross @ jacobian[3:]
+    at_tip: Array = jacobian[:3] - cross.dot(jacobian[3:])
     return at_tip

@@ -32,8 +32,9 @@ TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)  # of a path, where no oth
 NAMED_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 POWERS = 6  # of a share of a leg, from 0 on
 _EXPONENTS = np.arange(float(POWERS))
-_LOWERED = np.maximum(np.arange(POWERS) - np.arange(3)[:, None], 0)  # exponents of the powers' derivatives
-_FACTORS = np.array([np.ones(POWERS), _EXPONENTS, _EXPONENTS * (_EXPONENTS - 1.0)])  # and what multiplies them
+# Exponents of the powers, of their first and of their second derivatives, (3, 6), and what multiplies them.
+_LOWERED = np.maximum(np.arange(POWERS) - np.arange(3)[:, None], 0)
+_FACTORS = np.array([np.ones(POWERS), _EXPONENTS, _EXPONENTS * (_EXPONENTS - 1.0)])
 UNKNOWN = (math.nan,) * 3
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 

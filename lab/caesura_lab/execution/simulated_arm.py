@@ -8,7 +8,6 @@ joints' friction and damping. Along the direction in which a force is controlled
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -33,10 +32,11 @@ from caesura_lab.teacher.guided_arm import (
 from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S
 from caesura_lab.teacher.shapes import contact_with
+from caesura_lab.teacher.small_matrices import eigh, solve
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import turning_of
 from caesura_service.constants import GRAVITY
-from caesura_service.robot import HandDynamics, Robot, eigh, solve
+from caesura_service.robot import HandDynamics, Robot
 
 STIFFNESS_N_PER_M, DAMPING_NS_PER_M = 3000.0, 240.0  # as libfranka's examples set a Panda's own controller
 TURN_STIFFNESS_NM, TURN_DAMPING_NMS = 300.0, 14.0  # likewise
@@ -137,9 +137,11 @@ class SimulatedArm:
         eased = self._eased_nm * v / (np.abs(v) + EASED_RAD_PER_S) + EASED_DAMPING * v
         task = solve(jacobian.dot(jacobian.T), jacobian.dot(posture)).dot(jacobian)
         given = [own + other for own, other in zip(wrench, at_flange(outside, lever), strict=True)]
-        flange_wrench = np.array(turned(given, turning))
+        flange_wrench: Array = np.array(turned(given, turning))
         at_tip = tip_jacobian(jacobian, lever) if held_kg > 0.0 else None
-        change = velocity_change(arm, v, flange_wrench, self._friction_nm, held_kg, at_tip, posture - task + eased)
+        change = velocity_change(
+            arm, v, flange_wrench, self._friction_nm, held_kg, at_tip, posture - task + eased
+        )
         if at_tip is not None:
             outside = with_inertia(outside, held_kg, at_tip, change)
         environment = turned(at_flange(outside, lever), turning)

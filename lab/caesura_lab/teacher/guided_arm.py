@@ -22,8 +22,9 @@ from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
+from caesura_lab.teacher.small_matrices import solve
 from caesura_service.constants import GRAVITY
-from caesura_service.robot import HandDynamics, Robot, solve
+from caesura_service.robot import HandDynamics, Robot
 
 DAMPING = np.array([20.0, 20.0, 20.0, 1.5, 1.5, 1.5])  # [Ns/m, Nms/rad] of the guiding controller, D_x
 JOINT_DAMPING = 0.8  # [Nms/rad], damps the null space too
@@ -158,7 +159,7 @@ class GuidedArmSimulation:
             fz += self._weight_n - self._press_n
         else:
             toward = plan.turns.rotation[tick]
-            rotation = toward @ rotation
+            rotation = toward.dot(rotation)
             rates = [rate - meant for rate, meant in zip(rates, plan.turns.rate[tick].tolist(), strict=True)]
             stiffness, damping = FIRM_TURN_STIFFNESS, FIRM_TURN_DAMPING
             px, py, pz = (self._press_n * toward[:, 2]).tolist()
@@ -269,7 +270,7 @@ def with_weight(force: Vector, kg: float) -> Vector:
 def with_inertia(force: Vector, kg: float, jacobian: Array, change: Array) -> Vector:
     """Take from a force [N] what accelerates a mass at a Jacobian (3, n), by a change of joint velocity."""
     fx, fy, fz = force
-    dx, dy, dz = (jacobian @ change).tolist()
+    dx, dy, dz = jacobian.dot(change).tolist()
     rate = kg / DT
     return fx - rate * dx, fy - rate * dy, fz - rate * dz
 
@@ -281,11 +282,11 @@ def at_flange(force: Vector, lever: Vector) -> tuple[float, ...]:
     return fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx
 
 
-def turned(wrench: tuple[float, ...], turning: Sequence[float]) -> list[float]:
+def turned(wrench: Sequence[float], turning: Sequence[float]) -> tuple[float, ...]:
     """Add a moment (3,) [Nm] to a wrench (6,)."""
     fx, fy, fz, mx, my, mz = wrench
     tx, ty, tz = turning
-    return [fx, fy, fz, mx + tx, my + ty, mz + tz]
+    return fx, fy, fz, mx + tx, my + ty, mz + tz
 
 
 def turn_error(meant: Array, rotation: Array) -> Vector:

@@ -8,6 +8,5 @@ from caesura_service.robot.kinematics import (
     load_panda,
     load_robot,
 )
-from caesura_service.robot.linear_system import eigh, solve
 
-__all__ = ["FlangePose", "HandDynamics", "ReachError", "Robot", "eigh", "load_panda", "load_robot", "solve"]
+__all__ = ["FlangePose", "HandDynamics", "ReachError", "Robot", "load_panda", "load_robot"]

@@ -207,7 +207,7 @@ class SimulatedArm:
                 )
             ]
         )
-        if want.along.any():
+        if any(want.along.tolist()):
             speed = want.along.dot(np.array(twist[:3]))
             force -= want.along * (want.along.dot(force) + PRESS_DAMPING_NS_PER_M * speed)
         fx, fy, fz = (force + want.push + ahead[:3]).tolist()
@@ -229,7 +229,7 @@ class SimulatedArm:
         Joints that turn evenly accelerate the flange by J̇ v; forces accelerate it by the rest. Along the
         direction of a controlled force a setpoint asks for no acceleration.
         """
-        if not (want.velocity.any() or want.turning.any()):
+        if not (any(want.velocity.tolist()) or any(want.turning.tolist())):
             return [0.0] * 6
         at_tip = tip_jacobian(arm.jacobian, lever) if self.load_kg > 0.0 else None
         mass = loaded_mass(arm, self.load_kg, at_tip)

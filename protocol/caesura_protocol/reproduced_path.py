@@ -32,6 +32,9 @@ TOLERANCE_M, TOLERANCE_RAD = 0.002, math.radians(1.0)  # of a path, where no oth
 NAMED_TURN_RAD = math.radians(5.0)  # from which on a turn is named
 POWERS = 6  # of a share of a leg, from 0 on
 _EXPONENTS = np.arange(float(POWERS))
+# Exponents of the powers, of their first and of their second derivatives, (3, 6), and what multiplies them.
+_LOWERED = np.maximum(np.arange(POWERS) - np.arange(3)[:, None], 0)
+_FACTORS = np.array([np.ones(POWERS), _EXPONENTS, _EXPONENTS * (_EXPONENTS - 1.0)])
 UNKNOWN = (math.nan,) * 3
 STEEPEST = 1.5  # an estimate is at most so many times the mean slope on either side of a knot
 
@@ -88,6 +91,11 @@ class Curve:
         return np.hstack([self.velocities[:, :3], turning])
 
     @cached_property
+    def _times(self) -> list[float]:
+        times: list[float] = self.t.tolist()
+        return times
+
+    @cached_property
     def coefficients(self) -> Array:
         """(k − 1, 6, c): of the powers of a share of each leg, the lowest first."""
         seconds = (self.t[1:] - self.t[:-1])[:, None]
@@ -104,13 +112,14 @@ class Curve:
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
         """Value, velocity and acceleration (c,) at a time; past the end it goes on as it arrived."""
-        if t >= self.t[-1]:
+        if t >= self._times[-1]:
             last = self.velocities[-1]
             return self.values[-1] + (t - self.t[-1]) * last, last, np.zeros_like(last)
-        leg = max(bisect_right(self.t.tolist(), t) - 1, 0)
-        seconds = float(self.t[leg + 1] - self.t[leg])
-        s = max(t - float(self.t[leg]), 0.0) / seconds
-        value, velocity, acceleration = _powers(np.array(s)) @ self.coefficients[leg]
+        leg = max(bisect_right(self._times, t) - 1, 0)
+        began = self._times[leg]
+        seconds = self._times[leg + 1] - began
+        s = max(t - began, 0.0) / seconds
+        value, velocity, acceleration = _powers(np.array(s)).dot(self.coefficients[leg])
         return value, velocity / seconds, acceleration / seconds**2
 
     def sampled(self, parts: int) -> Array:
@@ -224,9 +233,5 @@ def _powers_of_parts(parts: int) -> Array:
 
 def _powers(s: Array) -> Array:
     """(…, 3, 6): powers of shares s of a leg, their first and their second derivatives."""
-    powers = np.asarray(s)[..., None] ** _EXPONENTS
-    found = np.zeros((*powers.shape[:-1], 3, POWERS))
-    found[..., 0, :] = powers
-    found[..., 1, 1:] = _EXPONENTS[1:] * powers[..., :5]
-    found[..., 2, 2:] = _EXPONENTS[2:] * _EXPONENTS[1:5] * powers[..., :4]
-    return found
+    powers: Array = np.asarray(s)[..., None] ** _EXPONENTS
+    return np.asarray(_FACTORS * powers[..., _LOWERED])

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 def matrix_of(quaternion: Sequence[float] | Array) -> Array:
     """Return the rotation (3, 3) of a quaternion (4,)."""
-    return np.array(_rows(*_unit(quaternion)))
+    return np.array(_rows(*_unit(quaternion).tolist()))
 
 
 def matrices_of(quaternions: Array) -> Array:
@@ -69,9 +69,11 @@ def turning_of(quaternion: Array, change: Array, bend: Array) -> tuple[Array, Ar
 
     change, bend: (4,) its first and second derivatives; its length need not be 1.
     """
-    size = float(quaternion @ quaternion)
-    turning, turned = _imaginary(change, quaternion) / size, _imaginary(bend, quaternion) / size
-    return turning, turned - turning * (2.0 * float(quaternion @ change) / size)
+    size = float(quaternion.dot(quaternion))
+    slower = 2.0 * float(quaternion.dot(change)) / size
+    turning = [part / size for part in _imaginary(change, quaternion)]
+    turned = [part / size for part in _imaginary(bend, quaternion)]
+    return np.array(turning), np.array([b - a * slower for a, b in zip(turning, turned, strict=True)])
 
 
 def angular_velocities(quaternions: Array, rates: Array) -> Array:
@@ -95,16 +97,14 @@ def cross(one: Array, other: Array) -> Array:
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def _imaginary(change: Array, quaternion: Array) -> Array:
+def _imaginary(change: Array, quaternion: Array) -> tuple[float, float, float]:
     """Twice the vector part (3,) of a quaternion (4,) times the conjugate of another."""
     cx, cy, cz, cw = change.tolist()
     qx, qy, qz, qw = quaternion.tolist()
-    return 2.0 * np.array(
-        [
-            (qw * cx - cw * qx) + (qy * cz - qz * cy),
-            (qw * cy - cw * qy) + (qz * cx - qx * cz),
-            (qw * cz - cw * qz) + (qx * cy - qy * cx),
-        ]
+    return (
+        2.0 * ((qw * cx - cw * qx) + (qy * cz - qz * cy)),
+        2.0 * ((qw * cy - cw * qy) + (qz * cx - qx * cz)),
+        2.0 * ((qw * cz - cw * qz) + (qx * cy - qy * cx)),
     )
 
 
@@ -132,7 +132,7 @@ def _unit(quaternions: Sequence[float] | Array) -> Array:
     """Scale a quaternion (4,), or each of (n, 4), to unit length."""
     given = np.asarray(quaternions, dtype=np.float64)
     if given.ndim == 1:
-        return np.asarray(given / np.linalg.norm(given))
+        return np.asarray(given / math.sqrt(given.dot(given)))
     return np.asarray(given / np.linalg.norm(given, axis=1, keepdims=True))
 
 

@@ -8,7 +8,6 @@ joints' friction and damping. Along the direction in which a force is controlled
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ from caesura_lab.teacher.guided_arm import (
     tip_jacobian,
     tip_motion,
     turn_error,
+    turned,
     velocity_change,
     with_inertia,
     with_weight,
@@ -32,6 +32,7 @@ from caesura_lab.teacher.guided_arm import (
 from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S
 from caesura_lab.teacher.shapes import contact_with
+from caesura_lab.teacher.small_matrices import eigh, solve
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import turning_of
 from caesura_service.constants import GRAVITY
@@ -121,11 +122,12 @@ class SimulatedArm:
         """Simulate one tick under a setpoint; return the measurement."""
         q, v, held_kg = self._q, self._v, self.world.held_kg
         arm = self._robot.hand_dynamics(q)
-        flange_twist = arm.jacobian @ v
+        jacobian = arm.jacobian
+        flange_twist = jacobian.dot(v)
         twist = flange_twist.tolist()
         axis = arm.rotation_base[:, 2]
         lever = lever_along(axis)
-        spin = float(flange_twist[3:] @ axis)
+        spin = float(flange_twist[3:].dot(axis))
         tip, tip_velocity = tip_motion(arm.position_base, twist, lever)
         contact, torque_nm, _ = self._contact(tip, tip_velocity, spin, DT, GRAVITY * held_kg)
         turning = (torque_nm * axis).tolist()
@@ -133,11 +135,13 @@ class SimulatedArm:
         outside = with_weight(contact, held_kg)
         posture = POSTURE_NM_PER_RAD * (self._home - q) - POSTURE_NMS_PER_RAD * v
         eased = self._eased_nm * v / (np.abs(v) + EASED_RAD_PER_S) + EASED_DAMPING * v
-        task = arm.jacobian.T @ np.linalg.solve(arm.jacobian @ arm.jacobian.T, arm.jacobian @ posture)
-        given = np.array(wrench) + at_flange(outside, lever)
-        given[3:] += turning
-        at_tip = tip_jacobian(arm.jacobian, lever) if held_kg > 0.0 else None
-        change = velocity_change(arm, v, given, self._friction_nm, held_kg, at_tip, posture - task + eased)
+        task = solve(jacobian.dot(jacobian.T), jacobian.dot(posture)).dot(jacobian)
+        given = [own + other for own, other in zip(wrench, at_flange(outside, lever), strict=True)]
+        flange_wrench: Array = np.array(turned(given, turning))
+        at_tip = tip_jacobian(jacobian, lever) if held_kg > 0.0 else None
+        change = velocity_change(
+            arm, v, flange_wrench, self._friction_nm, held_kg, at_tip, posture - task + eased
+        )
         if at_tip is not None:
             outside = with_inertia(outside, held_kg, at_tip, change)
         environment = turned(at_flange(outside, lever), turning)
@@ -177,7 +181,7 @@ class SimulatedArm:
         """Return the mass [kg] of the arm at the flange along a direction (3,), where it is."""
         arm = self._robot.hand_dynamics(self._q)
         joints = arm.jacobian[:3].T @ direction
-        return float(1.0 / (joints @ np.linalg.solve(arm.mass_matrix, joints)))
+        return float(1.0 / (joints @ solve(arm.mass_matrix, joints)))
 
     def trace(self) -> SimulationTrace:
         """Return the trace of all ticks; the controller's wrench is in place of a hand's."""
@@ -203,9 +207,9 @@ class SimulatedArm:
                 )
             ]
         )
-        if want.along.any():
-            speed = want.along @ np.array(twist[:3])
-            force -= want.along * (want.along @ force + PRESS_DAMPING_NS_PER_M * speed)
+        if any(want.along.tolist()):
+            speed = want.along.dot(np.array(twist[:3]))
+            force -= want.along * (want.along.dot(force) + PRESS_DAMPING_NS_PER_M * speed)
         fx, fy, fz = (force + want.push + ahead[:3]).tolist()
         torque = [
             TURN_STIFFNESS_NM * error + TURN_DAMPING_NMS * (speed - rate) + added
@@ -225,20 +229,13 @@ class SimulatedArm:
         Joints that turn evenly accelerate the flange by J̇ v; forces accelerate it by the rest. Along the
         direction of a controlled force a setpoint asks for no acceleration.
         """
-        if not (want.velocity.any() or want.turning.any()):
+        if not (any(want.velocity.tolist()) or any(want.turning.tolist())):
             return [0.0] * 6
         at_tip = tip_jacobian(arm.jacobian, lever) if self.load_kg > 0.0 else None
         mass = loaded_mass(arm, self.load_kg, at_tip)
-        mobilities, axes = np.linalg.eigh(arm.jacobian @ np.linalg.solve(mass, arm.jacobian.T))
-        across = want.acceleration - want.along * (want.along @ want.acceleration)
+        mobilities, axes = eigh(arm.jacobian.dot(solve(mass, arm.jacobian.T)))
+        across = want.acceleration - want.along * want.along.dot(want.acceleration)
         asked = np.concatenate([across, want.angular_acceleration])
         asked -= self._robot.velocity_product_acceleration(self._q, self._v)
-        ahead: list[float] = (axes @ (axes.T @ asked / np.maximum(mobilities, LEAST_MOBILITY))).tolist()
+        ahead: list[float] = axes.dot(asked.dot(axes) / np.maximum(mobilities, LEAST_MOBILITY)).tolist()
         return ahead
-
-
-def turned(wrench: tuple[float, ...], turning: Sequence[float]) -> list[float]:
-    """Add a moment (3,) [Nm] to a wrench (6,)."""
-    fx, fy, fz, mx, my, mz = wrench
-    tx, ty, tz = turning
-    return [fx, fy, fz, mx + tx, my + ty, mz + tz]

@@ -159,7 +159,11 @@ class SkillController:
                 break
             if k == round(0.5 * (weighs_from + weighed)):
                 self._check_load(measured)
-            if approach is not None and k > weighed and -float(approach @ self.felt) > self.safety.contact_n:
+            if (
+                approach is not None
+                and k > weighed
+                and -float(approach.dot(self.felt)) > self.safety.contact_n
+            ):
                 self._check_contact(app, measured)
                 self._enter_contact(approach)
                 self._settle_on_contact(approach)
@@ -204,8 +208,8 @@ class SkillController:
             share = min(k * DT / rise, 1.0)
             want = began_n + share * (force_n - began_n)
             setpoint = still if path is None else self._setpoint_at(path, k * DT)
-            along = setpoint.rotation @ in_tool
-            speed, resists = (float(along @ v) for v in (self.measured.twist[:3], -self.felt))
+            along = setpoint.rotation.dot(in_tool)
+            speed, resists = (float(along.dot(v)) for v in (self.measured.twist[:3], -self.felt))
             fast = 0.0 if depth_m is None else speed - (BOTTOM_M_PER_S + SINKING_PER_S * left_m)
             slowed_n = min(SINKING_NS_PER_M * max(fast, 0.0), want + self._correction_n)
             spared = max(1.0 - resists / want, 0.0) if sinks and want > 0.0 else 0.0
@@ -220,10 +224,10 @@ class SkillController:
                 wrong = -self._correction_n  # what was added to press on something else
             corrected = self._correction_n + gain_per_s * DT * wrong
             self._correction_n = min(max(corrected, -FORCE_CORRECTION_N), FORCE_CORRECTION_N)
-            sunk += DT * float(along @ measured.twist[:3])
+            sunk += DT * float(along.dot(measured.twist[:3]))
             beyond_m = sunk - max(depth_m or 0.0, 0.0)
             if depth_m is None:
-                beyond_m = float(along @ (measured.position - setpoint.position))
+                beyond_m = float(along.dot(measured.position - setpoint.position))
             if beyond_m > self.safety.search_m:
                 raise RobotStopped(f"nothing to press on within {1000 * self.safety.search_m:.0f} mm")
         deep = along * (along @ (self.measured.position - self.setpoint.position))

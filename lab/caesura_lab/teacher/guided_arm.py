@@ -22,6 +22,7 @@ from caesura_lab.teacher.motion_profiles import Array, Vector
 from caesura_lab.teacher.plan import DT, TICKS_PER_S, Plan
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_lab.teacher.shapes import contact_with
+from caesura_lab.teacher.small_matrices import solve
 from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot
 
@@ -106,14 +107,14 @@ class GuidedArmSimulation:
     def _step(self, tick: int, row: Array) -> None:
         """Write the state and its wrenches into the row, then advance one tick."""
         arm = self._robot.hand_dynamics(self._q)
-        flange_twist = arm.jacobian @ self._v
+        flange_twist = arm.jacobian.dot(self._v)
         twist = flange_twist.tolist()
         axis = arm.rotation_base[:, 2]
         lever = lever_along(axis)
         hand = self._hand_wrench(tick, arm, twist)
         load_kg = float(self._plan.load_kg[tick])
         tip, tip_velocity = tip_motion(arm.position_base, twist, lever)
-        spin = float(flange_twist[3:] @ axis)
+        spin = float(flange_twist[3:].dot(axis))
         contact, torque_nm, normal_n = self._contact(tip, tip_velocity, spin, DT, GRAVITY * load_kg)
         self._adapt_hand(tick, load_kg, normal_n, torque_nm)
         outside = with_weight(contact, load_kg)
@@ -129,11 +130,10 @@ class GuidedArmSimulation:
         change = velocity_change(arm, self._v, flange_wrench, friction_nm, load_kg, at_tip)
         if at_tip is not None:
             environment = at_flange(with_inertia(outside, load_kg, at_tip, change), lever)
-        joints = self._robot.joints
-        row[:joints], row[joints : 2 * joints], rest = self._q, self._v, row[2 * joints :]
-        rest[:] = *twist, *environment, *hand, *contact, *tip_velocity, normal_n
         if torque_nm:
-            rest[9:12] += torque_nm * axis
+            environment = turned(environment, (torque_nm * axis).tolist())
+        state = *self._q.tolist(), *self._v.tolist(), *twist
+        row[:] = *state, *environment, *hand, *contact, *tip_velocity, normal_n
         self._v = self._v + change
         self._q = self._q + DT * self._v
 
@@ -159,7 +159,7 @@ class GuidedArmSimulation:
             fz += self._weight_n - self._press_n
         else:
             toward = plan.turns.rotation[tick]
-            rotation = toward @ rotation
+            rotation = toward.dot(rotation)
             rates = [rate - meant for rate, meant in zip(rates, plan.turns.rate[tick].tolist(), strict=True)]
             stiffness, damping = FIRM_TURN_STIFFNESS, FIRM_TURN_DAMPING
             px, py, pz = (self._press_n * toward[:, 2]).tolist()
@@ -231,19 +231,19 @@ def velocity_change(
     friction_nm: (n,) Coulomb friction of the joints; at_tip: (3, n) Jacobian where a load adds its mass.
     """
     resistance: Array = friction_nm / (np.abs(v) + STICK_RAD_PER_S) + JOINT_DAMPING
-    driving = arm.jacobian.T @ flange_wrench
+    driving = flange_wrench.dot(arm.jacobian)
     if torques is not None:
         driving += torques
     damped = loaded_mass(arm, load_kg, at_tip)
     damped.ravel()[:: len(v) + 1] += DT * resistance  # its diagonal, in a third of the time of np.diag
-    return np.asarray(np.linalg.solve(damped, DT * (driving - resistance * v)), dtype=np.float64)
+    return solve(damped, DT * (driving - resistance * v))
 
 
 def loaded_mass(arm: HandDynamics, load_kg: float, at_tip: Array | None) -> Array:
     """Mass matrix (n, n) with a load, if any, at the end of the Jacobian at_tip (3, n); a new array."""
     if at_tip is None:
         return arm.mass_matrix.copy()
-    return np.asarray(arm.mass_matrix + load_kg * at_tip.T @ at_tip)
+    return np.asarray(arm.mass_matrix + (load_kg * at_tip.T).dot(at_tip))
 
 
 def lever_along(axis: Array) -> Vector:
@@ -270,7 +270,7 @@ def with_weight(force: Vector, kg: float) -> Vector:
 def with_inertia(force: Vector, kg: float, jacobian: Array, change: Array) -> Vector:
     """Take from a force [N] what accelerates a mass at a Jacobian (3, n), by a change of joint velocity."""
     fx, fy, fz = force
-    dx, dy, dz = (jacobian @ change).tolist()
+    dx, dy, dz = jacobian.dot(change).tolist()
     rate = kg / DT
     return fx - rate * dx, fy - rate * dy, fz - rate * dz
 
@@ -282,9 +282,16 @@ def at_flange(force: Vector, lever: Vector) -> tuple[float, ...]:
     return fx, fy, fz, ly * fz - lz * fy, lz * fx - lx * fz, lx * fy - ly * fx
 
 
+def turned(wrench: Sequence[float], turning: Sequence[float]) -> tuple[float, ...]:
+    """Add a moment (3,) [Nm] to a wrench (6,)."""
+    fx, fy, fz, mx, my, mz = wrench
+    tx, ty, tz = turning
+    return fx, fy, fz, mx + tx, my + ty, mz + tz
+
+
 def turn_error(meant: Array, rotation: Array) -> Vector:
     """Rotation vector [rad] from one rotation (3, 3) to another, for small angles."""
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (meant @ rotation.T).tolist()
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = meant.dot(rotation.T).tolist()
     return 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
 
 
@@ -292,5 +299,5 @@ def tip_jacobian(jacobian: Array, lever: Vector) -> Array:
     """Velocity of the fingertips per joint velocity, (3, n)."""
     x, y, z = lever
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    at_tip: Array = jacobian[:3] - cross @ jacobian[3:]
+    at_tip: Array = jacobian[:3] - cross.dot(jacobian[3:])
     return at_tip

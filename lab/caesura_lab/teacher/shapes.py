@@ -185,14 +185,14 @@ class ShapedContact:
 
     def _friction(self, velocity: Array, normal: Array, limit_n: float, dt: float) -> Array:
         """Friction (3,) [N] of a bristle across the normal, as of `FingertipContact`."""
-        across = velocity - (velocity @ normal) * normal
+        across = velocity - velocity.dot(normal) * normal
         self._stretch = self._stretch + dt * across
-        self._stretch -= (self._stretch @ normal) * normal
-        held = BRISTLE_N_PER_M * float(np.linalg.norm(self._stretch))
+        self._stretch -= self._stretch.dot(normal) * normal
+        held = BRISTLE_N_PER_M * sqrt(self._stretch.dot(self._stretch))
         slip = min(1.0, limit_n / held) if held > 0.0 else 1.0
         self._stretch *= slip
         force = -BRISTLE_N_PER_M * self._stretch - (BRISTLE_NS_PER_M if slip == 1.0 else 0.0) * across
-        over = max(1.0, float(np.linalg.norm(force)) / limit_n)
+        over = max(1.0, sqrt(force.dot(force)) / limit_n)
         return np.asarray(force / over)
 
     def _push_in(self, hole: Hole, depth: float) -> None:

@@ -193,7 +193,7 @@ class Robot:
         pin.computeJointJacobians(model, data, q)
         pose = pin.updateFramePlacement(model, data, self._flange)
         jacobian = pin.getFrameJacobian(model, data, self._flange, pin.LOCAL_WORLD_ALIGNED)
-        return HandDynamics(pose.translation.copy(), pose.rotation.copy(), jacobian, mass.copy())
+        return HandDynamics(pose.translation.copy(), pose.rotation.copy(), jacobian, mass)
 
     def velocity_product_acceleration(self, q: Array, v: Array) -> Array:
         """Acceleration (6,) of the flange at joint velocity v while no joint accelerates, J̇ v; base axes."""

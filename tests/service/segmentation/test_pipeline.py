@@ -213,7 +213,7 @@ def test_an_hour_long_pause_anywhere_is_a_gap(taught: Recording):
 
 def test_a_time_that_goes_back_is_refused_with_its_place(taught: Recording):
     back = 3.0 * (np.arange(taught.t.size) >= 6001)
-    with pytest.raises(ValueError, match="^sample 6001: time goes back"):
+    with pytest.raises(ValueError, match=r"^sample 6001: time goes back"):
         segment_recording(replace(taught, t=taught.t - back))
 
 

@@ -521,3 +521,47 @@ def test_a_short_press_reaches_its_force_no_faster_than_a_search(monkeypatch: py
     tracked = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
     heights = np.array([one.translation[2] for one in flanges(tracked)])
     assert np.abs(np.diff(heights)).max() <= 0.03 * 0.02 + 1e-9  # a period of 20 ms
+
+
+@pytest.mark.parametrize(("newton", "rise_m"), [(10.0, -0.03), (5.0, 0.035), (28.0, -0.035)])
+def test_a_surface_off_its_way_is_pressed_as_hard_as_a_low_limit_of_force_allows(
+    monkeypatch: pytest.MonkeyPatch, newton: float, rise_m: float
+) -> None:
+    # The setpoint kept within the largest force over the stiffness of the way: with a cell's limit of 10 N a
+    # surface 20 mm lower stopped the program, and with one of 5 N a surface 35 mm higher was pressed with 12 N.
+    touch, stroke = slid(4.0)
+    stroke = stroke.model_copy(update={"force": (0.0, 0.0, -newton), "tn": stroke.tn + 4.0})
+    program = as_file((touch, stroke)).model_copy(update={"safety": Safety(force_n=newton)})
+    felt = pressed_n(monkeypatch, program, lambda x, y: 0.19 + 10.0 * rise_m * min(max(x + 0.02, 0.0), 0.1))
+    assert felt[-20:] == pytest.approx([newton] * 20, rel=0.03)
+    assert max(felt) < newton + 3.0  # it lags behind a slope
+
+
+@pytest.mark.parametrize("n_per_m", [500.0, 2000.0])
+def test_what_gives_way_is_pressed_as_hard_as_a_low_limit_of_force_allows(
+    monkeypatch: pytest.MonkeyPatch, n_per_m: float
+) -> None:
+    # With a cell's limit of 10 N, 5 of 10 N reached what gives way by 1 mm with 0.5 N.
+    touch, pressed, _ = press()
+    assert touch.target is not None
+    soft = pressed.model_copy(update={"target": touch.target, "tn": pressed.tn + 4.0})
+    program = as_file((touch, soft)).model_copy(update={"safety": Safety(force_n=10.0)})
+    monkeypatch.setattr(fake_franky.MovingRobot, "surface_n_per_m", n_per_m)
+    felt = pressed_n(monkeypatch, program, lambda x, y: 0.19)
+    assert felt[-20:] == pytest.approx([10.0] * 20, rel=0.03)
+    assert max(felt) < 10.5
+
+
+def test_a_collision_names_the_app(monkeypatch: pytest.MonkeyPatch) -> None:
+    # What franky raises where the robot stops by itself ended the script with a traceback.
+    made, runner = over_surface(monkeypatch, as_file(press()), lambda x, y: 0.19)
+    moved = fake_franky.MovingRobot.move
+
+    def collided(robot: Any, motion: Any, asynchronous: bool = False) -> None:
+        if robot.flange.translation[2] < 0.25:
+            raise fake_franky.ControlException("cartesian_reflex")
+        moved(robot, motion, asynchronous)
+
+    monkeypatch.setattr(fake_franky.MovingRobot, "move", collided)
+    with pytest.raises(made.Stop, match=r"app 1 \(move to contact\): cartesian_reflex"):
+        runner.run(made.APPS)

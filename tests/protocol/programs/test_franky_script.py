@@ -565,3 +565,55 @@ def test_a_collision_names_the_app(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fake_franky.MovingRobot, "move", collided)
     with pytest.raises(made.Stop, match=r"app 1 \(move to contact\): cartesian_reflex"):
         runner.run(made.APPS)
+
+
+class SpringRobot(fake_franky.MovingRobot):
+    """A flange with a mass behind the impedance, on a surface that is a spring; its force is known late.
+
+    The impedance has the damping that franky's has: critical for 1 kg.
+    """
+
+    mass_kg, surface_n_per_m, delay_s = 5.0, 20e3, 0.0
+    STEP_S = 1e-4
+
+    def __init__(self, host: str) -> None:
+        super().__init__(host)
+        self.speed = 0.0
+        self.pressed_n: list[float] = []
+
+    def join_motion(self, timeout: float | None = None) -> bool:
+        reference = self._tracked.references[-1].target * fake_franky.RobotState.F_T_EE.inverse
+        stiffness, (x, y, wanted) = self._tracked.stiffness, reference.translation
+        z = float(self.flange.translation[2])
+        assert timeout is not None
+        for _ in range(round(timeout / self.STEP_S)):
+            pressed = max(self.surface_n_per_m * (0.19 - z), 0.0)
+            pushed = stiffness * (wanted - z) - 2.0 * math.sqrt(stiffness) * self.speed + pressed
+            self.speed += self.STEP_S * pushed / self.mass_kg
+            z += self.STEP_S * self.speed
+            self.pressed_n.append(pressed)
+        self.flange = fake_franky.Affine((x, y, z), reference.quaternion)
+        return False
+
+    def felt_n(self) -> float:
+        if not self.pressed_n:
+            return super().felt_n()
+        return self.pressed_n[max(len(self.pressed_n) - 1 - round(self.delay_s / self.STEP_S), 0)]
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("mass_kg", [2.0, 5.0, 10.0])
+@pytest.mark.parametrize("n_per_m", [20e3, 2e3, 500.0])
+def test_a_force_settles_on_what_is_stiff_and_on_what_gives_way(
+    monkeypatch: pytest.MonkeyPatch, n_per_m: float, mass_kg: float, delay_s: float
+) -> None:
+    touch, pressed, _ = press()
+    rest = pressed.model_copy(update={"target": touch.target, "tn": pressed.tn + 3.0})
+    monkeypatch.setattr(fake_franky, "MovingRobot", SpringRobot)
+    for name, value in (("surface_n_per_m", n_per_m), ("mass_kg", mass_kg), ("delay_s", delay_s)):
+        monkeypatch.setattr(SpringRobot, name, value)
+    made, runner = over_surface(monkeypatch, as_file((touch, rest)), lambda x, y: 0.19)
+    runner.run(made.APPS)
+    felt = runner.robot.pressed_n
+    assert max(felt) < 10.5
+    assert felt[-10000:] == pytest.approx([10.0] * 10000, abs=0.1)  # the last second

@@ -536,3 +536,20 @@ def test_an_arm_that_is_not_ready_any_more_does_not_go_on(state: int):
     arm.api.get_state.return_value = (0, state)
     with pytest.raises(made.Stop, match="the arm was stopped"):
         runner.run(made.APPS)
+
+
+def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFixture[str]):
+    # The controller goes on with the legs that it has and with its force; the script said that it had stopped.
+    class Lost(MovingArm):
+        def sleep(self, seconds: float) -> None:
+            super().sleep(seconds)
+            if self.presses and self.queue and self.pose[0] > 20.0:
+                for name in ("set_state", "set_mode", "set_ft_sensor_mode", "set_tcp_offset"):
+                    getattr(self.api, name).side_effect = lambda *_: -1
+                self.api.get_state.side_effect = lambda: (-1, "xArm is not connect")
+
+    arm = Lost(lambda x, y: 0.19)
+    with pytest.raises(Exception, match=r"app 2 \(apply force\): .*the SDK's code is -1"):
+        moved(on_xarm(slid(4.0)), arm)
+    said = capsys.readouterr().err
+    assert said.count("the arm does not answer: it may still move and press, stop it at its button") == 1

@@ -43,7 +43,7 @@ class Exception(builtins.Exception):  # noqa: A001  (franky's own name)
     pass
 
 
-class ControlException(Exception):
+class ControlException(Exception):  # noqa: N818  (franky's own name)
     pass
 
 
@@ -221,7 +221,7 @@ def _targets(motion: _Motion) -> list[Affine]:
 class MovingRobot(Robot):
     """A robot over a surface: motions with a reaction end where it is met.
 
-    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default the flange cannot pass it.
+    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default it gives no way.
     An impedance leads the flange to its reference within every period.
     """
 

@@ -527,8 +527,8 @@ def test_a_short_press_reaches_its_force_no_faster_than_a_search(monkeypatch: py
 def test_a_surface_off_its_way_is_pressed_as_hard_as_a_low_limit_of_force_allows(
     monkeypatch: pytest.MonkeyPatch, newton: float, rise_m: float
 ) -> None:
-    # The setpoint kept within the largest force over the stiffness of the way: with a cell's limit of 10 N a
-    # surface 20 mm lower stopped the program, and with one of 5 N a surface 35 mm higher was pressed with 12 N.
+    # The setpoint kept within the largest force over the stiffness of the way: with a limit of 10 N a surface
+    # 16 mm lower stopped the program, and with one of 5 N a surface 35 mm higher was pressed with 12.5 N.
     touch, stroke = slid(4.0)
     stroke = stroke.model_copy(update={"force": (0.0, 0.0, -newton), "tn": stroke.tn + 4.0})
     program = as_file((touch, stroke)).model_copy(update={"safety": Safety(force_n=newton)})

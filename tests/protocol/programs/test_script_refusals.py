@@ -46,7 +46,7 @@ def test_a_path_without_a_target_is_refused(write: Callable[[ProgramFile], str])
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
 def test_a_press_without_a_contact_before_it_is_refused(write: Callable[[ProgramFile], str]):
-    # It was a comment: the stroke was done from wherever the arm was, out of the workspace where that was at its edge.
+    # It was a comment: the stroke was done from wherever the arm was, also out of the workspace.
     touch, stroke = wiped()
     elsewhere = touch.model_copy(update={"kind": "cartesian_motion", "target": (0.74, 0.2, 0.3)})
     said = "presses without a contact: an app 'move to contact' must come before it"

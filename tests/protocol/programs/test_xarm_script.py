@@ -494,7 +494,7 @@ def test_an_interrupted_press_stops_its_way_before_its_force_ends():
 
 
 def test_a_tool_that_is_tilted_loses_its_surface_along_its_own_axis():
-    # The depth counted along the force of the middle: tilted by 70°, 45 mm were 83 mm, and 22 mm a lost surface.
+    # The depth counted along the force of the middle: tilted by 70°, 45 mm off the way were 83 mm.
     program = on_xarm(over_barrel(half_degrees=70))
     made, arm = module_of(program), Arm()
     runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
@@ -539,7 +539,7 @@ def test_an_arm_that_is_not_ready_any_more_does_not_go_on(state: int):
 
 
 def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFixture[str]):
-    # The controller goes on with the legs that it has and with its force; the script said that it had stopped.
+    # The controller goes on with its legs and its force, and the script said that it had stopped.
     class Lost(MovingArm):
         def sleep(self, seconds: float) -> None:
             super().sleep(seconds)

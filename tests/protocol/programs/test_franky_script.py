@@ -255,7 +255,7 @@ def test_a_turn_ends_where_it_is_tight(
         axis=(0, 0, 1), point=(0, 0, 0), angle=1.6, pitch_m=0.001, pitch_sd_m=0.0, torque=(0.0, 0.0, 1.0)
     )
     app = turned.model_copy(update={"kind": kind, "screw": screw, "force": (0.0, 0.0, -5.0)})
-    made = module_of(as_file((first, app)))
+    made = module_of(as_file((first.model_copy(update={"kind": "move_to_contact"}), app)))
     assert made.APPS[1]["tight"][2] == 1.5  # of 1 Nm taught
     runner = made.Runner(fake_franky, "robot")
     monkeypatch.setattr(fake_franky, "torque_nm", [felt_nm])

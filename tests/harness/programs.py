@@ -117,8 +117,8 @@ def barrel_m(x: float, y: float) -> float:
     return 0.19 - 0.2 * (1.0 - math.cos(math.asin(min(max((y + 0.52) / 0.2, -1.0), 1.0))))
 
 
-def over_barrel(seconds: float = 4.0, radius_m: float = 0.2) -> tuple[App, ...]:
-    """A stroke over the top of a barrel along x, along y by 60°, with the tool along its normal."""
+def over_barrel(seconds: float = 4.0, radius_m: float = 0.2, half_degrees: int = 30) -> tuple[App, ...]:
+    """A stroke over the top of a barrel along x: along y by twice an angle, the tool along its normal."""
 
     def at(angle: float, t: float) -> ViaPoint:
         half = -0.5 * angle  # about x, after DOWN
@@ -130,10 +130,12 @@ def over_barrel(seconds: float = 4.0, radius_m: float = 0.2) -> tuple[App, ...]:
 
     touch, pressed, _ = press()
     start, *via, end = (
-        at(math.radians(degrees), pressed.t0 + seconds * (degrees + 30.0) / 60.0)
-        for degrees in range(-30, 31, 10)
+        at(math.radians(degrees), pressed.t0 + seconds * (degrees + half_degrees) / (2 * half_degrees))
+        for degrees in range(-half_degrees, half_degrees + 1, 10)
     )
-    path = path_from(start.position, start.t, end.t, radius_m * math.radians(60.0), via=tuple(via))
+    path = path_from(
+        start.position, start.t, end.t, radius_m * math.radians(2 * half_degrees), via=tuple(via)
+    )
     path = path.model_copy(update={"start": start})
     reached = {"target": start.position, "orientation": start.orientation}
     stroke = {"path": path, "tn": end.t, "target": end.position, "orientation": end.orientation}

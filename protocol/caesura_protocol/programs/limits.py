@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.force_limit import exerted_forces
 from caesura_protocol.messages import App, Quaternion, Vector
+from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import curve_of
@@ -57,7 +58,10 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
 
 
 def refuse_beyond_limits(program: ProgramFile) -> None:
-    """Raises ValueError for an app beyond the limits of place, force or load, or without what it needs."""
+    """Raises ValueError for an app beyond the limits of place, force or load, or without what it needs.
+
+    A press needs a contact before it: without one it would begin wherever the arm is.
+    """
     safety = program.safety
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)
@@ -74,6 +78,9 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
             raise ValueError(f"{name}: force {force:.1f} N, at most {safety.most_force_n:.1f} N are allowed")
         if app.load_kg is not None and not 0.0 <= app.load_kg <= safety.load_kg:
             raise ValueError(f"{name}: load {app.load_kg} kg, at most {safety.load_kg} kg are allowed")
+    for one in order_findings(program.apps):
+        if one.index is not None and APP_KINDS[program.apps[one.index].kind].presses:
+            raise ValueError(f"{app_name(one.index, program.apps[one.index].kind)}: {one.reason}")
 
 
 def _refuse_incomplete(name: str, app: App) -> None:

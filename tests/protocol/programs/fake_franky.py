@@ -6,6 +6,8 @@ Signatures are those of `franky/_franky.pyi` of franky-control 2.0.0. What is ca
 
 from __future__ import annotations
 
+import builtins
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -35,6 +37,14 @@ class Affine:
         turn = Rotation.from_quat(self.quaternion)
         turned = turn * Rotation.from_quat(other.quaternion)
         return Affine(self.translation + turn.apply(other.translation), turned.as_quat())
+
+
+class Exception(builtins.Exception):  # noqa: A001  (franky's own name)
+    pass
+
+
+class ControlException(Exception):  # noqa: N818  (franky's own name)
+    pass
 
 
 class Condition:
@@ -209,12 +219,14 @@ def _targets(motion: _Motion) -> list[Affine]:
 
 
 class MovingRobot(Robot):
-    """A robot over a surface, which its flange cannot pass: motions with a reaction end where it is met.
+    """A robot over a surface: motions with a reaction end where it is met.
 
-    surface_m: its height at x and y [m]. An impedance leads the flange to its reference within every period.
+    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default it gives no way.
+    An impedance leads the flange to its reference within every period.
     """
 
     surface_m: Callable[[float, float], float]
+    surface_n_per_m = math.inf
 
     def __init__(self, fci_hostname: str) -> None:
         super().__init__(fci_hostname)
@@ -236,7 +248,8 @@ class MovingRobot(Robot):
     def join_motion(self, timeout: float | None = None) -> bool:
         self.reference = self._tracked.references[-1].target * RobotState.F_T_EE.inverse
         x, y, z = self.reference.translation
-        self.flange = Affine((x, y, max(z, self.surface_m(x, y))), self.reference.quaternion)
+        gives = max(self.surface_m(x, y) - z, 0.0) / (1.0 + self._tracked.stiffness / self.surface_n_per_m)
+        self.flange = Affine((x, y, z + gives), self.reference.quaternion)
         return False
 
     def felt_n(self) -> float:

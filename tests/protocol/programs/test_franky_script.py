@@ -255,7 +255,7 @@ def test_a_turn_ends_where_it_is_tight(
         axis=(0, 0, 1), point=(0, 0, 0), angle=1.6, pitch_m=0.001, pitch_sd_m=0.0, torque=(0.0, 0.0, 1.0)
     )
     app = turned.model_copy(update={"kind": kind, "screw": screw, "force": (0.0, 0.0, -5.0)})
-    made = module_of(as_file((first, app)))
+    made = module_of(as_file((first.model_copy(update={"kind": "move_to_contact"}), app)))
     assert made.APPS[1]["tight"][2] == 1.5  # of 1 Nm taught
     runner = made.Runner(fake_franky, "robot")
     monkeypatch.setattr(fake_franky, "torque_nm", [felt_nm])
@@ -394,7 +394,8 @@ def test_a_dry_run_says_every_app_and_needs_no_franky(tmp_path: Path) -> None:
 def test_the_fake_has_the_names_of_franky_itself() -> None:
     franky = pytest.importorskip("franky", reason="franky-control is not installed")
     for name, made in inspect.getmembers(fake_franky, inspect.isclass):
-        if made.__module__ == fake_franky.__name__ and not name.startswith("_"):
+        invented = name.startswith("_") or made is fake_franky.MovingRobot
+        if made.__module__ == fake_franky.__name__ and not invented:
             real = getattr(franky, name)
             own = {n for n in vars(made) if not n.startswith("_")}
             assert own <= set(dir(real)), name
@@ -521,3 +522,99 @@ def test_a_short_press_reaches_its_force_no_faster_than_a_search(monkeypatch: py
     tracked = next(motion for motion in motions(fake_franky.calls) if isinstance(motion, pressing))
     heights = np.array([one.translation[2] for one in flanges(tracked)])
     assert np.abs(np.diff(heights)).max() <= 0.03 * 0.02 + 1e-9  # a period of 20 ms
+
+
+@pytest.mark.parametrize(("newton", "rise_m"), [(10.0, -0.03), (5.0, 0.035), (28.0, -0.035)])
+def test_a_surface_off_its_way_is_pressed_as_hard_as_a_low_limit_of_force_allows(
+    monkeypatch: pytest.MonkeyPatch, newton: float, rise_m: float
+) -> None:
+    # The setpoint kept within the largest force over the stiffness of the way: with a limit of 10 N a surface
+    # 16 mm lower stopped the program, and with one of 5 N a surface 35 mm higher was pressed with 12.5 N.
+    touch, stroke = slid(4.0)
+    stroke = stroke.model_copy(update={"force": (0.0, 0.0, -newton), "tn": stroke.tn + 4.0})
+    program = as_file((touch, stroke)).model_copy(update={"safety": Safety(force_n=newton)})
+    felt = pressed_n(monkeypatch, program, lambda x, y: 0.19 + 10.0 * rise_m * min(max(x + 0.02, 0.0), 0.1))
+    assert felt[-20:] == pytest.approx([newton] * 20, rel=0.03)
+    assert max(felt) < newton + 3.0  # it lags behind a slope
+
+
+@pytest.mark.parametrize("n_per_m", [500.0, 2000.0])
+def test_what_gives_way_is_pressed_as_hard_as_a_low_limit_of_force_allows(
+    monkeypatch: pytest.MonkeyPatch, n_per_m: float
+) -> None:
+    # With a cell's limit of 10 N, 5 of 10 N reached what gives way by 1 mm with 0.5 N.
+    touch, pressed, _ = press()
+    assert touch.target is not None
+    soft = pressed.model_copy(update={"target": touch.target, "tn": pressed.tn + 4.0})
+    program = as_file((touch, soft)).model_copy(update={"safety": Safety(force_n=10.0)})
+    monkeypatch.setattr(fake_franky.MovingRobot, "surface_n_per_m", n_per_m)
+    felt = pressed_n(monkeypatch, program, lambda x, y: 0.19)
+    assert felt[-20:] == pytest.approx([10.0] * 20, rel=0.03)
+    assert max(felt) < 10.5
+
+
+def test_a_collision_names_the_app(monkeypatch: pytest.MonkeyPatch) -> None:
+    # What franky raises where the robot stops by itself ended the script with a traceback.
+    made, runner = over_surface(monkeypatch, as_file(press()), lambda x, y: 0.19)
+    moved = fake_franky.MovingRobot.move
+
+    def collided(robot: Any, motion: Any, asynchronous: bool = False) -> None:
+        if robot.flange.translation[2] < 0.25:
+            raise fake_franky.ControlException("cartesian_reflex")
+        moved(robot, motion, asynchronous)
+
+    monkeypatch.setattr(fake_franky.MovingRobot, "move", collided)
+    with pytest.raises(made.Stop, match=r"app 1 \(move to contact\): cartesian_reflex"):
+        runner.run(made.APPS)
+
+
+class SpringRobot(fake_franky.MovingRobot):
+    """A flange with a mass behind the impedance, on a surface that is a spring; its force is known late.
+
+    The impedance has the damping that franky's has: critical for 1 kg.
+    """
+
+    mass_kg, surface_n_per_m, delay_s = 5.0, 20e3, 0.0
+    STEP_S = 1e-4
+
+    def __init__(self, host: str) -> None:
+        super().__init__(host)
+        self.speed = 0.0
+        self.pressed_n: list[float] = []
+
+    def join_motion(self, timeout: float | None = None) -> bool:
+        reference = self._tracked.references[-1].target * fake_franky.RobotState.F_T_EE.inverse
+        stiffness, (x, y, wanted) = self._tracked.stiffness, reference.translation
+        z = float(self.flange.translation[2])
+        assert timeout is not None
+        for _ in range(round(timeout / self.STEP_S)):
+            pressed = max(self.surface_n_per_m * (0.19 - z), 0.0)
+            pushed = stiffness * (wanted - z) - 2.0 * math.sqrt(stiffness) * self.speed + pressed
+            self.speed += self.STEP_S * pushed / self.mass_kg
+            z += self.STEP_S * self.speed
+            self.pressed_n.append(pressed)
+        self.flange = fake_franky.Affine((x, y, z), reference.quaternion)
+        return False
+
+    def felt_n(self) -> float:
+        if not self.pressed_n:
+            return super().felt_n()
+        return self.pressed_n[max(len(self.pressed_n) - 1 - round(self.delay_s / self.STEP_S), 0)]
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("mass_kg", [2.0, 5.0, 10.0])
+@pytest.mark.parametrize("n_per_m", [20e3, 2e3, 500.0])
+def test_a_force_settles_on_what_is_stiff_and_on_what_gives_way(
+    monkeypatch: pytest.MonkeyPatch, n_per_m: float, mass_kg: float, delay_s: float
+) -> None:
+    touch, pressed, _ = press()
+    rest = pressed.model_copy(update={"target": touch.target, "tn": pressed.tn + 3.0})
+    monkeypatch.setattr(fake_franky, "MovingRobot", SpringRobot)
+    for name, value in (("surface_n_per_m", n_per_m), ("mass_kg", mass_kg), ("delay_s", delay_s)):
+        monkeypatch.setattr(SpringRobot, name, value)
+    made, runner = over_surface(monkeypatch, as_file((touch, rest)), lambda x, y: 0.19)
+    runner.run(made.APPS)
+    felt = runner.robot.pressed_n
+    assert max(felt) < 10.5
+    assert felt[-10000:] == pytest.approx([10.0] * 10000, abs=0.1)  # the last second

@@ -42,3 +42,15 @@ def test_a_path_without_a_target_is_refused(write: Callable[[ProgramFile], str])
     touch, stroke = wiped()
     with pytest.raises(ValueError, match=r"app 2 .apply force. has a path, but no target"):
         write(as_file((touch, stroke.model_copy(update={"target": None}))))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_press_without_a_contact_before_it_is_refused(write: Callable[[ProgramFile], str]):
+    # It was a comment: the stroke was done from wherever the arm was, also out of the workspace.
+    touch, stroke = wiped()
+    elsewhere = touch.model_copy(update={"kind": "cartesian_motion", "target": (0.74, 0.2, 0.3)})
+    said = "presses without a contact: an app 'move to contact' must come before it"
+    with pytest.raises(ValueError, match=rf"app 2 .apply force.: {said}"):
+        write(as_file((elsewhere, stroke)))
+    with pytest.raises(ValueError, match=rf"app 1 .apply force.: {said}"):
+        write(as_file((stroke,)))

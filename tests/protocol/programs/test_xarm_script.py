@@ -491,3 +491,65 @@ def test_an_interrupted_press_stops_its_way_before_its_force_ends():
     with pytest.raises(KeyboardInterrupt):
         moved(on_xarm(slid(4.0)), arm)
     assert not arm.presses
+
+
+def test_a_tool_that_is_tilted_loses_its_surface_along_its_own_axis():
+    # The depth counted along the force of the middle: tilted by 70°, 45 mm off the way were 83 mm.
+    program = on_xarm(over_barrel(half_degrees=70))
+    made, arm = module_of(program), Arm()
+    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    stroke, path = made.APPS[1], program.apps[1].path
+    assert path is not None
+    arm.pose = [*(1000 * value for value in stroke["way"][0]), *stroke["legs"][0][0][3:]]
+    arm.pose[3:] = Rotation.from_quat(path.start.orientation).as_rotvec().tolist()
+    beyond = runner.depth_beyond(stroke)
+    end = stroke["legs"][-1][0]
+    axis = Rotation.from_rotvec(end[3:]).apply([0.0, 0.0, 1.0])
+    arm.pose = [*(1000 * (np.array(end[:3]) + 0.045 * axis)).tolist(), *end[3:]]
+    assert beyond() == pytest.approx(0.045, abs=0.002)
+
+
+def test_an_arm_without_a_sensor_keeps_the_offset_of_its_tcp():
+    # It was taken off first: the next program of the pendant would have moved the tool by its length too far.
+    made, arm = module_of(on_xarm(press())), Arm()
+    arm.api.set_ft_sensor_enable.return_value = 1
+    with pytest.raises(made.Stop, match="the sensor: the SDK's code is 1"):
+        made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    assert not arm.calls("set_tcp_offset")
+
+
+def test_an_offset_of_the_tcp_that_is_not_put_back_is_said(capsys: pytest.CaptureFixture[str]):
+    # After a lost connection the arm had no offset, and nothing told so.
+    made, arm = module_of(on_xarm(press())), Arm()
+    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    arm.api.set_tcp_offset.return_value = -1
+    runner.close()
+    assert arm.calls("disconnect")
+    assert "offset of the TCP was not put back: [0.0, 0.0, 172.0, 0.0, 0.0, 0.0]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("state", [4, 5])
+def test_an_arm_that_is_not_ready_any_more_does_not_go_on(state: int):
+    # The SDK counts both states as stopped; in 5 a movement passed for done.
+    made, arm = module_of(on_xarm((circle(),))), Arm()
+    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    arm.api.get_state.return_value = (0, state)
+    with pytest.raises(made.Stop, match="the arm was stopped"):
+        runner.run(made.APPS)
+
+
+def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFixture[str]):
+    # The controller goes on with its legs and its force, and the script said that it had stopped.
+    class Lost(MovingArm):
+        def sleep(self, seconds: float) -> None:
+            super().sleep(seconds)
+            if self.presses and self.queue and self.pose[0] > 20.0:
+                for name in ("set_state", "set_mode", "set_ft_sensor_mode", "set_tcp_offset"):
+                    getattr(self.api, name).side_effect = lambda *_: -1
+                self.api.get_state.side_effect = lambda: (-1, "xArm is not connect")
+
+    arm = Lost(lambda x, y: 0.19)
+    with pytest.raises(Exception, match=r"app 2 \(apply force\): .*the SDK's code is -1"):
+        moved(on_xarm(slid(4.0)), arm)
+    said = capsys.readouterr().err
+    assert said.count("the arm does not answer: it may still move and press, stop it at its button") == 1

@@ -235,7 +235,7 @@ def test_json_has_the_bins(tmp_path: Path):
         ((BUTTON, "--calibration", "--diagram", "x.jpg"), "expected one of .svg, .png, .pdf"),
         ((BUTTON, "--calibration", "--diagram", "/nowhere/x.svg"), "cannot write"),
         (("--calibration",), "either files or one --suite"),
-        (("--calibration", "--suite", "thesis"), "a suite of ['teacher', 'skills', 'real']"),
+        (("--calibration", "--suite", "thesis"), "a suite of ['teacher', 'skills', 'real', 'sensors']"),
         ((BUTTON, "--calibration", "--ablate"), "without --ablate"),
     ],
 )

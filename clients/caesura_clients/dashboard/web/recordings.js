@@ -72,7 +72,7 @@ export default {
         <h2>{{ found.name }}</h2>
         <p v-if="found.samples" class="summary">{{ found.samples }} samples, {{ found.length }} s: {{ found.signals.map((one) => words[one]).join(", ") }}{{
           found.ignored.length ? "; not read: " + found.ignored.join(", ") : "" }}.</p>
-        <p v-for="note in found.notes" :key="note" class="summary recording-note">{{ note }}</p>
+        <p v-for="note in found.notes" :key="note" class="recording-note">{{ note }}</p>
         <p v-if="found.wrong" class="alarm">{{ found.wrong }} The likely unit is chosen below.</p>
         <template v-if="found.header">
           <div class="scroll" tabindex="0" role="region" aria-label="First rows"><table><thead><tr>

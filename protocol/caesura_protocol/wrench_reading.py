@@ -1,10 +1,11 @@
 """How far the wrench of a recording can be used: a force that is frozen, one that is 0, one that has no zero.
 
 A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
-dead driver, or simulated. It shows no contact and no load, so contact and load are off then, and the reason
-is stated. A sensor with coarse steps repeats its values too, but throughout the recording. A simulation
-without noise is exactly 0 in free space and has forces elsewhere; it is used, and named. A unit of the
-force that was declared (`--force-unit N`) is believed, and so are its values.
+dead driver, or simulated. It shows no contact and no load. Where that is more than MOST_SHARE of a
+recording, contact and load are off, and the reason is stated; a shorter dropout is named. A sensor with
+coarse steps repeats its values too, but throughout the recording. A simulation without noise is exactly 0
+in free space and has forces elsewhere; it is used, and named. A unit of the force that was declared
+(`--force-unit N`) is believed, and so are its values.
 
 A recording that is shorter than the tare has a force without a zero: the bias of a sensor, up to 20 N on real
 ones, would pass for a contact.
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 
 FROZEN_S = 0.5  # the longest of 55 real recordings is 0.05 s, while the flange moved by 0.1 mm
 USUAL_SHARE, MORE = 0.9, 10.0  # a dead driver repeats a force for so much longer than it usually stays
+MOST_SHARE = 0.1  # of a recording, for which a force may be frozen while the rest of it is used
 MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
 TARE_S = 0.4  # of the service: the force is zeroed by this much at the start
@@ -81,7 +83,8 @@ def read_wrench(
     if unused is not None:
         return WrenchReading("none", (unused,))
     dead = any(not run.is_zero for run in runs)
-    return WrenchReading(source, (f"{_named(runs, wrench, signals)}: {DECLARED if dead else NOISE_FREE}.",))
+    said = NOISE_FREE if not dead else DECLARED if believed else SHORT
+    return WrenchReading(source, (f"{_named(runs, wrench, signals)}: {said}.",))
 
 
 NOT_ZEROED = (
@@ -89,6 +92,7 @@ NOT_ZEROED = (
     f"{{span:.3g}} s, and its first {TARE_S:g} s are needed; {OFF}."
 )
 DECLARED = "it is declared to be right"
+SHORT = "contacts and loads of that time may be wrong"
 NOISE_FREE = "it is taken as simulated without noise, where 0 is free space. A sensor never reads that"
 
 
@@ -97,7 +101,7 @@ def _unused(
 ) -> str | None:
     """Why the wrench is not used; None where it is used."""
     dead = [run for run in runs if not run.is_zero]
-    if dead:
+    if sum(run.tn - run.t0 for run in dead) > MOST_SHARE * np.ptp(t):
         return _dead(dead, t, wrench, signals)
     if any(np.any(signals[name]) for name in wrench):
         return None

@@ -60,6 +60,17 @@ def test_a_sensor_with_coarse_steps_is_used(tmp_path: Path, step: float):
         assert np.diff(found.t[changes]).max() > FROZEN_S, "a value lasts as long as a dead driver's"
 
 
+def test_a_dropout_is_named_and_the_rest_of_the_force_is_used(tmp_path: Path):
+    def dropout(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values[:5000], np.tile(values[5000], (1000, 1)), values[6000:]])
+
+    found = load_recording(changed(tmp_path / "a.npz", force=dropout, torque=dropout))
+    assert found.wrench_source == "flange_sensor"
+    (caution,) = found.cautions
+    assert "from 5.00 s to 6.00 s" in caution
+    assert "contacts and loads of that time may be wrong" in caution
+
+
 def test_a_driver_that_dies_at_once_is_found_in_a_recording_of_two_forces(tmp_path: Path):
     file = changed(tmp_path / "a.npz", force=frozen_from(1), torque=frozen_from(1))
     assert load_recording(file).wrench_source == "none"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import ASSUMED_ORDER, QUATERNION_ORDERS, Recording
 from caesura_protocol.rotations import matrices_of
-from caesura_protocol.wrench_reading import TARE_S
+from caesura_protocol.sample_limits import TARE_S
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.offline_segmentation import capabilities_of
 from caesura_service.robot import load_robot

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, Gap, LengthUnit
 from caesura_protocol.plausibility import METRES
+from caesura_protocol.sample_limits import HOLE_S
 
 Array = NDArray[np.float64]
 
 SPEED = "speed"
 SPEED_WINDOW_S = 0.04  # over which positions are averaged for the speed; two windows follow each other
-HOLE_S = 0.25  # between samples; a longer one is a gap of the session as well
 
 
 class SampleRun(NamedTuple):

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import WrenchSource
 from caesura_protocol.plausibility import LEAST_SAMPLES, METRES
+from caesura_protocol.sample_limits import TARE_S
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,6 @@ USUAL_SHARE, MORE = 0.9, 10.0  # a dead driver repeats a force for so much longe
 MOST_SHARE = 0.1  # of a recording, for which a force may be frozen while the rest of it is used
 MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
-TARE_S = 0.4  # of the service: the force is zeroed by this much at the start
 SHORTEST_S = 0.2  # shorter ones have no segment at all
 SHOWN = 3  # runs that are listed
 OFF = "contact and load are off"

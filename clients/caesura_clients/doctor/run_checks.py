@@ -14,6 +14,7 @@ from caesura_clients.doctor.reach import check_endpoint, no_session
 from caesura_protocol.errors import CaesuraError, Unreachable
 from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.recording import Recording
+from caesura_protocol.sample_limits import TARE_S
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
 
@@ -23,7 +24,6 @@ ASSUMED = (
     "assumed: the recording does not state its wrench source; contact and load are off. "
     "State it with --wrench-source"
 )
-TARE_S = 0.4  # at the start of a demonstration, in which the service takes the bias
 
 
 def examine(

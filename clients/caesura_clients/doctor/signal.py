@@ -13,11 +13,11 @@ from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.messages import Quantity
 from caesura_protocol.plausibility import METRES, implausible
 from caesura_protocol.recording import unit_remedy
+from caesura_protocol.sample_limits import HOLE_S
 
 Array = NDArray[np.float64]
 
 FEWEST_HZ, MOST_HZ = 50.0, 1050.0  # the grid has 100 Hz; half of it is still interpolated well
-PAUSE_LIMIT_S = 0.25  # a longer one is a gap in the results (conditioning)
 UNEVEN = 0.5  # of the median interval; an interval off by more is irregular
 UNEVEN_SHARE = 0.02
 REST_M_PER_S, REST_RAD_PER_S = 0.005, 0.02
@@ -62,13 +62,11 @@ def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
     yield graded("rate", f"{rate:.0f} Hz", (not FEWEST_HZ <= rate <= MOST_HZ, "warn", remedy))
     uneven = float(np.mean(np.abs(advancing - middle) > UNEVEN * middle))
     found = f"{100 * uneven:.1f} % of intervals off by more than half, longest {1000 * pause:.0f} ms"
-    gap = f"a pause over {1000 * PAUSE_LIMIT_S:.0f} ms is a gap in the results: look at the source"
+    gap = f"a pause over {1000 * HOLE_S:.0f} ms is a gap in the results: look at the source"
     late = "give samples the time at which they were measured, not at which they were sent"
-    yield graded(
-        "regularity", found, (pause > PAUSE_LIMIT_S, "warn", gap), (uneven > UNEVEN_SHARE, "warn", late)
-    )
+    yield graded("regularity", found, (pause > HOLE_S, "warn", gap), (uneven > UNEVEN_SHARE, "warn", late))
     back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
-    if back.max() > PAUSE_LIMIT_S:
+    if back.max() > HOLE_S:
         found = f"sample {int(back.argmax()) + 1}: time goes back by {back.max():.6g} s"
         yield CheckResult("bad", "clock", found, "it was set, or two recordings are one: divide them there")
     elif advancing.size < steps.size:

@@ -28,7 +28,7 @@ from caesura_lab.recording_warnings import recording_warnings
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
-from caesura_protocol.sample_runs import HOLE_S
+from caesura_protocol.sample_limits import HOLE_S
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled

@@ -1,6 +1,6 @@
 """Values that no session takes, found while a file is read: each with its sample, its limit and a remedy.
 
-The service refuses the same values (`signals/sample_layout.py`, `signals/grid.py`), but only names a sample.
+The service refuses the same values, but only names a sample.
 """
 
 from __future__ import annotations
@@ -12,13 +12,9 @@ from numpy.typing import NDArray
 
 from caesura_protocol.plausibility import LEAST_SAMPLES
 from caesura_protocol.recording import Recording, RecordingError
-from caesura_protocol.sample_runs import HOLE_S
+from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERANCE, WIDEST_M
 
-NORM_TOLERANCE = 0.1  # of a quaternion
-WIDEST_M = 1.0  # that fingers open; a flag reaches it
 WIDEST_MM = 200.0
-LATEST_S = 1e10  # beyond it a double no longer separates samples at 1 kHz
-LEAP_S = 3600.0  # without a sample
 
 
 def check_values(recording: Recording) -> None:

@@ -72,9 +72,10 @@ def segment(
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
         view = segmented(recording, preset, threshold)
+        warnings = recording_warnings(recording, preset)
         if json_out is not None:
-            _write(json_out, view, recording_warnings(recording, preset))
-    Console().print(_shown(recording, preset, view))
+            _write(json_out, view, warnings)
+    Console().print(_shown(recording, preset, view, warnings))
 
 
 def _with_answers(
@@ -135,7 +136,7 @@ def _write(path: Path, view: PipelineView, warnings: Sequence[str]) -> None:
         raise SourceError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
+def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequence[str]) -> Group:
     clock = clock_of(view.segments)
     return Group(
         *clock_lines(clock),
@@ -144,7 +145,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView) -> Group:
         apps_table(view.apps, "task program", clock),
         *doubtful_apps(view.apps),
         view.wrench.note,
-        *recording_warnings(recording, preset),
+        *warnings,
         *_warnings(recording, view, clock),
     )
 

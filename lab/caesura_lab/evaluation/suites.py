@@ -244,7 +244,8 @@ def real(extent: SuiteOptions) -> list[Case]:
 
 def sensors(extent: SuiteOptions) -> list[Case]:
     """Return the recordings of `real` under every one of CONDITIONS. Raises TruthError as `real`."""
-    return [PoorerCase(case, condition) for condition in CONDITIONS for case in real(extent)]
+    cases = real(extent)
+    return [PoorerCase(case, condition) for condition in CONDITIONS for case in cases]
 
 
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:

@@ -31,18 +31,14 @@ def is_calendar_time(cell: str) -> bool:
     >>> is_calendar_time("2026-11-24T18:04:32.5Z"), is_calendar_time("20261124"), is_calendar_time("1.5")
     (True, False, False)
     """
-    try:
-        float(cell)
-    except ValueError:
-        return _parsed(cell) is not None
-    return False
+    return _parsed(cell) is not None
 
 
 def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
     """Times of all samples. places: their names in errors. Raises ValueError for the first wrong one."""
     times: list[datetime] = []
     for place, cell in zip(places, cells, strict=True):
-        time = _parsed(cell) if is_calendar_time(cell) else None
+        time = _parsed(cell)
         if time is None:
             raise ValueError(f"{place}: t is {cell!r}, expected a date with a time (ISO 8601) as before")
         if times and (time.tzinfo is None) != (times[0].tzinfo is None):
@@ -66,7 +62,12 @@ def seconds_of_array(values: NDArray[np.generic]) -> CalendarTimes:
 
 
 def _parsed(cell: str) -> datetime | None:
+    """The date of a cell; None where it is a number, such as 20261124, or no date."""
     try:
-        return datetime.fromisoformat(cell.strip())
+        float(cell)
     except ValueError:
-        return None
+        try:
+            return datetime.fromisoformat(cell.strip())
+        except ValueError:
+            return None
+    return None

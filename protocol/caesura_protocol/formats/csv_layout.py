@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from caesura_protocol.columns import signal_columns
-from caesura_protocol.formats.csv_text import encoding_of, read_lines, stated_in_comments
+from caesura_protocol.formats.csv_text import encoding_of, is_comment, read_lines, stated_in_comments
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
@@ -71,7 +71,7 @@ def read_layout(path: Path) -> CsvLayout:
         raise RecordingError(f"{path.name}: not a readable csv file ({error})") from error
     except UnicodeDecodeError:
         first = read_lines(path)  # raises, with the line
-    lines = [line for line in first if not line.lstrip().startswith("#")]
+    lines = [line for line in first if not is_comment(line)]
     if len(lines) < 2:
         raise RecordingError(f"{path.name}: {len(lines)} rows, expected a header and at least one sample")
     delimiter = next((one for one in DELIMITERS if _columns_by(lines[:20], one) > 1), ",")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from caesura_protocol.recording import STATED, RecordingError
@@ -37,13 +37,23 @@ def read_lines(path: Path) -> list[str]:
     return text.splitlines()
 
 
+def is_comment(line: str) -> bool:
+    """Whether a line is for people, or states an option."""
+    return line.lstrip().startswith("#")
+
+
+def cell_of(row: Sequence[str], index: int) -> str:
+    """A cell of a row; empty where the row is shorter."""
+    return row[index] if index < len(row) else ""
+
+
 def stated_in_comments(lines: Iterable[str]) -> dict[str, str]:
     """What leading `# name: value` comments state, by name, whatever the name.
 
     >>> stated_in_comments(["# wrench_source: flange_sensor", "# hand on robot: yes", "# of a day", "t,px"])
     {'wrench_source': 'flange_sensor', 'hand_on_robot': 'yes'}
     """
-    comments = [line.strip().lstrip("#").partition(":") for line in lines if line.lstrip().startswith("#")]
+    comments = [line.strip().lstrip("#").partition(":") for line in lines if is_comment(line)]
     # A table program puts the delimiters of all columns behind a comment that it has read.
     return {_option(key): value.strip().rstrip(",;\t ") for key, separator, value in comments if separator}
 

@@ -29,7 +29,7 @@ from caesura_protocol import plausibility
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import ColumnMapping
-from caesura_protocol.formats.csv_text import read_lines, stated_in_comments
+from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, stated_in_comments
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS
@@ -71,13 +71,14 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
     table = _table(path, mapped)
     options, contradicted = _options(table, mapped)
     rules = rules_of(mapped, options.get("length_unit", "m"))
+    used = {rule.source_column for rule in rules}
     assumed: list[str] = []
     column: dict[str, Array] = {}
     if is_dated := _is_dated(table, rules[0]):
         index = table.header.index(rules[0].source_column)
         if "unit" in mapped.section("time"):
             raise mapped.error("[time] has a unit, and the file has times of day: leave out the unit")
-        cells = [row[index] if index < len(row) else "" for row in table.rows]
+        cells = [cell_of(row, index) for row in table.rows]
         times = seconds_of(cells, [f"{path}, line {number}" for number in table.numbers])
         column["t"] = times.t
         assumed.append(CALENDAR.format(times.first))
@@ -89,9 +90,6 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
             raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
     for signal, names in signal_columns(column).items():
         arrays[signal] = np.column_stack([column[name] for name in names])
-    used = {rule.source_column for rule in rules} | (
-        {str(mapped.section("time")["column"])} if is_dated else set()
-    )
     ignored = [*contradicted, *(name for name in table.header if name not in used)]
     return RawRecording(
         arrays, options, ignored, tuple(assumed), tuple(table.numbers), has_calendar_time=is_dated
@@ -113,8 +111,7 @@ def _is_dated(table: CsvTable, rule: ColumnRule) -> bool:
     """Whether the times are dates."""
     if rule.source_column not in table.header or not table.rows:
         return False
-    index = table.header.index(rule.source_column)
-    return index < len(table.rows[0]) and is_calendar_time(table.rows[0][index])
+    return is_calendar_time(cell_of(table.rows[0], table.header.index(rule.source_column)))
 
 
 def rules_of(mapped: ColumnMapping, length_unit: str = "m") -> list[ColumnRule]:
@@ -158,7 +155,7 @@ def _table(path: Path, mapped: ColumnMapping) -> CsvTable:
     if len(delimiter) != 1:
         raise mapped.error(f"delimiter is {delimiter!r}, expected one character")
     text = read_lines(path)
-    kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not line.lstrip().startswith("#")]
+    kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not is_comment(line)]
     rows = list(csv.reader((line for _, line in kept), delimiter=delimiter))
     if not rows:
         raise RecordingError(f"{path}: no rows, expected at least one sample")

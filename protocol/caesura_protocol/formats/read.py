@@ -19,7 +19,7 @@ from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.csv_layout import DELIMITERS, PLACES, guessed, has_own_columns, read_layout
-from caesura_protocol.formats.csv_text import read_lines, stated_in_comments
+from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.npz import read_npz
@@ -245,7 +245,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
         return read_foreign_csv(path, load_mapping(mapping))
     lines = [line.strip() for line in read_lines(path)]
     stated = stated_in_comments(lines)
-    numbers = [number for number, line in enumerate(lines, start=1) if line and not line.startswith("#")]
+    numbers = [number for number, line in enumerate(lines, start=1) if line and not is_comment(line)]
     if len(numbers) < 2:
         raise ValueError(f"{len(numbers)} rows, expected a header and at least one sample")
     delimiter = _delimiter(lines[numbers[0] - 1])
@@ -259,7 +259,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
     if delimiter != "," and any("," in cell for row in rows[1:] for cell in row):
         rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
         assumed.append(f"Columns are divided by {delimiter!r}, and the comma is the decimal mark.")
-    if has_calendar_time := "t" in header and is_calendar_time(_cell(rows[1], header.index("t"))):
+    if has_calendar_time := "t" in header and is_calendar_time(cell_of(rows[1], header.index("t"))):
         assumed.append(CALENDAR.format(_with_seconds(header.index("t"), rows[1:], numbers[1:])))
     column = _columns(header, rows[1:], numbers[1:])
     arrays = {
@@ -280,19 +280,15 @@ def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> Ra
 
 def _delimiter(header: str) -> str | None:
     """What divides the columns of Caesura's own csv; None where they are those of other software."""
-    for delimiter in (",", *DELIMITERS):
+    for delimiter in DELIMITERS:
         if has_own_columns([name.strip() for name in next(csv.reader([header], delimiter=delimiter))]):
             return delimiter
     return None
 
 
-def _cell(row: Sequence[str], index: int) -> str:
-    return row[index] if index < len(row) else ""
-
-
 def _with_seconds(index: int, rows: list[list[str]], lines: Sequence[int]) -> str:
     """Replace the dates of a column by seconds from the first one, in place; the first one."""
-    cells = [_cell(row, index) for row in rows]
+    cells = [cell_of(row, index) for row in rows]
     times = seconds_of(cells, [f"line {line}" for line in lines])
     for row, time in zip(rows, times.t.tolist(), strict=True):
         if index < len(row):

@@ -382,7 +382,7 @@ def test_a_contact_far_before_where_it_was_taught_stops_the_program(early_m: flo
 
 
 def test_what_was_met_and_goes_away_far_before_a_contact_stops_the_program():
-    # The arm searched on from where somebody's hand had stopped it, off its way.
+    # The arm searched on from where a hand had stopped it, off its way.
     class Brushed(MovingController):
         def get_tcp_force(self) -> list[float]:
             return [0.0, 0.0, 8.0 * (0.295 < self.pose[2] < 0.3), 0.0, 0.0, 0.0]

@@ -519,7 +519,7 @@ def test_an_arm_without_a_sensor_keeps_the_offset_of_its_tcp():
 
 
 def test_an_offset_of_the_tcp_that_is_not_put_back_is_said(capsys: pytest.CaptureFixture[str]):
-    # After a lost connection the arm had no offset, and nothing told so.
+    # After a lost connection the arm had no offset, and no message said so.
     made, arm = module_of(on_xarm(press())), Arm()
     runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
     arm.api.set_tcp_offset.return_value = -1

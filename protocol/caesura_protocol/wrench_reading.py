@@ -2,10 +2,11 @@
 
 A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
 dead driver, or simulated. It shows no contact and no load. Where that is more than MOST_SHARE of a
-recording, contact and load are off, and the reason is stated; a shorter dropout is named. A sensor with
-coarse steps repeats its values too, but throughout the recording. A simulation without noise is exactly 0
-in free space and has forces elsewhere; it is used, and named. A unit of the force that was declared
-(`--force-unit N`) is believed, and so are its values.
+recording, contact and load are off, and the reason is stated; a shorter dropout is named. The same holds for
+an axis by itself, and for the torque, which is then left out. A sensor with coarse steps repeats its values
+too, but throughout the recording. A simulation without noise is exactly 0 in free space and has forces
+elsewhere, and so has a sensor with a dead band; both are used, and named. A unit of the force that was
+declared (`--force-unit N`) is believed, and so are its values.
 
 A recording that is shorter than the tare has a force without a zero: the bias of a sensor, up to 20 N on real
 ones, would pass for a contact.
@@ -15,8 +16,9 @@ Pure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,35 +29,63 @@ from caesura_protocol.sample_limits import TARE_S
 
 Array = NDArray[np.float64]
 
-FROZEN_S = 0.5  # the longest of 55 real recordings is 0.05 s, while the flange moved by 0.1 mm
+FROZEN_S = 0.5  # the longest of 55 real recordings is 0.08 s, of an axis, while the flange moved by 0.1 mm
 USUAL_SHARE, MORE = 0.9, 10.0  # a dead driver repeats a force for so much longer than it usually stays
 MOST_SHARE = 0.1  # of a recording, for which a force may be frozen while the rest of it is used
 MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
 SHORTEST_S = 0.2  # shorter ones have no segment at all
+REPEATS = 4  # as often as each value of a sensor with coarse steps occurs, or oftener
+COARSE_N = 0.5  # steps from which on the error of a load exceeds what is stated; real sensors have 0.2 N
+GRAVITY = 9.81  # [m/s²]
 SHOWN = 3  # runs that are listed
 OFF = "contact and load are off"
 
 
 class FrozenRun(NamedTuple):
-    """Samples of one force while the flange moves. force: (3,) [N], or the joint torques [Nm]."""
+    """Samples of one value while the flange moves. value: of each axis, [N] or [Nm]."""
 
     t0: float  # [s]
     tn: float
-    moved: float  # [m], or [rad] without a position
-    force: tuple[float, ...]
+    moved: str  # with its unit
+    value: tuple[float, ...]
 
     @property
     def is_zero(self) -> bool:
         """Whether it is exactly 0 on every axis."""
-        return not any(self.force)
+        return not any(self.value)
+
+    @property
+    def shown(self) -> str:
+        """Its number, or its numbers in parentheses."""
+        numbers = ", ".join(f"{value + 0.0:.4g}" for value in self.value)
+        return numbers if len(self.value) == 1 else f"({numbers})"
 
 
 class WrenchReading(NamedTuple):
-    """The wrench source in use, and what was found, in a sentence each."""
+    """The wrench source in use, what was found, in a sentence each, and whether the torque is used."""
 
     source: WrenchSource | None
     found: tuple[str, ...] = ()
+    uses_torque: bool = True
+
+
+class _Finding(NamedTuple):
+    text: str
+    unused: Literal["nothing", "torque", "wrench"] = "nothing"
+
+
+class _Force(NamedTuple):
+    """The signal that shows contact and load."""
+
+    signal: str  # its name in a Recording
+    name: str
+    unit: str
+    remedy: str  # where a value that stays the same is right
+
+
+_FORCE = _Force("force", "The force is", "N", "state --force-unit N if the values are right")
+_JOINT_TORQUES = _Force("tau", "The joint torques are", "Nm", "")
 
 
 def read_wrench(
@@ -70,66 +100,126 @@ def read_wrench(
 
     t: (n,) [s]; signals: name → (n, width), as in a Recording; source: as it is stated.
     """
-    wrench = [name for name in ("force", "torque") if name in signals] if "force" in signals else ["tau"]
-    if source == "none" or not set(wrench) <= set(signals) or t.size < LEAST_SAMPLES:
+    force = _FORCE if _FORCE.signal in signals else _JOINT_TORQUES
+    if source == "none" or force.signal not in signals or t.size < LEAST_SAMPLES:
         return WrenchReading(source)
-    span = float(np.ptp(t))
-    if SHORTEST_S <= span < TARE_S:
-        return WrenchReading("none", (NOT_ZEROED.format(span=span),))
-    runs = frozen_runs(t, signals, wrench, length_unit)
-    if not runs:
-        return WrenchReading(source)
-    unused = None if believed else _unused(t, signals, wrench, runs)
-    if unused is not None:
-        return WrenchReading("none", (unused,))
-    dead = any(not run.is_zero for run in runs)
-    said = NOISE_FREE if not dead else DECLARED if believed else SHORT
-    return WrenchReading(source, (f"{_named(runs, wrench, signals)}: {said}.",))
+    samples = CheckedMotion.of(t, signals, length_unit)
+    found = [*_of_force(samples, force, signals[force.signal], believed=believed)]
+    if force is _FORCE and "torque" in signals:
+        found += _of_torque(samples, signals["torque"])
+    for one in found:
+        if one.unused == "wrench":
+            return WrenchReading("none", (one.text,))
+    uses_torque = all(one.unused != "torque" for one in found)
+    return WrenchReading(source, tuple(one.text for one in found), uses_torque)
 
 
-NOT_ZEROED = (
-    f"The force is not zeroed, so contact and free space are not distinguished: the recording lasts "
-    f"{{span:.3g}} s, and its first {TARE_S:g} s are needed; {OFF}."
-)
-DECLARED = "it is declared to be right"
-SHORT = "contacts and loads of that time may be wrong"
-NOISE_FREE = "it is taken as simulated without noise, where 0 is free space. A sensor never reads that"
-
-
-def _unused(
-    t: Array, signals: Mapping[str, Array], wrench: Sequence[str], runs: Sequence[FrozenRun]
-) -> str | None:
-    """Why the wrench is not used; None where it is used."""
+def _of_force(samples: CheckedMotion, force: _Force, values: Array, *, believed: bool) -> Iterator[_Finding]:
+    """What is found of the signal that shows contact and load: values (n, k)."""
+    if SHORTEST_S <= samples.span < TARE_S:
+        yield _Finding(NOT_ZEROED.format(span=samples.span), "wrench")
+        return
+    step = coarse_step(values) if force is _FORCE else 0.0
+    runs = samples.frozen(values)
     dead = [run for run in runs if not run.is_zero]
-    if sum(run.tn - run.t0 for run in dead) > MOST_SHARE * np.ptp(t):
-        return _dead(dead, t, wrench, signals)
-    if any(np.any(signals[name]) for name in wrench):
-        return None
-    return f"Every force is 0 while the robot moves: it is read as no force; {OFF}."
+    if not values.any() and not believed:
+        yield _Finding(f"{force.name} 0 in every sample: it is read as no force; {OFF}.", "wrench")
+    elif step:
+        yield _Finding(COARSE.format(step=step, error=step / (math.sqrt(12.0) * GRAVITY)))
+        if dead:
+            yield _Finding(f"{force.name} {_listed(dead, force.unit)}: {SHORT}.")
+    elif samples.prevails(dead):
+        yield _dead(f"{force.name} {_listed(dead, force.unit)}", dead, samples, force, believed=believed)
+    elif runs:
+        said = SHORT if dead else _noise_free(values, force.unit)
+        yield _Finding(f"{force.name} {_listed(runs, force.unit)}: {said}.")
+    elif force is _FORCE:
+        yield from _of_axes(samples, values, believed=believed)
 
 
-def frozen_runs(
-    t: Array, signals: Mapping[str, Array], wrench: Sequence[str], length_unit: str
-) -> list[FrozenRun]:
-    """Runs of samples in which no axis of the wrench changes for over FROZEN_S while the robot moves.
+def _of_axes(samples: CheckedMotion, force: Array, *, believed: bool) -> Iterator[_Finding]:
+    """Axes of a force (n, 3) that do not change, while others do with every sample."""
+    columns = dict(zip("xyz", force.T, strict=True))
+    runs = {axis: samples.frozen(column[:, None]) for axis, column in columns.items()}
+    stuck = {axis: found for axis, found in runs.items() if samples.prevails(found)}
+    changing = [np.mean(np.diff(columns[axis]) != 0.0) for axis in columns if axis not in stuck]
+    if min(changing, default=0.0) < USUAL_SHARE:
+        return  # the noise of this sensor is smaller than its steps
+    for axis, found in stuck.items():
+        listed = f"Axis {axis} of the force is {_listed(found, 'N')}"
+        if any(not run.is_zero for run in found):
+            yield _dead(listed, found, samples, _FORCE, believed=believed)
+        else:
+            yield _Finding(f"{listed}: contacts and loads along it are not seen.")
 
-    Where a sensor has coarse steps, they last MORE times longer than usual.
+
+def _of_torque(samples: CheckedMotion, torque: Array) -> Iterator[_Finding]:
+    """Whether the torque (n, 3) beside a force is left out."""
+    dead = [run for run in samples.frozen(torque) if not run.is_zero]
+    if not torque.any():
+        yield _Finding("The torque is 0 in every sample: it is left out.", "torque")
+    elif samples.prevails(dead):
+        yield _Finding(f"The torque is {_listed(dead, 'Nm')}: it is left out.", "torque")
+
+
+class CheckedMotion(NamedTuple):
+    """When and where the robot is. place: (n, d) [m], or the joints [rad] where no position is there."""
+
+    t: Array  # [s]
+    place: Array
+    least: float  # by which it moves while a value is frozen
+    unit: str
+
+    @classmethod
+    def of(cls, t: Array, signals: Mapping[str, Array], length_unit: str) -> CheckedMotion:
+        """The motion in the signals of a recording."""
+        if "pos" in signals:
+            return cls(t, signals["pos"] * METRES[length_unit], MOVED_M, "m")
+        return cls(t, signals["q"], MOVED_RAD, "rad")
+
+    @property
+    def span(self) -> float:
+        """From the first sample to the last one [s]."""
+        return float(np.ptp(self.t))
+
+    def prevails(self, runs: Sequence[FrozenRun]) -> bool:
+        """Whether runs take more of the recording than a dropout does."""
+        return sum(run.tn - run.t0 for run in runs) > MOST_SHARE * self.span
+
+    def frozen(self, values: Array) -> list[FrozenRun]:
+        """Runs in which no column of (n, k) changes for over FROZEN_S while the robot moves.
+
+        Where a sensor has coarse steps, they last MORE times longer than usual.
+        """
+        changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1))
+        edges = np.concatenate([[0], changes + 1, [self.t.size]])
+        lengths = self.t[edges[1:] - 1] - self.t[edges[:-1]]
+        usual_s = _usual(np.diff(self.t[edges[:-1]], append=self.t[-1]))
+        found = []
+        for index in np.flatnonzero(lengths > max(FROZEN_S, MORE * usual_s)).tolist():
+            start, stop = int(edges[index]), int(edges[index + 1])
+            moved = float(np.linalg.norm(np.ptp(self.place[start:stop], axis=0)))
+            if moved > self.least:
+                t0, tn = float(self.t[start]), float(self.t[stop - 1])
+                found.append(FrozenRun(t0, tn, f"{moved:.2g} {self.unit}", tuple(values[start].tolist())))
+        return found
+
+
+def coarse_step(force: Array) -> float:
+    """The step of a sensor [N], where it is at least COARSE_N on every axis that changes; else 0.
+
+    force: (n, 3). A sensor has steps where each value occurs REPEATS times or oftener.
+
+    >>> fine = np.random.default_rng(0).normal(scale=5.0, size=(1000, 3))
+    >>> coarse_step(np.round(fine)), coarse_step(fine)
+    (1.0, 0.0)
     """
-    place, least = ("pos", MOVED_M / METRES[length_unit]) if "pos" in signals else ("q", MOVED_RAD)
-    values = np.column_stack([signals[name] for name in wrench])
-    changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1))
-    edges = np.concatenate([[0], changes + 1, [t.size]])
-    lengths = t[edges[1:] - 1] - t[edges[:-1]]
-    usual_s = _usual(np.diff(t[edges[:-1]], append=t[-1]))
-    found = []
-    for index in np.flatnonzero(lengths > max(FROZEN_S, MORE * usual_s)).tolist():
-        start, stop = int(edges[index]), int(edges[index + 1])
-        moved = float(np.linalg.norm(np.ptp(signals[place][start:stop], axis=0)))
-        if moved > least:
-            shown = moved * METRES[length_unit] if place == "pos" else moved
-            force = tuple(signals[wrench[0]][start].tolist())
-            found.append(FrozenRun(float(t[start]), float(t[stop - 1]), shown, force))
-    return found
+    steps = []
+    for known in map(np.unique, force.T):
+        if known.size > 1:
+            steps.append(float(np.median(np.diff(known))) if known.size * REPEATS <= len(force) else 0.0)
+    least = min(steps, default=0.0)
+    return least if least >= COARSE_N else 0.0
 
 
 def _usual(seconds: Array) -> float:
@@ -141,24 +231,47 @@ def _usual(seconds: Array) -> float:
     return float(short[np.searchsorted(share, USUAL_SHARE)])
 
 
-def _named(runs: Sequence[FrozenRun], wrench: Sequence[str], signals: Mapping[str, Array]) -> str:
-    unit, name = ("Nm", "joint torques are") if wrench[0] == "tau" else ("N", "force is")
-    moved = "m" if "pos" in signals else "rad"
+NOT_ZEROED = (
+    f"The force is not zeroed, so contact and free space are not distinguished: the recording lasts "
+    f"{{span:.3g}} s, and its first {TARE_S:g} s are needed; {OFF}."
+)
+DECLARED = "it is declared to be right"
+SHORT = "contacts and loads of that time may be wrong"
+NOISE_FREE = "0 is taken as free space, as in a simulation without noise"
+DEAD_BAND = "the least that is not 0 is {least:.2g} {unit}, and contacts and loads below that are not seen"
+COARSE = (
+    "The force comes in steps of {step:.3g} N: a load is known to {error:.2g} kg at best, whatever its "
+    "stated error, and smaller contacts are not seen."
+)
+
+
+def _noise_free(values: Array, unit: str) -> str:
+    """What is taken of values (n, k) that are exactly 0 at times."""
+    least = float(np.abs(values[values != 0.0]).min(initial=np.inf))
+    if COARSE_N <= least < np.inf:
+        return f"{NOISE_FREE}; {DEAD_BAND.format(least=least, unit=unit)}"
+    return NOISE_FREE
+
+
+def _dead(
+    listed: str, runs: Sequence[FrozenRun], samples: CheckedMotion, force: _Force, *, believed: bool
+) -> _Finding:
+    """Values that a dead driver repeats, and what to do: the part without them can be used by itself."""
+    if believed:
+        return _Finding(f"{listed}: {DECLARED}.")
+    whole = runs[0].t0 <= samples.t[0] and runs[0].tn >= samples.t[-1]
+    remedies = [
+        *([] if whole else ["divide the recording there to use the rest"]),
+        *([force.remedy] if force.remedy else []),
+    ]
+    remedy = f": {', or '.join(remedies)}" if remedies else ""
+    return _Finding(f"{listed}. It is not used; {OFF}{remedy}.", "wrench")
+
+
+def _listed(runs: Sequence[FrozenRun], unit: str) -> str:
     shown = [
-        f"({', '.join(f'{value + 0.0:.4g}' for value in run.force)}) {unit} from {run.t0:.2f} s to "
-        f"{run.tn:.2f} s, while the robot moves by {run.moved:.2g} {moved}"
+        f"{run.shown} {unit} from {run.t0:.2f} s to {run.tn:.2f} s, while the robot moves by {run.moved}"
         for run in runs[:SHOWN]
     ]
     more = f", and {len(runs) - SHOWN} more times" if len(runs) > SHOWN else ""
-    return f"The {name} exactly {'; '.join(shown)}{more}, at most {FROZEN_S:g} s are plausible"
-
-
-def _dead(runs: Sequence[FrozenRun], t: Array, wrench: Sequence[str], signals: Mapping[str, Array]) -> str:
-    """Frozen runs, and what to do: the part without them can be used by itself."""
-    whole = runs[0].t0 <= t[0] and runs[0].tn >= t[-1]
-    remedies = [
-        *([] if whole else ["divide the recording there to use the rest"]),
-        *(["state --force-unit N if the values are right"] if wrench[0] == "force" else []),
-    ]
-    remedy = f": {', or '.join(remedies)}" if remedies else ""
-    return f"{_named(runs, wrench, signals)}. It is not used; {OFF}{remedy}."
+    return f"exactly {'; '.join(shown)}{more}, at most {FROZEN_S:g} s are plausible"

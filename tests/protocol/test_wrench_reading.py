@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.wrench_reading import FROZEN_S, frozen_runs, read_wrench
+from caesura_protocol.wrench_reading import FROZEN_S, CheckedMotion, read_wrench
+
+Change = Callable[[np.ndarray], np.ndarray]
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 PICK_AND_PLACE = DATA / "pick_and_place.npz"
@@ -34,9 +37,14 @@ def test_no_recording_of_the_repository_is_touched():
         assert found.wrench_source == stated.wrench_source
 
 
-def test_a_force_that_freezes_is_named_and_not_used(tmp_path: Path):
+def kept(values: np.ndarray) -> np.ndarray:
+    return values
+
+
+@pytest.mark.parametrize("torque", [frozen_from(4300), kept, np.zeros_like])
+def test_a_force_that_freezes_is_named_and_not_used(tmp_path: Path, torque: Change):
     # A dead driver's last force was a load of 125 g, carried for 8 s.
-    file = changed(tmp_path / "a.npz", force=frozen_from(4300), torque=frozen_from(4300))
+    file = changed(tmp_path / "a.npz", force=frozen_from(4300), torque=torque)
     found = load_recording(file)
     assert found.wrench_source == "none"
     (caution,) = found.cautions
@@ -48,13 +56,58 @@ def test_a_force_that_freezes_is_named_and_not_used(tmp_path: Path):
     assert "it is declared to be right" in believed.cautions[0]
 
 
+@pytest.mark.parametrize("axis", [0, 2])
+def test_an_axis_that_freezes_is_named_and_the_force_is_not_used(tmp_path: Path, axis: int):
+    def axis_frozen(force: np.ndarray) -> np.ndarray:
+        force[6000:, axis] = force[6000, axis]
+        return force
+
+    found = load_recording(changed(tmp_path / "a.npz", force=axis_frozen))
+    assert found.wrench_source == "none"
+    (caution,) = found.cautions
+    assert caution.startswith(f"Axis {'xyz'[axis]} of the force is exactly ")
+    assert "from 6.00 s to 12.80 s" in caution
+    believed = load_recording(tmp_path / "a.npz", force_unit="N")
+    assert believed.wrench_source == "flange_sensor"
+    assert "it is declared to be right" in believed.cautions[0]
+
+
+def test_an_axis_that_a_sensor_does_not_have_is_named(tmp_path: Path):
+    found = load_recording(changed(tmp_path / "a.npz", force=lambda force: force * [1.0, 0.0, 1.0]))
+    assert found.wrench_source == "flange_sensor"
+    assert found.cautions[0].startswith("Axis y of the force is exactly 0 N from 0.00 s to 12.80 s")
+    assert found.cautions[0].endswith("contacts and loads along it are not seen.")
+
+
+@pytest.mark.parametrize(
+    ("torque", "word"),
+    [(np.zeros_like, "The torque is 0 in every sample"), (frozen_from(1), "The torque is exactly (")],
+)
+def test_a_torque_that_does_not_change_is_left_out(tmp_path: Path, torque: Change, word: str):
+    file = changed(tmp_path / "a.npz", torque=torque)
+    found = load_recording(file)
+    assert found.wrench_source == "flange_sensor"
+    assert "torque" not in found.signals
+    (caution,) = found.cautions
+    assert caution.startswith(word)
+    assert caution.endswith("it is left out.")
+    assert "torque" in load_recording(file, as_stated=True).signals
+
+
+@pytest.mark.parametrize("step", [0.05, 0.2])
+def test_a_sensor_with_the_steps_of_real_ones_is_used_in_silence(tmp_path: Path, step: float):
+    found = load_recording(changed(tmp_path / "a.npz", force=lambda force: step * np.round(force / step)))
+    assert (found.wrench_source, found.cautions) == ("flange_sensor", ())
+
+
 @pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
-def test_a_sensor_with_coarse_steps_is_used(tmp_path: Path, step: float):
+def test_a_sensor_with_coarse_steps_is_used_and_they_are_named(tmp_path: Path, step: float):
     def stepped(values: np.ndarray) -> np.ndarray:
         return step * np.round(values / step) + 0.01
 
     found = load_recording(changed(tmp_path / "a.npz", force=stepped, torque=stepped))
-    assert (found.wrench_source, found.cautions) == ("flange_sensor", ())
+    assert found.wrench_source == "flange_sensor"
+    assert found.cautions[0].startswith(f"The force comes in steps of {step:g} N: a load is known to ")
     if step == 2.0:
         changes = np.flatnonzero(np.diff(found.signals["force"], axis=0).any(axis=1))
         assert np.diff(found.t[changes]).max() > FROZEN_S, "a value lasts as long as a dead driver's"
@@ -76,11 +129,12 @@ def test_a_driver_that_dies_at_once_is_found_in_a_recording_of_two_forces(tmp_pa
     assert load_recording(file).wrench_source == "none"
 
 
-def test_a_force_of_zeros_is_no_force(tmp_path: Path):
-    found = load_recording(changed(tmp_path / "a.npz", force=np.zeros_like, torque=np.zeros_like))
+@pytest.mark.parametrize("torque", [np.zeros_like, kept])
+def test_a_force_of_zeros_is_no_force(tmp_path: Path, torque: Change):
+    found = load_recording(changed(tmp_path / "a.npz", force=np.zeros_like, torque=torque))
     assert found.wrench_source == "none"
     assert found.cautions == (
-        "Every force is 0 while the robot moves: it is read as no force; contact and load are off.",
+        "The force is 0 in every sample: it is read as no force; contact and load are off.",
     )
 
 
@@ -88,9 +142,20 @@ def test_zeros_in_free_space_are_those_of_a_simulation_and_named(tmp_path: Path)
     def noise_free(force: np.ndarray) -> np.ndarray:
         return np.where(np.linalg.norm(force, axis=1, keepdims=True) > 4.0, force, 0.0)
 
-    found = load_recording(changed(tmp_path / "a.npz", force=noise_free, torque=np.zeros_like))
+    found = load_recording(changed(tmp_path / "a.npz", force=noise_free))
     assert found.wrench_source == "flange_sensor"
-    assert "simulated without noise" in found.cautions[0]
+    assert found.cautions[0].endswith("0 is taken as free space, as in a simulation without noise.")
+
+
+def test_a_dead_band_is_named_with_what_it_hides(tmp_path: Path):
+    def dead_band(force: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(force) < 1.0, 0.0, force)
+
+    found = load_recording(changed(tmp_path / "a.npz", force=dead_band))
+    assert found.wrench_source == "flange_sensor"
+    assert (
+        "the least that is not 0 is 1 N, and contacts and loads below that are not seen" in found.cautions[0]
+    )
 
 
 def test_a_recording_without_time_for_the_tare_has_no_contact(tmp_path: Path):
@@ -115,10 +180,10 @@ def test_a_run_is_frozen_by_its_length_and_the_movement_in_it(moved: float, held
     force = rng.normal(size=(400, 3))
     inside = (t >= 0.5) & (t <= 0.5 + held_s + 1e-9)
     force[inside] = [1.0, 2.0, 3.0]
-    signals = {"pos": np.column_stack([moved * share, 0 * t, 0 * t]), "force": force}
-    assert bool(frozen_runs(t, signals, ["force"], "m")) == found
-    millimetres = {"pos": 1000.0 * signals["pos"], "force": force}
-    assert bool(frozen_runs(t, millimetres, ["force"], "mm")) == found
+    signals = {"pos": np.column_stack([moved * share, 0 * t, 0 * t])}
+    assert bool(CheckedMotion.of(t, signals, "m").frozen(force)) == found
+    millimetres = {"pos": 1000.0 * signals["pos"]}
+    assert bool(CheckedMotion.of(t, millimetres, "mm").frozen(force)) == found
     assert held_s > FROZEN_S or not found
 
 

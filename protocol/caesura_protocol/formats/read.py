@@ -69,8 +69,8 @@ def load_recording(
     time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
     A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
     another unit (`caesura_protocol.plausibility`), and times that go back.
-    as_stated: keep the wrench source of a wrench that cannot be used (`caesura_protocol.wrench_reading`), for
-    a copy of the file; else it is `none`, and `Recording.cautions` has the reason.
+    as_stated: keep a wrench that cannot be used (`caesura_protocol.wrench_reading`), for a copy of the file;
+    else its source is `none` or its torque is left out, and `Recording.cautions` has the reason.
     Raises RecordingError for anything that is not a recording, SourceError where an extra is missing.
     """
     stated = declared_units(length=length_unit, time=time_unit, angle=angle_unit, force=force_unit)
@@ -129,7 +129,7 @@ def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> N
 
 
 def _with_usable_wrench(recording: Recording) -> Recording:
-    """The recording; where its wrench cannot be used, with the source `none` and the reason."""
+    """The recording, with what is found of its wrench; what cannot be used is left out."""
     reading = read_wrench(
         recording.t,
         recording.signals,
@@ -139,7 +139,10 @@ def _with_usable_wrench(recording: Recording) -> Recording:
     )
     if not reading.found:
         return recording
-    return replace(recording, wrench_source=reading.source, cautions=reading.found)
+    signals = {
+        name: values for name, values in recording.signals.items() if name != "torque" or reading.uses_torque
+    }
+    return replace(recording, signals=signals, wrench_source=reading.source, cautions=reading.found)
 
 
 def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> list[str]:

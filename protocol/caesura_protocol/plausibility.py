@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.codec import signals_of
 from caesura_protocol.messages import Quantity
+from caesura_protocol.sample_limits import WIDEST_M
 
 Array = NDArray[np.float64]
 
@@ -223,6 +224,23 @@ def likely_length_unit(position: Sequence[float]) -> str | None:
     """The unit in which a position [m] would be within reach; None where it may be metres."""
     value, check = math.hypot(*position), CHECKS[1]
     return None if value <= check.limit else _likely(check, value, "m")
+
+
+#: The widest that fingers open, in units other than metres. 15 cm are a wide gripper, 15 mm a narrow one.
+WIDEST_OPENING: Mapping[str, float] = {"cm": 15.0, "mm": 200.0}
+
+
+def likely_opening_unit(widest: float) -> str | None:
+    """The likely unit of openings up to this one; None for metres, for a flag, and for counts.
+
+    >>> [likely_opening_unit(widest) for widest in (0.08, 1.0, 8.0, 80.0, 255.0)]
+    [None, None, 'cm', 'mm', None]
+    """
+    return (
+        None
+        if widest <= WIDEST_M
+        else next((u for u, most in WIDEST_OPENING.items() if widest <= most), None)
+    )
 
 
 def _likely(check: _Check, value: float, stated: str) -> str | None:

@@ -70,7 +70,7 @@ class Recording:
     wrench_source: None where it is not stated; hand_on_robot: does a person guide this robot by hand?
     ignored: what else the file holds. declared_units: quantities whose unit a person declared, so that values
     which no robot reports are believed. setting: what its cell asks of the program. assumed: what the reader
-    assumes where the file leaves it open; cautions: why a wrench is not used, or is suspect; a sentence each.
+    assumes where the file leaves it open; cautions: what is left out or suspect, and why; a sentence each.
     lines: of the samples in the file, where it is a text.
     Raises RecordingError where a shape, a name, a unit or a time is off.
     """

@@ -67,12 +67,13 @@ def ros_franka() -> float:
         "quat": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         "q": np.ones((n, 7)),
         "force": made.signals["force"][:n],
+        "torque": np.ones((n, 3)),
         "tau": np.ones((n, 7)),
     }
     messages = list(ros.franka_topic(replace(made, t=made.t[:n], signals=reported)))
     topic = messages[0][0]
     assert messages[0][1] == FRANKA_STATE
-    return live(messages, dict.fromkeys((*reported, "torque"), topic))
+    return live(messages, dict.fromkeys(reported, topic))
 
 
 def ros_sensor() -> float:

@@ -273,7 +273,8 @@ EVEN = np.arange(2000) / 1000.0
         (hand(EVEN * 1e9), "units", "bad", "State --time-unit ns"),
         (hand(np.delete(EVEN, slice(500, 900))), "regularity", "warn", "longest 401 ms"),
         (hand(EVEN + np.tile([0, 9e-4], 1000)), "regularity", "warn", "off by more than half"),
-        (hand(np.repeat(EVEN, 2)), "repeats", "warn", "2000 samples"),
+        (hand(np.repeat(EVEN, 2)), "repeats", "warn", "2000 of 4000 samples"),
+        (hand(np.where(EVEN < 1.5, EVEN, EVEN - 0.2)), "repeats", "warn", "200 of 2000 samples"),
         (hand(np.zeros(10)), "rate", "warn", "time does not advance"),
         (hand(EVEN, pos=np.tile(200.0 * EVEN[:, None], 3)), "units", "bad", "State --length-unit mm"),
         (

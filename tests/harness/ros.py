@@ -71,14 +71,14 @@ def joints(stamp: int, by_name: Mapping[str, float]) -> Any:
     return message
 
 
-def franka(stamp: int, position: Any, orientation: Any, q: Any, force: Any, tau: Any) -> Any:
+def franka(stamp: int, position: Any, orientation: Any, q: Any, force: Any, torque: Any, tau: Any) -> Any:
     """As franka_ros2 has it: wrench and torques of the robot on the environment."""
     message = stamped(FRANKA_STATE, stamp, "fr3_link0")
     message.o_t_ee = pose(stamp, position, orientation)
     put_xyz(message.f_t_ee.pose.orientation, (0, 0, 0, 1))
     message.measured_joint_state.name = list(ARM)
     message.measured_joint_state.position = np.array(q, dtype=float)
-    message.o_f_ext_hat_k = wrench(stamp, -np.asarray(force))
+    message.o_f_ext_hat_k = wrench(stamp, -np.asarray(force), -np.asarray(torque))
     message.tau_ext_hat_filtered.name = list(ARM)
     message.tau_ext_hat_filtered.effort = -np.array(tau, dtype=float)
     return message
@@ -105,7 +105,7 @@ def sensor_topics(recording: Recording) -> Iterator[Message]:
 def franka_topic(recording: Recording) -> Iterator[Message]:
     """Everything in one topic."""
     signals = recording.signals
-    names = ("pos", "quat", "q", "force", "tau")
+    names = ("pos", "quat", "q", "force", "torque", "tau")
     for stamp, *row in zip(stamps(recording), *(signals[name] for name in names), strict=True):
         yield "/franka_robot_state_broadcaster/robot_state", FRANKA_STATE, stamp, franka(stamp, *row)
 

@@ -13,13 +13,14 @@ from caesura_clients.doctor.probes import ProbeResult, probe_network
 from caesura_clients.doctor.reach import check_endpoint, no_session
 from caesura_protocol.errors import CaesuraError, Unreachable
 from caesura_protocol.messages import WRENCH_SOURCES
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import ASSUMED_ORDER, Recording
 from caesura_protocol.sample_limits import TARE_S
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
 
 CONNECT_S = 3.0
 LISTEN_S = 3.0
+COMPARED = "`caesura segment` compares it with the joints."
 ASSUMED = (
     "assumed: the recording does not state its wrench source; contact and load are off. "
     "State it with --wrench-source"
@@ -90,9 +91,10 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     for doubt in recording.doubts:
         yield warn("units", doubt, "compare the values with the units that are declared")
     for assumed in recording.assumed:
-        yield ok("reading", assumed)
+        compared = " " + COMPARED if assumed == ASSUMED_ORDER and "q" in recording.signals else ""
+        yield ok("reading", assumed + compared)
     for caution in recording.cautions:
-        yield warn("wrench", caution, "look at the values and at the driver of the sensor")
+        yield warn("reading", caution, "look at the values, and at what wrote them")
     yield from signal.check_rate(samples)
     yield signal.check_signals(samples)
     yield from _check_wrench(recording)

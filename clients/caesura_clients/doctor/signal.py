@@ -66,11 +66,12 @@ def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
     late = "give samples the time at which they were measured, not at which they were sent"
     yield graded("regularity", found, (pause > HOLE_S, "warn", gap), (uneven > UNEVEN_SHARE, "warn", late))
     back = np.maximum.accumulate(samples.t)[:-1] - samples.t[1:]
+    ignored = int(np.sum(back >= 0.0))
     if back.max() > HOLE_S:
         found = f"sample {int(back.argmax()) + 1}: time goes back by {back.max():.6g} s"
         yield CheckResult("bad", "clock", found, "it was set, or two recordings are one: divide them there")
-    elif advancing.size < steps.size:
-        found = f"{steps.size - advancing.size} samples whose time does not advance, which are ignored"
+    elif ignored:
+        found = f"{ignored} of {samples.t.size} samples have a time that does not advance, and are ignored"
         yield CheckResult("warn", "repeats", found, "the source sends samples twice, or its clock steps back")
 
 

@@ -157,7 +157,8 @@ def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> 
     if ignored := ignored_line(recording):
         yield ignored
     if view.repeats:
-        yield f"{view.repeats} of {view.samples} samples were dropped: their time did not advance"
+        verb = "was" if view.repeats == 1 else "were"
+        yield f"{view.repeats} of {view.samples} samples {verb} dropped: their time did not advance"
     for gap in view.gaps[:SHOWN_GAPS]:
         yield f"nothing is known between {clock.shown(gap.t0)} s and {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 NS = 1e-9  # [s]
+EXPECTED = "a date with a time, such as 2026-11-24T09:00:00.250 (ISO 8601)"
 CALENDAR = "Times are seconds from the first sample, which is at {}."
 
 
@@ -40,7 +41,7 @@ def seconds_of(cells: Sequence[str], places: Sequence[str]) -> CalendarTimes:
     for place, cell in zip(places, cells, strict=True):
         time = _parsed(cell)
         if time is None:
-            raise ValueError(f"{place}: t is {cell!r}, expected a date with a time (ISO 8601) as before")
+            raise ValueError(f"{place}: t is {cell!r}, expected {EXPECTED} as before")
         if times and (time.tzinfo is None) != (times[0].tzinfo is None):
             raise ValueError(
                 f"{place}: t is {cell!r}, and the first one is {cells[0]!r}: expected a time zone in "

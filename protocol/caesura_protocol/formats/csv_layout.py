@@ -21,13 +21,13 @@ from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
-from caesura_protocol.plausibility import METRES, RADIANS, implausible
+from caesura_protocol.plausibility import METRES, RADIANS, implausible, likely_opening_unit
 from caesura_protocol.recording import STATED, RecordingError
 
 DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal mark
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
-WIDEST_MM = 200.0  # that fingers open; a count of 0 to 255 is beyond it, and a flag or metres are at most 1
+MOST_SHOWN = 40  # characters of a line, in an error
 PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
@@ -78,8 +78,9 @@ def read_layout(path: Path) -> CsvLayout:
     rows = [tuple(cell.strip() for cell in row) for row in csv.reader(lines, delimiter=delimiter)]
     if not 1 < len(rows[0]) <= MOST_COLUMNS:
         raise RecordingError(
-            f"{path.name}: {len(rows[0])} columns, expected 2 to {MOST_COLUMNS}, divided by one of "
-            f"{', '.join(map(repr, DELIMITERS))}"
+            f"{path.name}: the first row, {lines[0].strip()[:MOST_SHOWN]!r}, has {len(rows[0])} columns, "
+            f"expected names of 2 to {MOST_COLUMNS}, divided by one of {', '.join(map(repr, DELIMITERS))}; "
+            "# begins a line above them that is for people"
         )
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for row in rows[:20] for cell in row)
     decimal = "," if commas and delimiter != "," else "."
@@ -114,8 +115,8 @@ def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str
         if (unit := _unit_in(name, UNITS[signal])) is not None:
             units.setdefault(signal, unit)
     values = {column: layout.numbers(name) for column, name in columns.items()}
-    if "gripper" in values and 1.0 < np.max(np.abs(values["gripper"]), initial=0.0) <= WIDEST_MM:
-        units.setdefault("gripper", "mm")
+    if "gripper" in values and (unit := likely_opening_unit(np.max(np.abs(values["gripper"]), initial=0.0))):
+        units.setdefault("gripper", unit)
     if "t" not in values or not np.isfinite(values["t"]).all():
         return units
     t = values["t"] * UNITS["t"][units.get("t", "s")]

@@ -16,7 +16,7 @@ import numpy as np
 
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.distribution import import_extra
-from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
+from caesura_protocol.formats.calendar_time import CALENDAR, EXPECTED, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.csv_layout import DELIMITERS, PLACES, guessed, has_own_columns, read_layout
 from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, stated_in_comments
@@ -24,7 +24,7 @@ from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.npz import read_npz
 from caesura_protocol.formats.raw_recording import Array, RawRecording
-from caesura_protocol.formats.sample_checks import check_clock, check_values
+from caesura_protocol.formats.sample_checks import check_clock, check_time_steps, check_values, left_out
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
 from caesura_protocol.plausibility import UNITS
@@ -108,11 +108,14 @@ def load_recording(
         lines=raw.lines,
         **options,  # type: ignore[arg-type]
     )
+    if check_units:
+        check_time_steps(recording)
     if check_units and (found := recording.implausible) is not None:
         raise RecordingError(f"{path.name}: {found}. {unit_remedy(found, recording.length_unit)}")
     check_values(recording)
     if check_units:
         check_clock(recording)
+    recording = replace(recording, cautions=left_out(recording))
     return recording if as_stated else _with_usable_wrench(recording)
 
 
@@ -142,7 +145,12 @@ def _with_usable_wrench(recording: Recording) -> Recording:
     signals = {
         name: values for name, values in recording.signals.items() if name != "torque" or reading.uses_torque
     }
-    return replace(recording, signals=signals, wrench_source=reading.source, cautions=reading.found)
+    return replace(
+        recording,
+        signals=signals,
+        wrench_source=reading.source,
+        cautions=(*recording.cautions, *reading.found),
+    )
 
 
 def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> list[str]:
@@ -346,7 +354,7 @@ def _check_number(line: int, name: str, cell: str) -> None:
     except ValueError as error:
         expected = "a number; leave out the rows that have none"
         if name == "t":
-            expected = "a number of seconds, or a date with a time (ISO 8601)"
+            expected = f"a number of seconds, or {EXPECTED}"
         raise ValueError(f"line {line}: {name} is {cell!r}, expected {expected}") from error
 
 

@@ -1,6 +1,7 @@
-"""Values that no session takes, found while a file is read: each with its sample, its limit and a remedy.
+"""Values and times that no session takes, found while a file is read: each with its sample, limit and remedy.
 
-The service refuses the same values, but only names a sample.
+The service refuses the same values, but only names a sample. It leaves out samples whose time does not
+advance; those that follow a step back are named here.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.plausibility import LEAST_SAMPLES
+from caesura_protocol.plausibility import LEAST_SAMPLES, METRES, likely_opening_unit
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERANCE, WIDEST_M
 
-WIDEST_MM = 200.0
+SHOWN = 3  # steps back that are listed
 
 
 def check_values(recording: Recording) -> None:
@@ -23,6 +24,39 @@ def check_values(recording: Recording) -> None:
         return
     for found in _wrong_values(recording):
         raise RecordingError(f"{recording.name}: {found}")
+
+
+def check_time_steps(recording: Recording) -> None:
+    """Raise RecordingError where most samples have the time of the one before."""
+    t = recording.t
+    repeated = t[1:] == t[:-1]
+    if t.size >= LEAST_SAMPLES and repeated.mean() > 0.5:
+        row = int(repeated.argmax()) + 1
+        raise RecordingError(
+            f"{recording.name}: {recording.place(row)}: t is {t[row]:.10g}, as in the sample before, and so "
+            f"it is in {repeated.sum()} of {t.size} samples; expected a time of its own for each: write the "
+            "fractions of a second too"
+        )
+
+
+def left_out(recording: Recording) -> tuple[str, ...]:
+    """Which samples are left out because the time goes back before them, a sentence for each step back."""
+    t = recording.t
+    highest = np.maximum.accumulate(t)
+    back = np.flatnonzero(t[1:] < highest[:-1])
+    first = back[np.diff(back, prepend=-2) > 1] + 1  # samples that are left out, one after the other
+    found = []
+    for row in first[:SHOWN].tolist():
+        later = np.flatnonzero(t[row:] > highest[row - 1])
+        count = int(later[0]) if later.size else t.size - row
+        found.append(
+            f"{recording.place(row).capitalize()}: time goes back from {highest[row - 1]:.6g} s to "
+            f"{t[row]:.6g} s. {_counted(count)} left out until it has advanced again, and no sample says how "
+            "long that took. If a clock was set there, divide the file."
+        )
+    if first.size > SHOWN:
+        found.append(f"Time goes back {first.size - SHOWN} more times.")
+    return tuple(found)
 
 
 def check_clock(recording: Recording) -> None:
@@ -59,13 +93,17 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
     if "gripper" in recording.signals:
         widths = np.abs(recording.signals["gripper"][:, 0])
         if (row := _first(widths > WIDEST_M)) is not None:
-            likely = "are they mm? Divide them by 1000"
-            if widths.max() > WIDEST_MM:
-                likely = "are they counts of a gripper? Convert them to its opening"
+            likely = "are they counts of a gripper? Convert them to its opening"
+            if unit := likely_opening_unit(float(widths.max())):
+                likely = f"are they {unit}? Divide them by {1.0 / METRES[unit]:g}"
             yield (
                 f"{recording.place(row)}: gripper is {recording.signals['gripper'][row, 0]:g}, expected an "
                 f"opening [m] or a closed flag within ±{WIDEST_M:g}: {likely}, or leave out gripper"
             )
+
+
+def _counted(samples: int) -> str:
+    return "1 sample is" if samples == 1 else f"{samples} samples are"
 
 
 def _first(wrong: NDArray[np.bool_]) -> int | None:

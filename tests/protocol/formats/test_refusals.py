@@ -92,6 +92,17 @@ def replaced(name: str, row: int, value: object) -> np.ndarray:
             ("sample 0: gripper is 80, expected an opening [m] or a closed flag within ±1", "are they mm?"),
         ),
         (
+            {"gripper": 100.0 * arrays()["gripper"]},
+            ("sample 0: gripper is 8, expected an opening", "are they cm? Divide them by 100"),
+        ),
+        (
+            {"t": np.floor(arrays()["t"])},
+            (
+                "sample 1: t is 0, as in the sample before, and so it is in 199 of 200 samples",
+                "expected a time of its own for each: write the fractions of a second too",
+            ),
+        ),
+        (
             {"gripper": np.full(200, 228.0)},
             ("sample 0: gripper is 228, expected an opening", "counts of a gripper?"),
         ),
@@ -124,6 +135,27 @@ def test_a_refusal_names_file_sample_value_limit_and_remedy(tmp_path: Path, chan
         load_recording(saved(tmp_path / "a.npz", **changes))
     for word in ("a.npz: ", *words):
         assert word in str(refused.value)
+
+
+@pytest.mark.parametrize("step_s", [0.007, 0.2])
+def test_samples_after_a_step_back_are_named(tmp_path: Path, step_s: float):
+    # Samples were dropped, and what followed came earlier, without the place.
+    t = np.where(np.arange(200) < 100, arrays()["t"], arrays()["t"] - step_s)
+    found = load_recording(saved(tmp_path / "a.npz", t=t))
+    dropped = int(np.sum(t[100:] <= t[99]))
+    one = found.cautions[0]
+    assert one.startswith(f"Sample 100: time goes back from 0.495 s to {t[100]:.6g} s. ")
+    assert f" {dropped} {'sample is' if dropped == 1 else 'samples are'} left out " in one
+    assert one.endswith("If a clock was set there, divide the file.")
+    assert load_recording(saved(tmp_path / "b.npz")).cautions == ()
+
+
+def test_of_many_steps_back_some_are_named_and_the_rest_counted(tmp_path: Path):
+    t = arrays()["t"].copy()
+    t[10::20] -= 0.007
+    found = load_recording(saved(tmp_path / "a.npz", t=t)).cautions
+    assert [one.split(":")[0] for one in found[:3]] == ["Sample 10", "Sample 30", "Sample 50"]
+    assert found[3:] == ("Time goes back 7 more times.",)
 
 
 def text(**changes: np.ndarray) -> str:

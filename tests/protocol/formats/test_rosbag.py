@@ -46,7 +46,7 @@ def whole(recording: Recording) -> Recording:
         "quat": turned / np.linalg.norm(turned, axis=1, keepdims=True),
         "q": rng.uniform(-1, 1, (n, 7)),
         "force": recording.signals["force"],
-        "torque": np.zeros((n, 3)),
+        "torque": rng.uniform(-1, 1, (n, 3)),
         "tau": rng.uniform(-1, 1, (n, 7)),
     }
     return replace(recording, signals=signals, wrench_source="joint_torque_estimate")
@@ -64,14 +64,14 @@ def assert_same(found: Recording, expected: Recording) -> None:
 def test_topics_of_their_own_give_the_segments_of_the_npz(demonstration, tmp_path, storage):
     bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(demonstration), storage)
     found = load_recording(bag, wrench_source=SENSOR)
-    zeros = np.zeros((demonstration.t.size, 3))
     upright = np.tile([0.0, 0.0, 0.0, 1.0], (demonstration.t.size, 1))
     pos, force = demonstration.signals["pos"], demonstration.signals["force"]
-    signals = {"pos": pos, "quat": upright, "force": force, "torque": zeros}
+    signals = {"pos": pos, "quat": upright, "force": force}
     expected = replace(demonstration, signals=signals)
     expected.save(tmp_path / "same.npz")
     assert_same(found, expected)
     assert found.ignored == ()
+    assert found.cautions == ("The torque is 0 in every sample: it is left out.",)
     assert found.assumed == (
         "Topics are taken as those of one robot, by their types: pos, quat from /pose; force, torque from "
         "/ft/wrench. A mapping with [topics] names others.",
@@ -129,7 +129,7 @@ def test_the_flange_is_where_the_effector_is_less_where_that_is_on_the_flange(tm
     messages = []
     for i in range(3):
         message = ros.franka(
-            ros.BEGAN_NS + i * 10**6, (0.5, 0.1, 0.2), (1, 0, 0, 0), [0] * 7, (0, 0, 0), [0] * 7
+            ros.BEGAN_NS + i * 10**6, (0.5, 0.1, 0.2), (1, 0, 0, 0), [0] * 7, (0, 0, 0), (0, 0, 0), [0] * 7
         )
         ros.put_xyz(message.f_t_ee.pose.position, (0.0, 0.0, 0.1034))
         ros.put_xyz(message.f_t_ee.pose.orientation, (0.0, 0.0, np.sin(half), np.cos(half)))

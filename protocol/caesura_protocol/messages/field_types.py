@@ -29,6 +29,7 @@ HintKind = Literal[
     "singularity",
     "joint_limit",
     "bias_drift",
+    "frozen_force",
     "show_again",
 ]
 BridgeState = Literal[

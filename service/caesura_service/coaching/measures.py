@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.wrench_reading import MOVED_M
 from caesura_service.coaching.bias import DriftState, DriftTracker, Vector
 from caesura_service.constants import TARED_BIAS_N
 
@@ -87,6 +88,7 @@ class ObservedPose(NamedTuple):
     holding: float  # 1 the fingers hold something, 0 they do not, nan unknown
     joints: Array | None = None  # (n,) [rad]
     after_gap: bool = False  # samples are missing before it
+    measured_n: float | None = None  # [N] length of the force as it came; None without a wrench
 
 
 class ArmMeasures(NamedTuple):
@@ -109,6 +111,16 @@ class Measures(NamedTuple):
     path_error_m: float = 0.0  # what the poses miss of the path between them
     bias_n: float = math.nan
     arm: ArmMeasures = NO_ARM
+    frozen_s: float = 0.0  # in which the force was the same number, and the flange moved
+    frozen_n: float = math.nan  # that force
+
+
+class UnchangedForce(NamedTuple):
+    """Since when a force has had the same length, to within rounding, and where the flange was then."""
+
+    measured_n: float  # [N]
+    since: float  # [s]
+    place: Vector  # [m]
 
 
 class MotionState(NamedTuple):
@@ -119,6 +131,7 @@ class MotionState(NamedTuple):
     drift: DriftState = DriftState()
     zero: Vector | None = None  # [N] what the force reads in free movement, where there is no tare
     free: tuple[Vector, ...] = ()  # [N] the forces in free movement, in a row, until the zero is known
+    unchanged: UnchangedForce | None = None
     arm: ArmMeasures = NO_ARM
     arm_age: int = 0  # observations since the joints were measured
 
@@ -141,18 +154,23 @@ class Meter:
         if self._setup.arm is not None and (before is None or arm_age >= ARM_EVERY):
             arm, arm_age = _of_arm(self._setup.arm, pose, before), 0
         if before is None:
-            state = state._replace(poses=(pose,), push=0.0, free=(), arm=arm, arm_age=0)
+            begun = _begun(pose)
+            state = state._replace(poses=(pose,), push=0.0, free=(), unchanged=begun, arm=arm, arm_age=0)
             return state, Measures(arm=arm)
+        unchanged, frozen_s = _unchanged(state.unchanged, pose)
         poses = (*state.poses[1 - POSES :], pose)
-        path_error_m = path_error(poses)
+        state = state._replace(poses=poses, unchanged=unchanged, arm=arm, arm_age=arm_age)
+        measured = Measures(path_error_m=path_error(poses), arm=arm)
+        if unchanged is not None:
+            measured = measured._replace(frozen_s=frozen_s, frozen_n=unchanged.measured_n)
         if not self._setup.clean_wrench:
-            return MotionState(poses, arm=arm, arm_age=arm_age), Measures(path_error_m=path_error_m, arm=arm)
+            return state, measured
         state = self._with_zero(state, pose)
         drift, push, driving_n, stray_n = self._of_force(state, pose, pose.t - before.t)
         x, y, z = drift.mean
         bias_n = math.sqrt(x * x + y * y + z * z)
-        measured = Measures(push, driving_n, stray_n, path_error_m, bias_n, arm)
-        return state._replace(poses=poses, push=push, drift=drift, arm=arm, arm_age=arm_age), measured
+        measured = measured._replace(push=push, driving_n=driving_n, stray_n=stray_n, bias_n=bias_n)
+        return state._replace(push=push, drift=drift), measured
 
     def _with_zero(self, state: MotionState, pose: ObservedPose) -> MotionState:
         """Take the zero of an untared force from observations of free movement that vary little."""
@@ -186,6 +204,18 @@ class Meter:
         drift = tracker.advance(state.drift, force, dt)
         # A tracked bias may be wrong, and so may that of the tare: what is stray, both show.
         return drift, push, driving_n, min(stray_n, stray) if speed >= FREE_M_PER_S else 0.0
+
+
+def _begun(pose: ObservedPose) -> UnchangedForce | None:
+    return None if pose.measured_n is None else UnchangedForce(pose.measured_n, pose.t, pose.position)
+
+
+def _unchanged(before: UnchangedForce | None, pose: ObservedPose) -> tuple[UnchangedForce | None, float]:
+    """Since when the force has been the same, and how long [s]; 0 until the flange has moved by MOVED_M."""
+    if before is None or pose.measured_n is None or not math.isclose(pose.measured_n, before.measured_n):
+        return _begun(pose), 0.0
+    moved = math.dist(pose.position, before.place) > MOVED_M
+    return before, pose.t - before.since if moved else 0.0
 
 
 def _tracker(scale_n: float) -> DriftTracker:

@@ -8,6 +8,7 @@ No limit is tuned. Each follows from what the system states elsewhere:
   deviations, or two of two. The force must drive without the tracked bias too, by the scale of a bias.
 - A path is recorded to within the tolerance of the program's paths.
 - Below a singular value of 0.05 the estimate of the wrench is damped (`robot.kinematics`).
+- A force is frozen where a file's would be: the same for FROZEN_S while the flange moves by MOVED_M.
 - `caesura check` refuses postures nearer than 0.05 rad to a joint's end.
 """
 
@@ -17,6 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from caesura_protocol.wrench_reading import FROZEN_S
 from caesura_service.coaching.coach import Trigger, Words
 from caesura_service.coaching.measures import PUSH_LIMIT, CoachingSetup, Measures
 
@@ -99,6 +101,15 @@ RULES: tuple[SignalRule, ...] = (
         lambda m, setup: (
             f"The force's zero has drifted by {m.bias_n:.0f} N (limit {SIZE_SCALES * setup.bias_n:.1f} N).",
             "Stop, let go, and start again: the start tares the sensor.",
+        ),
+    ),
+    SignalRule(
+        Trigger("frozen_force", confirm=1),
+        lambda m, _setup: m.frozen_s / FROZEN_S,
+        lambda m, _setup: (
+            f"The force is {m.frozen_n:.1f} N, always the same number while the robot moves "
+            f"(limit {FROZEN_S:g} s).",
+            "Look at the sensor and its driver: contacts and loads are not seen.",
         ),
     ),
 )

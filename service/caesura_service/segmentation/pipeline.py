@@ -168,6 +168,7 @@ def _pose(observation: Observation) -> ObservedPose:
         holding(observation),
         observation.joints,
         observation.after_gap,
+        observation.measured_n,
     )
 
 

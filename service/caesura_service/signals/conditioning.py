@@ -137,6 +137,7 @@ class Conditioner:
         self._columns = columns_of(layout)
         self._filter, self._every = self.parameters.filter, self.parameters.decimation
         self._taring = self.parameters.taring(layout.source)
+        self._has_wrench = layout.source_in_use != "none"
         self._tracks_bias = layout.source.bias != "tare"
         self._resampler = Resampler(
             self.parameters.grid_hz,
@@ -250,8 +251,8 @@ class Conditioner:
 
     def reset(self) -> None:
         """Forget every sample: the same pushes give the same results again."""
-        bare = self.layout.source_in_use == "none"
-        tare = TareState(Tare(None, "Not tared: there is no wrench.")) if bare else TareState()
+        bare = Tare(None, "Not tared: there is no wrench.")
+        tare = TareState() if self._has_wrench else TareState(bare)
         self._grid, self._state = None, _State(tare=tare)
         self._broken = self._finished = False
         self._samples = self._repeats = 0
@@ -311,10 +312,13 @@ class Conditioner:
             t = self._resampler.time_of(anchor, first + i)
             after_gap = state.after_gap and not filtered
             speeds = self._speeds(recent, max(i + 1 - every, half), i)
-            filtered.append(
-                FilteredRow(state.rows + len(filtered), t, row, velocity, speed, speeds, after_gap)
-            )
+            number, measured_n = state.rows + len(filtered), self._measured(recent[i])
+            filtered.append(FilteredRow(number, t, row, velocity, speed, speeds, after_gap, measured_n))
         return filtered
+
+    def _measured(self, row: Array) -> float | None:
+        """Length of the force of a flange row [N]; None without a wrench."""
+        return math.hypot(*row[self._columns.force].tolist()) if self._has_wrench else None
 
     def _speeds(self, rows: Array, first: int, last: int) -> Array:
         """Speeds (n,) [m/s] at rows first to last, see `numpy_operations.speeds_of`."""

@@ -39,6 +39,7 @@ class Observation:
     rotation: Array | None = None  # (3,) [rad] sum of the rotations so far, each a vector in the base frame
     torque_base: Array | None = None  # (3,) [Nm] of the environment about the flange, where it is tared
     boundary_before: float | None = None  # [s] of a segment that starts with the observation before
+    measured_n: float | None = None  # [N] length of the force as it came, with its bias and unfiltered
 
 
 class FilteredRow(NamedTuple):
@@ -51,6 +52,7 @@ class FilteredRow(NamedTuple):
     speed: float
     speeds: Array  # (n,) [m/s] at the grid rows since the observation before, the last one its own
     after_gap: bool
+    measured_n: float | None  # [N] as in Observation
 
 
 class Turned(NamedTuple):
@@ -114,4 +116,5 @@ def observation_of(
         rotation=rotation,
         torque_base=None if taken is None else tared_torque(row, columns, taken),
         boundary_before=boundary_before,
+        measured_n=filtered.measured_n,
     )

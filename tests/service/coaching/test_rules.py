@@ -60,6 +60,27 @@ def test_free_movement_raises_no_hint():
     assert coached(along_x(30)) == ()
 
 
+@pytest.mark.parametrize(
+    ("speed", "same", "found"), [(0.2, 7, True), (0.2, 5, False), (0.005, 30, False), (0.03, 7, True)]
+)
+def test_a_frozen_force_is_found_by_its_time_and_the_movement_in_it(speed: float, same: int, found: bool):
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    for k, place in enumerate(along_x(20, speed)):
+        measured = 3.0 if k < same else 3.0 + 0.01 * k
+        coach.observe(ObservedPose(STEP_S * k, place, (speed, 0.0, 0.0), STILL, 0.0, measured_n=measured))
+    assert kinds(coach.log.hints) == ["frozen_force"] * found
+
+
+def test_a_gap_begins_the_time_of_an_unchanged_force_anew():
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    for k, place in enumerate(along_x(12)):
+        pose = ObservedPose(
+            STEP_S * k, place, (0.2, 0.0, 0.0), STILL, 0.0, measured_n=3.0, after_gap=k % 5 == 0
+        )
+        coach.observe(pose)
+    assert coach.log.hints == ()
+
+
 def test_a_force_that_drives_the_movement_is_a_hand_within_half_a_second():
     (hint,) = coached(along_x(30), after(10, (12.0, 0.0, 0.0)))
     assert hint.kind == "hand_in_wrench"

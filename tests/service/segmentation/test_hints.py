@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import Hints, Insert
+from caesura_protocol.messages import Hints, Insert, WrenchSource
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording
 from caesura_service.publishing import messages
@@ -76,6 +76,36 @@ def test_lost_samples_are_asked_for():
     signals = {name: values[kept] for name, values in whole.signals.items()}
     found = segment_recording(replace(whole, t=whole.t[kept], signals=signals))
     assert [(one.kind, round(one.since, 1)) for one in found.hints] == [("show_again", 2.6)]
+
+
+def frozen(recording: Recording, from_s: float, *, turning: bool) -> Recording:
+    """The sensor repeats its force from then on; turning: in the axes of a flange that turns all the time."""
+    force = recording.signals["force"].copy()
+    force[recording.t > from_s] = force[recording.t > from_s][0]
+    signals = {**recording.signals, "force": force}
+    if not turning:
+        return replace(recording, signals=signals)
+    half = 0.1 * recording.t
+    signals["quat"] = np.column_stack([np.sin(half), 0.0 * half, 0.0 * half, np.cos(half)])
+    return replace(recording, signals=signals, force_frame="flange")
+
+
+@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize("source", ["flange_sensor", None])
+def test_a_force_that_freezes_is_hinted_at_while_the_robot_moves(source: WrenchSource | None, turning: bool):
+    recording = replace(frozen(guided(), FAULT_S, turning=turning), wrench_source=source)
+    view = next(view for view in steps(recording) if any(one.kind == "frozen_force" for one in view.hints))
+    assert 0.5 <= recording.t[view.samples - 1] - FAULT_S <= 1.0
+    (hint,) = [one for one in view.hints if one.kind == "frozen_force"]
+    newest = recording.signals["force"][-1]
+    assert f"The force is {np.linalg.norm(newest):.1f} N, always the same number" in hint.text
+
+
+def test_a_force_of_zeros_is_hinted_at_and_a_session_without_a_wrench_is_not():
+    silent = guided()
+    silent = replace(silent, signals={**silent.signals, "force": np.zeros((silent.t.size, 3))})
+    assert {one.kind for one in segment_recording(silent).hints} == {"frozen_force"}
+    assert segment_recording(replace(silent, wrench_source="none")).hints == ()
 
 
 def test_a_late_subscriber_has_the_active_hints_from_the_snapshot(held: Recording):

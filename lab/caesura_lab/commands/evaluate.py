@@ -108,7 +108,7 @@ def evaluate(
     data: Annotated[
         Path,
         typer.Option(
-            help="Real: the directory of the recordings.",
+            help="Real, sensors and coaching: the directory of the recordings.",
             envvar=DATA_VARIABLE,
             show_default="data/real",
         ),

@@ -10,7 +10,7 @@ from caesura_protocol.app_kinds import app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.limits import press_direction
+from caesura_protocol.programs.limits import press_direction, without_friction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
@@ -52,11 +52,15 @@ class PlannedApp(NamedTuple):
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:
-    """Plan apps that have what they need; acceleration: [m/s²] of a leg that starts and stops."""
+    """Plan apps that have what they need, each press along the normal of what it touches.
+
+    acceleration: [m/s²] of a leg that starts and stops.
+    """
     place: Vector | None = None  # at the end of the last movement
     touched: Vector | None = None  # the place of a contact that is not left yet
-    for index, app in enumerate(program.apps):
-        following = program.apps[index + 1] if index + 1 < len(program.apps) else None
+    apps = [without_friction(app) for app in program.apps]
+    for index, app in enumerate(apps):
+        following = apps[index + 1] if index + 1 < len(apps) else None
         contact = None
         if ends_in_contact(app.kind, None if following is None else following.kind):
             contact = press_direction(app, following)

@@ -427,6 +427,13 @@ def test_a_slope_is_pressed_as_hard_as_it_was_taught(monkeypatch: pytest.MonkeyP
     assert felt[-20:] == pytest.approx([10.0] * 20, abs=1.5)
 
 
+def test_friction_is_no_part_of_a_press(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The size of all that was felt was compared: of 10 N along the normal 9 were pressed.
+    monkeypatch.setattr(fake_franky.MovingRobot, "friction", 0.5)
+    felt = pressed_n(monkeypatch, as_file(wiped()), lambda x, y: 0.19)
+    assert felt[-20:] == pytest.approx([10.0] * 20, abs=0.2)
+
+
 def test_what_is_pushed_in_is_no_lost_surface_and_has_its_force_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -99,9 +99,10 @@ def _refuse_incomplete(name: str, app: App) -> None:
 def without_friction(app: App) -> App:
     """The app with its force along the normal of the surface, where it slides.
 
-    A hand that slides exerts what friction takes, too, in the direction of its way. Controllers follow a force
-    along one axis, and the way by themselves. It is left out where the rest leans less from the tool's axis: what
-    is pushed in does not, nor a force that goes with the tool. Where the path tilts the tool, see `force_in_tool`.
+    A hand that slides exerts what friction takes, too, in the direction of its way. Controllers follow a
+    force along one axis, and the way by themselves. Friction is left out where the rest leans less from the
+    tool's axis. That of what is pushed in does not, nor that of a force along the tool. Where the path tilts
+    the tool, see `force_in_tool`.
     """
     orientation = orientation_halfway(app)
     if app.force is None or app.path is None or app.target is None or orientation is None or _is_tilted(app):

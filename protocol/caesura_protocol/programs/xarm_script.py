@@ -104,6 +104,8 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         for name, rest in (("wait_force", app.rest_before), ("hold_force", app.rest_after)):
             if rest is not None:
                 row[name] = frame, axis, round(math.copysign(rest.newton, newtons), 3)
+    if planned.stands is not None:
+        row["stands"] = tuple(map(_rounded, planned.stands))
     if app.kind in GRIPS:
         row["fingers"] = _fingers(planned, gripper_of(program), program.safety)
     most_nm = stop_torque_nm(app.screw)

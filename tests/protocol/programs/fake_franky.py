@@ -221,8 +221,8 @@ def _targets(motion: _Motion) -> list[Affine]:
 class MovingRobot(Robot):
     """A robot over a surface: motions with a reaction end where it is met.
 
-    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default it gives no way; friction: of a
-    stroke along x, as a share of the force along z.
+    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default it gives no way;
+    friction: of a stroke along x, as a share of the force along z.
     An impedance leads the flange to its reference within every period.
     """
 

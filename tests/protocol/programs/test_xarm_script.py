@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -404,7 +405,9 @@ def test_a_force_along_an_axis_of_the_tool_is_in_its_frame_and_any_other_is_refu
     text = xarm_script(on_xarm((touch, tilted)))
     assert "'force': (1, 2, 10.0)" in text
     aside = tilted.model_copy(update={"orientation": DOWN})
-    leans = "its force leans by 40° from the axis z of the base, at most 20°: teach it with the tool held along"
+    leans = (
+        "its force leans by 40° from the axis z of the base, at most 20°: teach it with the tool held along"
+    )
     with pytest.raises(ValueError, match=rf"app 2 \(apply force\): {leans} the force"):
         xarm_script(on_xarm((touch, aside)))
 
@@ -554,3 +557,22 @@ def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFix
         moved(on_xarm(slid(4.0)), arm)
     said = capsys.readouterr().err
     assert said.count("the arm does not answer: it may still move and press, stop it at its button") == 1
+
+
+@pytest.mark.parametrize(("off_mm", "closes"), [(20.0, True), (50.0, False)])
+def test_the_fingers_do_not_close_where_the_arm_stands_elsewhere(off_mm: float, closes: bool):
+    # A recording that begins at the object has no way there: the fingers closed wherever the arm stood.
+    arm, made = Arm(), module_of(on_xarm(pick_and_place()[1:]))
+    arm.pose = [-14.0, -673.0, 107.0 + off_mm, 3.14, 0.0, 0.0]
+    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    with nullcontext() if closes else pytest.raises(made.Stop, match=r"app 1 .grasp.: the arm is 0.050 m"):
+        runner.run(made.APPS[:1])
+    assert bool(arm.calls("robotiq_set_position")) == closes
+
+
+def test_the_first_way_is_slow_where_only_the_fingers_moved_before_it():
+    # Fingers that open first counted as a movement: the arm went to its first place as fast as it was taught.
+    opened = pick_and_place()[4].model_copy(update={"t0": 0.0, "tn": 0.1})
+    arm = run(on_xarm((opened, *press())), table_m=0.185)
+    first = arm.calls("set_position_aa")[0]
+    assert first.kwargs["speed"] == pytest.approx(100.0)

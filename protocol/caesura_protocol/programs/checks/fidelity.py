@@ -16,10 +16,10 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import exerted_forces, force_in_words
-from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
+from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.app_times import part_of, rests_of
-from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.program_timing import ProgramTiming
@@ -144,7 +144,7 @@ def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
         return None
     reason = (
         f"grasps {fixed(1000 * off, 0)} mm from where it was taught to, "
-        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {_in_mm(app.target)} before it"
+        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {in_mm(app.target)} before it"
     )
     return reason, off, GRIP_REACH_M
 
@@ -159,7 +159,7 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     if off > tolerance_m * (1.0 + EVEN):
         yield (
             f"begins {fixed(1000 * off, 1)} mm from where the app before it ends, because {why}: "
-            f"insert a move to {_in_mm(start.position)} before it, or teach it again from there",
+            f"insert a move to {in_mm(start.position)} before it, or teach it again from there",
             off,
             tolerance_m,
         )
@@ -173,10 +173,6 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
             turned,
             tolerance_rad,
         )
-
-
-def _in_mm(point: Vector) -> str:
-    return f"({', '.join(fixed(1000 * x, 0) for x in point)}) mm"
 
 
 def _start_of(app: App) -> ViaPoint | None:

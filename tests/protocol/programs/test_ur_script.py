@@ -209,7 +209,11 @@ def test_a_screw_ends_where_it_is_tight():
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        (on_ur(press(), robot="panda"), "URScript is for Universal Robots, and its robot is panda"),
+        (
+            on_ur(press(), robot="panda"),
+            "Universal Robots, and its robot is panda: use --format franky",
+        ),
+        (on_ur(press(), robot="iiwa14"), "and its robot is iiwa14: use --format bt"),
         (
             on_ur(pick_and_place(), gripper="franka_hand"),
             "app 2 .grasp.: URScript does not drive a Franka Hand",

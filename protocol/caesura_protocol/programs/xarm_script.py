@@ -121,9 +121,9 @@ def _force(name: str, app: App) -> tuple[int, int, float]:
     """
     frame, axis, lean_rad, newtons = _axis(app)
     if lean_rad > MOST_LEAN_RAD:
-        leans = f"its force leans by {math.degrees(lean_rad):.0f}° from {_axis_in_words(frame, axis)}"
+        leans = f"its force leans by {math.degrees(lean_rad):.1f}° from {_axis_in_words(frame, axis)}"
         most = f"at most {math.degrees(MOST_LEAN_RAD):.0f}°"
-        raise ValueError(f"{name}: {leans}, {most}: teach it with the tool held along the force")
+        raise ValueError(f"{name}: {leans}, {most}: teach it again, pushing along the axis of the tool")
     return frame, axis, newtons
 
 

@@ -408,10 +408,8 @@ def test_a_force_along_an_axis_of_the_tool_is_in_its_frame_and_any_other_is_refu
     text = xarm_script(on_xarm((touch, tilted)))
     assert "'force': (1, 2, 10.0)" in text
     aside = tilted.model_copy(update={"orientation": DOWN})
-    leans = (
-        "its force leans by 40° from the axis z of the base, at most 20°: teach it with the tool held along"
-    )
-    with pytest.raises(ValueError, match=rf"app 2 \(apply force\): {leans} the force"):
+    said = "leans by 40.0° from the axis z of the base, at most 20°: teach it again, pushing along the axis"
+    with pytest.raises(ValueError, match=rf"app 2 \(apply force\): its force {said} of the tool"):
         xarm_script(on_xarm((touch, aside)))
 
 

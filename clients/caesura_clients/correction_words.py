@@ -139,7 +139,7 @@ def _segment(one: SegmentOutline, clock: SessionClock) -> str:
 
 
 def _span(one: SegmentOutline | AppOutline | PhaseOutline, clock: SessionClock) -> str:
-    return f"{clock.shown(one.t0)} to {clock.shown(one.tn)} s"
+    return f"{clock.interval(one.t0, one.tn, ' to ')} s"
 
 
 def _values(old: AppOutline, new: AppOutline, clock: SessionClock) -> Iterator[str]:

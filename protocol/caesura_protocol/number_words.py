@@ -12,3 +12,12 @@ def fixed(value: float, decimals: int) -> str:
     ('12.3', '-1e+308', 'nan')
     """
     return f"{value:.{decimals}f}" if abs(value) < LONG else f"{value:.3g}"
+
+
+def interval(first: float, last: float, decimals: int, between: str = "–") -> str:
+    """Two numbers as a range, or one where they read the same: an interval of no length.
+
+    >>> interval(6.5, 7.25, 1), interval(6.5, 7.25, 1, " to "), interval(6.5, 6.52, 1)
+    ('6.5–7.2', '6.5 to 7.2', '6.5')
+    """
+    return between.join(dict.fromkeys((fixed(first, decimals), fixed(last, decimals))))

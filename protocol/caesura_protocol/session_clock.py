@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import NamedTuple
 
 from caesura_protocol.messages import Segment
-from caesura_protocol.number_words import LONG, fixed
+from caesura_protocol.number_words import LONG, fixed, interval
 
 OF_DAY_S = 1e8  # from here on a time is one of day: no robot has counted seconds for three years
 
@@ -25,6 +25,10 @@ class SessionClock(NamedTuple):
     def shown(self, t: float, decimals: int = 2) -> str:
         """A time [s] of the session as people read it."""
         return fixed(t - self.start_s, decimals)
+
+    def interval(self, t0: float, tn: float, between: str = "–") -> str:
+        """Times [s] of the session as people read them, as `number_words.interval`."""
+        return interval(t0 - self.start_s, tn - self.start_s, 2, between)
 
     def brief(self, t: float) -> str:
         """A time [s] with as few decimals as it has."""

@@ -168,7 +168,7 @@ def test_a_gap_reaches_the_check_as_data(tmp_path: Path) -> None:
     holed = program.model_copy(update={"gaps": (Gap(t0=1.5, tn=1.75, reason="evicted"),), "notes": ()})
     path = tmp_path / "holed.json"
     path.write_text(holed.as_json())
-    assert said(path) == "warning: was not observed from 1.50 to 1.75 s: look at what it does"
+    assert said(path) == "warning: was not observed at 1.50–1.75 s: look at what it does"
 
 
 def test_a_path_that_cannot_be_kept_within_its_tolerance_says_so(tmp_path: Path) -> None:

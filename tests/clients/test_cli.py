@@ -294,7 +294,14 @@ def test_program_as_json_is_the_message(caesura, service):
 
 def test_program_asks_which_station_where_there_are_several(caesura, service):
     service.snapshots = [snapshot(0, station="cell-1"), snapshot(0, station="cell-2")]
-    assert_one_line(caesura("program"), "--station", "cell-1, cell-2")
+    said = "several stations have sessions: cell-1, cell-2; name one with --station"
+    assert_one_line(caesura("program"), said)
+    shown = " ".join(caesura("program", "--help").stdout.replace("│", " ").split())
+    assert "needed where several have sessions" in shown
+
+
+def test_program_says_where_no_station_has_a_session(caesura, service):
+    assert_one_line(caesura("program"), "no station has sessions")
 
 
 def test_sessions_are_listed(caesura, service):
@@ -442,7 +449,7 @@ def test_program_shows_a_session_by_its_name(caesura, service):
     result = caesura("program", "--session", "new")
     assert result.exit_code == 0, result.output
     assert "cell-2 / new, version 3" in result.stdout
-    assert_one_line(caesura("program", "--session", "none"), "a session 'none': none")
+    assert_one_line(caesura("program", "--session", "none"), "no station has a session 'none'")
 
 
 def test_an_app_that_is_less_sure_than_its_segments_is_explained():

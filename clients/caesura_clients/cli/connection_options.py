@@ -28,4 +28,7 @@ Config = Annotated[
     ),
 ]
 Station = Annotated[str | None, typer.Option(help="Teaching station.")]
+OnlyStation = Annotated[
+    str | None, typer.Option(help="Teaching station; needed where several have sessions.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]

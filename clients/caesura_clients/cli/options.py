@@ -216,5 +216,9 @@ def only_station(caesura: Caesura, station: str | None, session: str | None = No
     known = sorted({info.station for info in found if session in {None, info.session}})
     if len(known) != 1:
         which = "sessions" if session is None else f"a session {session!r}"
-        raise NotFound(f"name one with --station; stations with {which}: {', '.join(known) or 'none'}")
+        raise NotFound(
+            f"several stations have {which}: {', '.join(known)}; name one with --station"
+            if known
+            else f"no station has {which}"
+        )
     return known[0]

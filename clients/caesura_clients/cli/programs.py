@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from caesura_clients import query
-from caesura_clients.cli.connection_options import Config, Connect, Json, Station
+from caesura_clients.cli.connection_options import Config, Connect, Json, OnlyStation
 from caesura_clients.cli.options import (
     CellFile,
     ForceLimit,
@@ -56,7 +56,7 @@ class ProgramFormat(StrEnum):
 
 
 def program(
-    station: Station = None,
+    station: OnlyStation = None,
     session: Annotated[
         str | None, typer.Option(help="Session, also a closed one; by default the station's current one.")
     ] = None,

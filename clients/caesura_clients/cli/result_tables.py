@@ -193,7 +193,7 @@ def apps_table(apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET)
             _target_of(app),
             path_in_words(app, unit=""),
             _effort_of_app(app),
-            f"{clock.shown(app.t0)}–{clock.shown(app.tn)}",
+            clock.interval(app.t0, app.tn),
             f"{app.confidence:.2f}",
         )
     return table

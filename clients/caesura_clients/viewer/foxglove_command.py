@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.connection_options import Config, Connect, Station
+from caesura_clients.cli.connection_options import Config, Connect, OnlyStation
 from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
@@ -21,7 +21,7 @@ LAYOUT = "foxglove_layout.json"
 
 
 def serve_foxglove(
-    station: Station = None,
+    station: OnlyStation = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 chooses a free one.")] = DEFAULT_PORT,
     insecure: Annotated[

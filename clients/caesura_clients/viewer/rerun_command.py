@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from caesura_clients.cli.connection_options import Config, Connect, Station
+from caesura_clients.cli.connection_options import Config, Connect, OnlyStation
 from caesura_clients.cli.options import connected, named, only_station, reported
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
@@ -17,7 +17,7 @@ VIEWER = "rerun+http://127.0.0.1:9876/proxy"  # where `rerun` listens
 
 
 def show_in_rerun(
-    station: Station = None,
+    station: OnlyStation = None,
     viewer: Annotated[str, typer.Option(metavar="URL", help="A Rerun viewer that runs.")] = VIEWER,
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write an rrd file in place of a viewer.")

@@ -24,6 +24,7 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.programs.gripping import GRIP_REACH_M
+from caesura_protocol.programs.limits import without_friction
 from caesura_protocol.reproduced_path import knots_of
 from caesura_protocol.rotations import matrix_of
 
@@ -126,11 +127,12 @@ def _check(index: int, app: App) -> None:
     """Raises CaesuraError for what a level surface cannot do."""
     if app.screw is not None and APP_KINDS[app.kind].presses:
         raise CaesuraError(f"{app_name(index, app.kind)} turns in contact, which only a cell has: {NEED}")
-    if app.force is None:
+    force = without_friction(app).force
+    if force is None:
         return
-    size = float(np.linalg.norm(app.force))
-    if size > 0.0 and -app.force[2] < LEVEL_COSINE * size:
-        toward = ", ".join(f"{value:.1f}" for value in app.force)
+    size = float(np.linalg.norm(force))
+    if size > 0.0 and -force[2] < LEVEL_COSINE * size:
+        toward = ", ".join(f"{value:.1f}" for value in force)
         raise CaesuraError(
             f"{app_name(index, app.kind)} exerts ({toward}) N; surfaces of a cell as taught are level: {NEED}"
         )

@@ -14,7 +14,12 @@ from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_times import rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.limits import CONSTANTS, force_in_tool, refuse_beyond_limits
+from caesura_protocol.programs.limits import (
+    CONSTANTS,
+    force_in_tool,
+    refuse_beyond_limits,
+    without_friction,
+)
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (
     filled_template,
@@ -53,8 +58,9 @@ def _limits(safety: Safety) -> str:
     return "\n".join(lines)
 
 
-def _row(app: ProgramStep) -> dict[str, Any]:
+def _row(taught: ProgramStep) -> dict[str, Any]:
     """What the script needs of an app."""
+    app = without_friction(taught)
     row: dict[str, Any] = {
         "kind": app.kind,
         "title": step_title(app.kind, app.name, app.target_name),
@@ -65,7 +71,7 @@ def _row(app: ProgramStep) -> dict[str, Any]:
         value = getattr(app, name)
         if value is not None:
             row[name] = _rounded(value)
-    if not is_path_limited(app):
+    if not is_path_limited(taught):
         row.pop("force_taught", None)
     if app.path is not None:
         points, began = (app.path.start, *app.path.via), app.path.start.t

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.force_limit import exerted_forces
 from caesura_protocol.messages import App, Quaternion, Vector
@@ -34,6 +36,7 @@ CONSTANTS = {
     "MAX_PAUSE_S": ("pause_s", "between two apps; what was taught longer is shortened"),
 }
 FORCE_SLACK_N = 1e-6
+SLIDE_M = 0.015  # from which on a way in contact is one along a surface, as in franky's template
 TILTED_RAD = math.radians(20.0)
 ACTING = (  # limits on which a running script acts; the others are kept when it is written
     "MAX_SPEED_M_PER_S",
@@ -91,6 +94,28 @@ def _refuse_incomplete(name: str, app: App) -> None:
         raise ValueError(f"{name} has a path, but no target")
     if APP_KINDS[app.kind].presses and not any(app.force or ()):
         raise ValueError(f"{name}: force 0 N, expected one with a direction")
+
+
+def without_friction(app: App) -> App:
+    """The app with its force along the normal of the surface, where it slides.
+
+    A hand that slides exerts what friction takes, too, in the direction of its way. Controllers follow a
+    force along one axis, and the way by themselves. Friction is left out where the rest leans less from the
+    tool's axis. That of what is pushed in does not, nor that of a force along the tool. Where the path tilts
+    the tool, see `force_in_tool`.
+    """
+    orientation = orientation_halfway(app)
+    if app.force is None or app.path is None or app.target is None or orientation is None or _is_tilted(app):
+        return app
+    force, way = np.array(app.force), np.subtract(app.target, app.path.start.position)
+    metres, axis = float(np.linalg.norm(way)), matrix_of(orientation)[:, 2]
+    rubbed_n = float(force @ way) / max(metres, SLIDE_M)
+    if metres < SLIDE_M or rubbed_n <= 0.0:
+        return app
+    normal = force - rubbed_n / metres * way
+    x, y, z = normal.tolist()
+    is_nearer = axis @ normal * np.linalg.norm(force) > axis @ force * np.linalg.norm(normal)
+    return app.model_copy(update={"force": (x, y, z)}) if is_nearer else app
 
 
 def touching_force(following: App | None) -> Vector | None:

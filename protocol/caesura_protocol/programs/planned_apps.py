@@ -10,7 +10,7 @@ from caesura_protocol.app_kinds import app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.limits import press_direction
+from caesura_protocol.programs.limits import press_direction, without_friction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly
@@ -28,7 +28,7 @@ class PlannedApp(NamedTuple):
     presses without legs; hold_s: that it stays where it is then, as a hold or a press does; pause_s: after
     it. wait_n, hold_n: how hard it presses meanwhile. clear_legs: so many of the legs leave what the app
     before it touches; no force is looked for on them, and the sensor is zeroed after them. None where no leg
-    leaves it, and it still touches.
+    leaves it, and it still touches. stands: where the arm must be already, for a grasp before any movement.
     """
 
     place: int
@@ -44,6 +44,7 @@ class PlannedApp(NamedTuple):
     wait_n: float
     hold_n: float
     clear_legs: int | None
+    stands: Vector | None
 
     @property
     def name(self) -> str:
@@ -52,11 +53,16 @@ class PlannedApp(NamedTuple):
 
 
 def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedApp]:
-    """Plan apps that have what they need; acceleration: [m/s²] of a leg that starts and stops."""
+    """Plan apps that have what they need, each press along the normal of what it touches.
+
+    acceleration: [m/s²] of a leg that starts and stops.
+    """
     place: Vector | None = None  # at the end of the last movement
+    moved = False  # by any app before this one
     touched: Vector | None = None  # the place of a contact that is not left yet
-    for index, app in enumerate(program.apps):
-        following = program.apps[index + 1] if index + 1 < len(program.apps) else None
+    apps = [without_friction(app) for app in program.apps]
+    for index, app in enumerate(apps):
+        following = apps[index + 1] if index + 1 < len(apps) else None
         contact = None
         if ends_in_contact(app.kind, None if following is None else following.kind):
             contact = press_direction(app, following)
@@ -74,13 +80,17 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             hold = app.tn - app.t0
         begins = place if app.path is None else app.path.start.position
         start = None
-        if place is None and legs:
+        if not moved and legs:
             start, legs = _begun(app, legs)
+        stands = app.target if app.kind == "grasp" and not moved else None
+        moved = moved or start is not None
         pause = 0.0 if following is None else max(following.t0 - app.tn, 0.0)
         pause = min(pause, program.safety.pause_s)
         legs, clear = _cleared(legs, touched, contact)
         rests = rest_newtons(app)
-        yield PlannedApp(index, app, start, begins, legs, contact, wait, stay, hold, pause, *rests, clear)
+        yield PlannedApp(
+            index, app, start, begins, legs, contact, wait, stay, hold, pause, *rests, clear, stands
+        )
         place = app.target or place
         touches = contact is not None or app.kind == "apply_force"
         touched = place if touches else _still_touched(legs, touched)

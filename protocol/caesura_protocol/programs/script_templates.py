@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
+from itertools import pairwise
 from pprint import pformat
 from textwrap import indent
 from typing import Any
 
-from caesura_protocol.app_kinds import app_name
+from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
@@ -24,7 +25,8 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
     """
     robot = None if program.robot is None else robot_description(program.robot)
     if robot is not None and robot.script != script:
-        raise ValueError(f"{expected}, and its robot is {program.robot}")
+        fits = f"use --format {robot.script or 'bt'}"
+        raise ValueError(f"{expected}, and its robot is {program.robot}: {fits}")
     program.as_json()  # refuses what is not finite
     return robot
 
@@ -32,9 +34,14 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
     """What a check finds of each app, by its place from 0, as lines without a mark; None: of the whole.
 
-    Reach is not looked at: that needs the kinematics of a robot.
+    A carry that sets down says that it looks for a surface. Reach is not looked at: that needs the kinematics
+    of a robot.
     """
-    comments: dict[int | None, list[str]] = {}
+    comments: dict[int | None, list[str]] = {
+        index: ["sets down: looks for the surface at its end, slowly until it is felt"]
+        for index, (app, following) in enumerate(pairwise(program.apps))
+        if APP_KINDS[app.kind].carries and ends_in_contact(app.kind, following.kind)
+    }
     for one in document_findings(program):
         comments.setdefault(one.index, []).append(_one_line(f"{one.severity}: {one.reason}"))
     return comments

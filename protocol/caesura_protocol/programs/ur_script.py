@@ -172,7 +172,8 @@ class _Writer:
             calls = GRIPPER_CALLS.get(held_by.interface or "")
         if held_by is None or calls is None:
             raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
-        lines = calls(held_by, planned.app)
+        lines = [] if planned.stands is None else [f"check_stands({_list(planned.stands)})"]
+        lines += calls(held_by, planned.app)
         return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
 
 

@@ -21,6 +21,7 @@ from caesura_protocol.programs.limits import (
     orientation_halfway,
     refuse_beyond_limits,
     within_robot,
+    without_friction,
 )
 from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
@@ -103,6 +104,8 @@ def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
         for name, rest in (("wait_force", app.rest_before), ("hold_force", app.rest_after)):
             if rest is not None:
                 row[name] = frame, axis, round(math.copysign(rest.newton, newtons), 3)
+    if planned.stands is not None:
+        row["stands"] = tuple(map(_rounded, planned.stands))
     if app.kind in GRIPS:
         row["fingers"] = _fingers(planned, gripper_of(program), program.safety)
     most_nm = stop_torque_nm(app.screw)
@@ -118,8 +121,9 @@ def _force(name: str, app: App) -> tuple[int, int, float]:
     """
     frame, axis, lean_rad, newtons = _axis(app)
     if lean_rad > MOST_LEAN_RAD:
-        stated = ", ".join(f"{value:.1f}" for value in app.force or ())
-        raise ValueError(f"{name}: force ({stated}) N, expected one along an axis of the base or the tool")
+        leans = f"its force leans by {math.degrees(lean_rad):.1f}° from {_axis_in_words(frame, axis)}"
+        most = f"at most {math.degrees(MOST_LEAN_RAD):.0f}°"
+        raise ValueError(f"{name}: {leans}, {most}: teach it again, pushing along the axis of the tool")
     return frame, axis, newtons
 
 
@@ -144,13 +148,16 @@ def _axis(app: App) -> tuple[int, int, float, float]:
     return min(found, key=lambda one: one[2] + SAME_RAD * one[0])
 
 
+def _axis_in_words(frame: int, axis: int) -> str:
+    return f"the axis {'xyz'[axis]} of the {'tool' if frame == TOOL else 'base'}"
+
+
 def _leaning(app: App) -> list[str]:
     """What a script says of a force that leans from the axis along which it presses."""
     if app.kind != "apply_force":
         return []
-    frame, axis, lean_rad, _ = _axis(app)
-    of = "tool" if frame == TOOL else "base"
-    said = f"its force leans by {math.degrees(lean_rad):.0f}° from the axis {'xyz'[axis]} of the {of}"
+    frame, axis, lean_rad, _ = _axis(without_friction(app))
+    said = f"its force leans by {math.degrees(lean_rad):.0f}° from {_axis_in_words(frame, axis)}"
     return [f"warning: {said}, along which it presses"] if lean_rad > NAMED_LEAN_RAD else []
 
 

@@ -44,7 +44,7 @@ from caesura_protocol.messages import (
     Undo,
     Vector,
 )
-from caesura_protocol.number_words import fixed
+from caesura_protocol.number_words import interval
 from caesura_protocol.programs.app_times import earlier, is_taught_again, may_retime
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
@@ -297,12 +297,10 @@ class _Draft:
             return f"{what} that edit {wanted.added} added is not in the program"
         apps = [self.items[index].inferred for index in self._near(wanted)]
         near = [app for app in apps if app.added is None and app.t0 < wanted.tn and wanted.t0 < app.tn]
-        named = [
-            f"'{app_title(app.kind)}' at {fixed(app.t0, 2)} to {fixed(app.tn, 2)} s" for app in near[:NAMED]
-        ]
+        named = [f"'{app_title(app.kind)}' at {_seconds(app)}" for app in near[:NAMED]]
         more = f" and {len(near) - NAMED} more" if len(near) > NAMED else ""
         now = f": now there is {', '.join(named)}{more}" if named else ""
-        return f"{what} at {fixed(wanted.t0, 2)} to {fixed(wanted.tn, 2)} s is no longer in the program{now}"
+        return f"{what} at {_seconds(wanted)} is no longer in the program{now}"
 
     def _behind(self, after: AppReference | None) -> int:
         return 0 if after is None else self._place(after) + 1
@@ -482,3 +480,7 @@ _LACKS: Mapping[str, Callable[[App], str]] = {
     "tolerance_m": lambda app: "has no path" if app.path is None else "",
     "gripper_width": lambda app: "" if "width" in APP_KINDS[app.kind].ports else "moves no fingers",
 }
+
+
+def _seconds(app: App | AppReference) -> str:
+    return f"{interval(app.t0, app.tn, 2, ' to ')} s"

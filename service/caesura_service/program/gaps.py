@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 
 from caesura_protocol.messages import Gap
-from caesura_protocol.number_words import fixed
+from caesura_protocol.number_words import fixed, interval
 
 EDGE_S = 0.2  # conditioning makes no observation this close to a gap, so an app may end as long before it
 NAMED = 5  # gaps in a note, the longest ones
@@ -58,7 +58,7 @@ class Gaps:
 
 def _named(gap: Gap, began: float) -> str:
     if gap.t0 < gap.tn:
-        when = f"{fixed(gap.t0, 2)}–{fixed(gap.tn, 2)} s"
+        when = f"{interval(gap.t0, gap.tn, 2)} s"
     else:
         when = f"{'before' if gap.t0 <= began else 'after'} {fixed(gap.t0, 2)} s"
     return f"{when} ({REASONS[gap.reason]})"

@@ -20,6 +20,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+UNTARED = (
+    "The sensor's bias, often 1 to 5 N, stays in every force and load, and hides light contacts: to have it "
+    "taken off, begin the recording at rest in free space."
+)
 UNTARED_BIAS_N = 5.0  # scale of what free space reads without a tare: real sensors read 1–5 N
 
 
@@ -62,10 +66,10 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
     fastest, worst = float(speeds.max()), float(scatter.max())
     if fastest > criterion.speed_limit_m_per_s:
         limit = f"limit {criterion.speed_limit_m_per_s:g} m/s"
-        return Tare(None, f"Not tared: the robot moved at {fastest:.3f} m/s at the start ({limit}).")
+        return _untared(f"the robot moved at {fastest:.3f} m/s at the start ({limit})")
     if worst > criterion.scatter_limit_n:
         limit = f"limit {criterion.scatter_limit_n:g} N"
-        return Tare(None, f"Not tared: the force varied by {worst:.2f} N at the start ({limit}).")
+        return _untared(f"the force varied by {worst:.2f} N at the start ({limit})")
     x, y, z = mean.tolist()
     taken = f"{_rounded(mean)} N"
     if torques is None or not len(torques):
@@ -73,6 +77,11 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
     a, b, c = torques.mean(axis=0).tolist()
     taken += f" and {_rounded(torques.mean(axis=0))} Nm"
     return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", (a, b, c))
+
+
+def _untared(why: str) -> Tare:
+    """No tare, with what follows from that and what to do."""
+    return Tare(None, f"Not tared: {why}. {UNTARED}")
 
 
 def _rounded(vector: Array) -> str:
@@ -113,4 +122,4 @@ class TareEstimator:
 
     def interrupted(self, state: TareState, why: str) -> TareState:
         """Give up on a window that will not become complete: nothing is taken off."""
-        return state if state.tare is not None else TareState(Tare(None, f"Not tared: {why}."))
+        return state if state.tare is not None else TareState(_untared(why))

@@ -213,9 +213,7 @@ def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> Non
     report = check(changed(press(), 2, confidence=0.3), cell("dispenser"), taught, robot)
     assert report.passed
     said = [str(one) for one in report.warnings if one.index is not None]
-    assert (
-        said[0] == "warning: app 2 (apply force): was not observed from 3.00 to 3.20 s: look at what it does"
-    )
+    assert said[0] == "warning: app 2 (apply force): was not observed at 3.00–3.20 s: look at what it does"
     assert said[1].startswith("warning: app 3 (move): confidence 0.30 is below 0.5")
 
 

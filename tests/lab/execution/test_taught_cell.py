@@ -9,7 +9,7 @@ from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppPath, ScrewMotion, ViaPoint
 from clients.examples import example
-from harness.programs import DOWN, app, pick_and_place, press
+from harness.programs import DOWN, app, pick_and_place, press, wiped
 
 
 def test_a_surface_yields_as_deep_as_it_was_pushed_in_and_bears_the_force_there():
@@ -51,6 +51,13 @@ def test_a_surface_is_as_large_as_what_slides_on_it():
     assert surface.center_m == pytest.approx((0.4, 0.05))
     assert surface.radius_m == pytest.approx(0.15 + AROUND_M)
     assert surface.travel_m == 0.0
+
+
+def test_friction_along_a_stroke_makes_no_surface_slant():
+    # A wiping by hand leaned by 24° along its strokes: the simulated robot refused it.
+    touch, stroke = wiped()
+    cell = cell_as_taught((touch, stroke.model_copy(update={"force": (5.0, 0.0, -10.0)})))
+    assert len(cell.scenario.surfaces) == 1
 
 
 def test_a_program_in_free_space_has_nothing_around_it():

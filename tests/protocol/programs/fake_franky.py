@@ -221,12 +221,14 @@ def _targets(motion: _Motion) -> list[Affine]:
 class MovingRobot(Robot):
     """A robot over a surface: motions with a reaction end where it is met.
 
-    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default it gives no way.
+    surface_m: its height at x and y [m]; surface_n_per_m: its stiffness, by default it gives no way;
+    friction: of a stroke along x, as a share of the force along z.
     An impedance leads the flange to its reference within every period.
     """
 
     surface_m: Callable[[float, float], float]
     surface_n_per_m = math.inf
+    friction = 0.0
 
     def __init__(self, fci_hostname: str) -> None:
         super().__init__(fci_hostname)
@@ -265,7 +267,8 @@ class _FeltState(RobotState):
 
     @property
     def O_F_ext_hat_K(self) -> Any:  # noqa: N802  (franky's own name)
-        return np.array([0.0, 0.0, self._robot.felt_n(), 0.0, 0.0, 0.0])
+        newtons = self._robot.felt_n()
+        return np.array([-self._robot.friction * newtons, 0.0, newtons, 0.0, 0.0, 0.0])
 
 
 class Gripper:

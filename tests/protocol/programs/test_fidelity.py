@@ -53,6 +53,12 @@ def test_motion_that_was_taught_between_two_neighbours_is_found_with_its_time():
     assert found(FIRST, SECOND, THIRD) == [(1, TAUGHT)]
 
 
+def test_a_step_of_no_length_has_one_time():
+    # A warning had "taught at 1.0–1.0 s".
+    stepped = move(1.0, there(0.25), there(0.4))
+    assert found(FIRST, stepped) == [(1, "begins where 50 mm taught at 1.0 s lead, in no app")]
+
+
 def test_between_apps_in_another_order_nothing_is_said_to_be_taught():
     shown = found(changed(THIRD, *MOVED), FIRST, SECOND)
     assert [(index, reason.split(",")[0]) for index, reason in shown] == [

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -425,6 +426,25 @@ def test_a_slope_is_pressed_as_hard_as_it_was_taught(monkeypatch: pytest.MonkeyP
     program = as_file(slid(4.0, down_m=-0.1 * rise))
     felt = pressed_n(monkeypatch, program, lambda x, y: 0.19 + rise * min(max(x + 0.02, 0.0), 0.1))
     assert felt[-20:] == pytest.approx([10.0] * 20, abs=1.5)
+
+
+@pytest.mark.parametrize(("off_m", "closes"), [(0.02, True), (0.05, False)])
+def test_the_fingers_do_not_close_where_the_arm_stands_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, off_m: float, closes: bool
+) -> None:
+    # A recording that begins at the object has no way there: the fingers closed wherever the arm stood.
+    made, runner = over_surface(monkeypatch, as_file(pick_and_place()[1:]), lambda x, y: -1.0)
+    runner.robot.flange = fake_franky.Affine((-0.014, -0.673, 0.107 + off_m), DOWN)
+    with nullcontext() if closes else pytest.raises(made.Stop, match=r"app 1 .grasp.: the arm is 0.050 m"):
+        runner.run(made.APPS[:1])
+    assert any(name == "grasp" for name, _ in fake_franky.calls) == closes
+
+
+def test_friction_is_no_part_of_a_press(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The size of all that was felt was compared: of 10 N along the normal 9 were pressed.
+    monkeypatch.setattr(fake_franky.MovingRobot, "friction", 0.5)
+    felt = pressed_n(monkeypatch, as_file(wiped()), lambda x, y: 0.19)
+    assert felt[-20:] == pytest.approx([10.0] * 20, abs=0.2)
 
 
 def test_what_is_pushed_in_is_no_lost_surface_and_has_its_force_there(

@@ -85,3 +85,15 @@ def test_a_urscript_is_plain_ascii():
     text = ur_script(on_robot((touch.model_copy(update={"path": off}), *rest), "ur5e", "robotiq_2f_85"))
     assert "# warning: deviates by up to 5.7 degrees from the orientations taught, 1.1 degrees were" in text
     assert text.isascii()
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_a_carry_that_looks_for_a_surface_says_so(write: Writer, robot: str, gripper: str):
+    # A hold that sets down had a call for it, and nothing that said so.
+    touch, grasp, lift, carry, let_go, leave = pick_and_place()
+    held = carry.model_copy(update={"kind": "hold"})
+    program = on_robot((touch, grasp, lift, held, let_go, leave), robot, gripper)
+    lines = [line.strip() for line in write(program).splitlines()]
+    said = "# sets down: looks for the surface at its end, slowly until it is felt"
+    assert lines.count(said) == 1
+    assert lines[lines.index(said) - 1].startswith("# app 4 (hold)")

@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import pytest
 
+from caesura_protocol.messages import App
+from caesura_protocol.programs.checks import order_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.franky_script import franky_script
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import as_file, press, wiped
+from harness.programs import as_file, pick_and_place, press, wiped
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
@@ -54,3 +56,36 @@ def test_a_press_without_a_contact_before_it_is_refused(write: Callable[[Program
         write(as_file((elsewhere, stroke)))
     with pytest.raises(ValueError, match=rf"app 1 .apply force.: {said}"):
         write(as_file((stroke,)))
+
+
+def test_a_program_that_begins_in_contact_is_named_once_with_its_cause_and_what_to_do():
+    # Each of four strokes was an error, none of which said that the recording had begun in contact.
+    _, stroke = wiped()
+    later = stroke.model_copy(update={"t0": stroke.t0 + 5.0, "tn": stroke.tn + 5.0, "path": None})
+    (found,) = order_findings((stroke, later))
+    assert found.index == 0
+    cause = "The recording began in contact, or an edit left out the way there"
+    assert (
+        f"{cause}: teach it again from free space, or insert such an app with target (-20, -520, 190) mm"
+        in (found.reason)
+    )
+    touch, *_ = press()
+    lifted = touch.model_copy(update={"kind": "cartesian_motion"})
+    (found,) = order_findings((lifted, stroke))
+    assert "began in contact" not in found.reason
+
+
+def begun_at_the_object() -> tuple[App, ...]:
+    """`pick_and_place` of a recording that begins at the grasp."""
+    return pick_and_place()[1:]
+
+
+def test_a_program_that_begins_with_a_grasp_says_where_the_arm_must_stand():
+    said = "grasps before anything moves: bring the arm to (-14, -673, 107) mm (flange) first"
+    (found,) = order_findings(begun_at_the_object())
+    assert (found.severity, found.index) == ("warning", 0)
+    assert found.reason.startswith(said)
+    assert not order_findings(pick_and_place())
+    for write in (franky_script, ur_script, xarm_script):
+        program = as_file(begun_at_the_object()).model_copy(update={"gripper": "robotiq_2f_85"})
+        assert f"# warning: {said}" in write(program)

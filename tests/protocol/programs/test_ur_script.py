@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -208,7 +209,11 @@ def test_a_screw_ends_where_it_is_tight():
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        (on_ur(press(), robot="panda"), "URScript is for Universal Robots, and its robot is panda"),
+        (
+            on_ur(press(), robot="panda"),
+            "Universal Robots, and its robot is panda: use --format franky",
+        ),
+        (on_ur(press(), robot="iiwa14"), "and its robot is iiwa14: use --format bt"),
         (
             on_ur(pick_and_place(), gripper="franka_hand"),
             "app 2 .grasp.: URScript does not drive a Franka Hand",
@@ -437,3 +442,15 @@ def test_the_force_turns_with_a_tool_that_is_tilted():
     assert angles[-1] == pytest.approx(30.0, abs=6.0)
     assert all(abs(push[0]) < 1e-3 for push in pushes)
     assert all(mode["wrench"][2] == 10.0 for mode in controller.named("force_mode"))
+
+
+@pytest.mark.parametrize(("off_m", "closes"), [(0.02, True), (0.05, False)])
+def test_the_fingers_do_not_close_where_the_arm_stands_elsewhere(off_m: float, closes: bool):
+    # A recording that begins at the object has no way there: the fingers closed wherever the arm stood.
+    controller = Controller()
+    controller.pose = [-0.014, -0.673, 0.107 + off_m, 0.0, 3.14, 0.0]
+    with nullcontext() if closes else pytest.raises(Halted):
+        controller.play(ur_script(on_ur(pick_and_place()[1:2])))
+    said = "app 1 (grasp): bring the arm to where it grasps first, it is away by [m]: 0.05"
+    assert any(call["s"].startswith(said) for call in controller.named("popup")) != closes
+    assert ("POS" in [call["name"] for call in controller.named("socket_set_var")]) == closes

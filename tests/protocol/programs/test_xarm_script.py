@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -385,7 +386,10 @@ def test_a_turn_ends_where_it_is_tight(felt_nm, tight):
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        (on_xarm(press(), robot="ur5e"), "an xArm script is for UFACTORY's arms, and its robot is ur5e"),
+        (
+            on_xarm(press(), robot="ur5e"),
+            "UFACTORY's arms, and its robot is ur5e: use --format urscript",
+        ),
         (on_xarm(pick_and_place(), gripper="franka_hand"), "the SDK does not drive a Franka Hand"),
         (on_xarm(pick_and_place(), gripper=None), "no gripper is stated, expected --gripper robotiq_2f_85"),
         (on_xarm(press(), safety=Safety(felt_force_n=5.0)), "force 10.0 N, at most 4.8 N"),
@@ -404,7 +408,8 @@ def test_a_force_along_an_axis_of_the_tool_is_in_its_frame_and_any_other_is_refu
     text = xarm_script(on_xarm((touch, tilted)))
     assert "'force': (1, 2, 10.0)" in text
     aside = tilted.model_copy(update={"orientation": DOWN})
-    with pytest.raises(ValueError, match=r"app 2 \(apply force\): force .* N, expected one along an axis"):
+    said = "leans by 40.0° from the axis z of the base, at most 20°: teach it again, pushing along the axis"
+    with pytest.raises(ValueError, match=rf"app 2 \(apply force\): its force {said} of the tool"):
         xarm_script(on_xarm((touch, aside)))
 
 
@@ -553,3 +558,22 @@ def test_a_lost_connection_says_that_the_arm_may_go_on(capsys: pytest.CaptureFix
         moved(on_xarm(slid(4.0)), arm)
     said = capsys.readouterr().err
     assert said.count("the arm does not answer: it may still move and press, stop it at its button") == 1
+
+
+@pytest.mark.parametrize(("off_mm", "closes"), [(20.0, True), (50.0, False)])
+def test_the_fingers_do_not_close_where_the_arm_stands_elsewhere(off_mm: float, closes: bool):
+    # A recording that begins at the object has no way there: the fingers closed wherever the arm stood.
+    arm, made = Arm(), module_of(on_xarm(pick_and_place()[1:]))
+    arm.pose = [-14.0, -673.0, 107.0 + off_mm, 3.14, 0.0, 0.0]
+    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
+    with nullcontext() if closes else pytest.raises(made.Stop, match=r"app 1 .grasp.: the arm is 0.050 m"):
+        runner.run(made.APPS[:1])
+    assert bool(arm.calls("robotiq_set_position")) == closes
+
+
+def test_the_first_way_is_slow_where_only_the_fingers_moved_before_it():
+    # Fingers that open first counted as a movement: the arm went to its first place as fast as it was taught.
+    opened = pick_and_place()[4].model_copy(update={"t0": 0.0, "tn": 0.1})
+    arm = run(on_xarm((opened, *press())), table_m=0.185)
+    first = arm.calls("set_position_aa")[0]
+    assert first.kwargs["speed"] == pytest.approx(100.0)

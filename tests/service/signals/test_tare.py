@@ -81,6 +81,8 @@ def test_without_rest_at_the_start_nothing_is_taken_off(start: dict[str, float],
     conditioner, force = demonstration(**start)  # type: ignore[arg-type]
     assert conditioner.tare is None
     assert reason in conditioner.tare_note
+    assert "stays in every force and load" in conditioner.tare_note
+    assert conditioner.tare_note.endswith("begin the recording at rest in free space.")
     assert_allclose(force.mean(axis=0), BIAS, atol=1.0)
 
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import exerted_forces, force_in_words
-from caesura_protocol.messages import App, Gap, Vector, ViaPoint, WrenchReport
-from caesura_protocol.number_words import fixed
+from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
+from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.programs.app_times import part_of, rests_of
-from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
 from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.program_timing import ProgramTiming
@@ -115,7 +115,8 @@ def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
     """Find motion between two apps that no app reproduces."""
     if pose is None or app.path is None:
         return
-    start, when = app.path.start, f"{fixed(min(pose.t, app.path.start.t), 1)}–{fixed(app.path.start.t, 1)} s"
+    start = app.path.start
+    when = f"{interval(min(pose.t, start.t), start.t, 1)} s"
     moved = math.dist(start.position, pose.position)
     if moved > STEPPED_M:
         yield (f"begins where {fixed(1000 * moved, 0)} mm taught at {when} lead, in no app", moved, STEPPED_M)
@@ -144,7 +145,7 @@ def _off_object(pose: ViaPoint | None, app: App) -> Reason | None:
         return None
     reason = (
         f"grasps {fixed(1000 * off, 0)} mm from where it was taught to, "
-        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {_in_mm(app.target)} before it"
+        f"at most {1000 * GRIP_REACH_M:.0f} mm: insert a move to {in_mm(app.target)} before it"
     )
     return reason, off, GRIP_REACH_M
 
@@ -159,7 +160,7 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
     if off > tolerance_m * (1.0 + EVEN):
         yield (
             f"begins {fixed(1000 * off, 1)} mm from where the app before it ends, because {why}: "
-            f"insert a move to {_in_mm(start.position)} before it, or teach it again from there",
+            f"insert a move to {in_mm(start.position)} before it, or teach it again from there",
             off,
             tolerance_m,
         )
@@ -173,10 +174,6 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
             turned,
             tolerance_rad,
         )
-
-
-def _in_mm(point: Vector) -> str:
-    return f"({', '.join(fixed(1000 * x, 0) for x in point)}) mm"
 
 
 def _start_of(app: App) -> ViaPoint | None:
@@ -233,7 +230,7 @@ def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
     for gap in gaps:
         if gap.t0 < app.tn and app.t0 < gap.tn:
             yield (
-                f"was not observed from {fixed(gap.t0, 2)} to {fixed(gap.tn, 2)} s: look at what it does",
+                f"was not observed at {interval(gap.t0, gap.tn, 2)} s: look at what it does",
                 None,
                 None,
             )

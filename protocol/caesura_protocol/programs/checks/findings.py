@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from caesura_protocol.app_kinds import app_name
+from caesura_protocol.messages import Vector
+from caesura_protocol.number_words import fixed
 
 Severity = Literal["error", "warning"]
 
@@ -27,6 +29,11 @@ class Finding:
     def __str__(self) -> str:
         where = "program" if self.index is None else app_name(self.index, self.kind or "?")
         return f"{self.severity}: {where}: {self.reason}"
+
+
+def in_mm(place: Vector) -> str:
+    """A place [m] in millimetres."""
+    return f"({', '.join(fixed(1000 * x, 0) for x in place)}) mm"
 
 
 @dataclass(frozen=True)

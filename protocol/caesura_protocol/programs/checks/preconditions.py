@@ -6,29 +6,52 @@ from collections.abc import Sequence
 
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App
-from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.findings import Finding, in_mm
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:
     """Find apps whose preconditions do not hold, and contacts or grasps that no later app ends."""
     found: list[Finding] = []
-    touching, holding = False, None
+    touching, holding, moved = False, None, False
     for index, app in enumerate(apps):
         following = apps[index + 1].kind if index + 1 < len(apps) else None
         grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
         reason = _violations(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
         if reason:
-            found.append(Finding("error", index, app.kind, reason))
+            began = _begins_in_contact(app) if APP_KINDS[app.kind].presses and not moved else ""
+            found.append(Finding("error", index, app.kind, reason + began))
+        if app.kind == "grasp" and not moved:
+            found.append(Finding("warning", index, app.kind, _begins_at(app)))
         if app.kind == "grasp":
             holding = index
         elif app.kind == "gripper_move":
             holding = None
-        stays = touching and APP_KINDS[app.kind].in_contact
+        facts = APP_KINDS[app.kind]
+        stays = facts.in_contact and (touching or facts.presses)  # a missing contact is found once
         touching = stays or ends_in_contact(app.kind, following)
+        moved = moved or facts.travels
     if holding is not None:
         reason = "grasps what is never released: an app 'move gripper' must follow"
         found.append(Finding("error", holding, apps[holding].kind, reason))
     return found
+
+
+def _begins_in_contact(app: App) -> str:
+    """Why no app leads to what the first press touches, and what to do."""
+    begins = app.target if app.path is None else app.path.start.position
+    there = "" if begins is None else f" with target {in_mm(begins)}"
+    return (
+        ". The recording began in contact, or an edit left out the way there: "
+        f"teach it again from free space, or insert such an app{there}"
+    )
+
+
+def _begins_at(app: App) -> str:
+    """Where the arm must stand before a program that begins with a grasp."""
+    there = "where it was taught" if app.target is None else f"{in_mm(app.target)} (flange)"
+    return (
+        f"grasps before anything moves: bring the arm to {there} first, or insert a move to there before it"
+    )
 
 
 def _violations(app: App, *, touching: bool, holds: bool, grasps_later: bool) -> str | None:

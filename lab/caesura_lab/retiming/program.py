@@ -3,9 +3,10 @@
 For each movement: the way along its path (a turn by a radian counts as `TURNED_M`), joints along the way,
 the fastest time law (`time_law`), and via points so close that the reproduced path is the same. Then the
 reproduced path itself is looked at every millisecond, and its time scaled until it keeps to the limits. A
-movement that a contact ends is scaled until what the executor makes of it keeps to the limits too. A
-movement that cannot be timed stays as taught, and a note says so. One that a person gave a speed keeps it.
-One that stays near a contact that it leaves or meets keeps its taught time, too.
+movement that a contact ends brakes towards it as the executor asks, and is scaled until what the executor
+makes of it keeps to the limits too. A movement that cannot be timed stays as taught, and a note says so. One
+that a person gave a speed keeps it. One that stays near a contact that it leaves or meets keeps its taught
+time, too.
 
 A pause is removed where it is not marked. Where a hand crept on in it, it lasts as long as the executor
 takes to creep there.
@@ -23,9 +24,15 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from caesura_lab.execution.skills import CREEP_M_PER_S
-from caesura_lab.execution.trajectories import app_path, approach_direction, arrival_speed
+from caesura_lab.execution.trajectories import (
+    BRAKE_M_PER_S2,
+    SLOW_M,
+    app_path,
+    approach_direction,
+    arrival_speed,
+)
 from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
-from caesura_lab.retiming.time_law import TimeLawError, fastest
+from caesura_lab.retiming.time_law import AT_REST, Arrival, TimeLawError, fastest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_times import TURNED_M, may_retime, moved
@@ -108,12 +115,15 @@ def _fastest(
 ) -> ProgramStep:
     """The app at its fastest, from its taught start on. Raises ValueError where there is none."""
     way = _way(app, still, robot)
-    made = _on_its_path(app, _timed(app, way, *fastest(way.along, *_with_flange(way, limits))))
-    least_s = (made.tn - made.t0) * hurry(_from_zero(curve_of(made)), still, robot, way.joints[0], limits)
-    made = _lasting(made, least_s)
     until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
+    arrival = AT_REST
+    if until is not None:
+        arrival = Arrival(safety.contact_speed_m_per_s, SLOW_M, BRAKE_M_PER_S2)
+    made = _on_its_path(app, _timed(app, way, *fastest(way.along, *_with_flange(way, limits), arrival)))
     if until is None:
-        return made
+        factor = hurry(_from_zero(curve_of(made)), still, robot, way.joints[0], limits)
+        return _lasting(made, factor * (made.tn - made.t0))
+    least_s = made.tn - made.t0
     best: ProgramStep | None = None
     for _ in range(ROUNDS):
         curve = _towards_contact(made, until, safety)

@@ -122,7 +122,7 @@ def _of_force(samples: CheckedMotion, force: _Force, values: Array, *, believed:
     step = coarse_step(values) if force is _FORCE else 0.0
     runs = samples.frozen(values)
     dead = [run for run in runs if not run.is_zero]
-    if not values.any() and not believed:
+    if runs and not values.any() and not believed:
         yield _Finding(f"{force.name} 0 in every sample: it is read as no force; {OFF}.", "wrench")
     elif step:
         yield _Finding(COARSE.format(step=step, error=step / (math.sqrt(12.0) * GRAVITY)))

@@ -428,6 +428,24 @@ def replayed(transport, first, last, limit=100, session=""):
     return transport.query(REPLAY_KEY, parameters=replay_parameters(wanted))
 
 
+def test_a_service_that_asks_for_the_same_batch_again_cannot_store_it(memory):
+    now_s = [100.0]
+    with Bridge(memory.transport(), "cell-1", LiveSource(), clock=lambda: now_s[0]) as bridge:
+
+        def stuck_s(first: int, later_s: float) -> float:
+            now_s[0] += later_s
+            assert replayed(memory.transport(), first, first + 9).refusals == ()
+            return bridge.stuck_s
+
+        assert bridge.stuck_s == 0.0
+        assert [stuck_s(4, later) for later in (0.0, 1.0, 1.5)] == [0.0, 1.0, 2.5]
+        assert stuck_s(5, 0.5) == 0.0, "it has the one before"
+        assert stuck_s(5, 2.0) == 2.0
+        now_s[0] += 3.0
+        assert bridge.stuck_s == 0.0, "it no longer asks"
+        assert stuck_s(5, 0.0) == 0.0
+
+
 def test_a_range_is_replayed_in_order_and_no_further_than_asked(network):
     transport = network.transport()
     with Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge:

@@ -8,8 +8,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli import build
-from caesura_clients.cli.bridge import _teller
+from caesura_clients.cli.bridge import _teller, telling_of_storage
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
@@ -88,6 +89,28 @@ def test_bridge_says_why_it_was_refused(caesura, router, file):
         assert_one_line(caesura("bridge", "--file", file), "forbidden", "not your station", "cell-1")
 
 
+def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeypatch, capsys):
+    # Of a disk that was full its terminal said nothing for as long as that lasted.
+    monkeypatch.setattr("caesura_clients.cli.bridge.LOOK_S", 0.01)
+
+    class Stuck:
+        settings = BridgeSettings()
+        stuck_s = 2.9
+
+    opened, said = Stuck(), []
+
+    def printed(words: str) -> bool:
+        said.append(capsys.readouterr().err)
+        return words in "".join(said)
+
+    with telling_of_storage(opened):
+        opened.stuck_s = 3.1
+        eventually(lambda: printed("cannot store what comes; the newest 120 s are kept here"))
+        opened.stuck_s = 0.0
+        eventually(lambda: printed("the service stores again"))
+    assert "".join(said).count("cannot store") == 1
+
+
 def refusing(**changes):
     """A snapshot of cell-2/mine, with one thing refused where nothing else is said."""
     whole = snapshot(0, station="cell-2", session="mine", state="closed")
@@ -111,12 +134,21 @@ def played(caesura, router, service, file):
 def test_bridge_reports_what_was_refused(played):
     # It once said "closed, 640 batches" and ended with 0 where every one had been refused.
     why = Refusal(code="malformed", message="malformed: not a map")
-    result = played(refusing(refused={"malformed": 640}, last_refusal=why, repeats=3, samples=100))
+    result = played(refusing(refused={"malformed": 640}, lost=640, last_refusal=why, repeats=3, samples=100))
     assert result.exit_code == 1
     assert result.stdout == "cell-2/mine closed, 5 batches\n"
     line = result.stderr.splitlines()[-1]
     for word in ("cell-2/mine: 640 refused (last: not a map)", "3 of 100 samples dropped", "1 gaps, 0.25 s"):
         assert word in line
+
+
+def test_what_came_again_after_a_refusal_is_no_failure(played):
+    # A disk was full for a while; or a second bridge published the session, whose batches were refused.
+    why = Refusal(code="overloaded", message="overloaded: no room left")
+    nothing = {"lost": 0, "waiting_for": None, "repeats": 0, "gaps": ()}
+    result = played(refusing(refused={"overloaded": 70}, last_refusal=why, **nothing))
+    assert result.exit_code == 0
+    assert result.stderr.endswith("cell-2/mine: 70 refused (last: no room left), and nothing is lost\n")
 
 
 def test_what_was_dropped_as_a_repeat_is_reported_but_is_no_failure(played):
@@ -250,7 +282,7 @@ def test_watch_marks_what_may_still_change(caesura, service):
     assert "5.0 N" in result.stdout
     assert "12500 samples in 625 batches" in result.stdout
     assert "1 gaps, 0.25 s" in result.stdout
-    assert "1 refused, last: not a map" in result.stdout
+    assert "1 refused (last: not a map)" in result.stdout
 
 
 def test_watch_says_that_the_service_is_overloaded_and_what_was_lost(caesura, service):

@@ -88,6 +88,20 @@ def test_samples_become_signals_and_an_age(gateway, memory):
     assert gateway.received["cell-7"].t == pytest.approx(0.499)
 
 
+def test_batches_that_are_sent_again_are_no_newest_samples(gateway, memory):
+    # A bridge sends batches again that the service cannot store. They looked like a demonstration going on.
+    robot, key = memory.transport(), station_key("cell-7", "samples")
+    robot.put(key, samples(session="new"))
+    eventually(lambda: "cell-7" in gateway.received)
+    known = gateway.received["cell-7"]
+    robot.put(key, samples(session="new"))
+    robot.put(station_key("cell-8", "samples"), samples())
+    eventually(lambda: "cell-8" in gateway.received)
+    assert gateway.received["cell-7"] is known
+    robot.put(key, samples(session="newer"))
+    eventually(lambda: gateway.received["cell-7"].session == "newer")
+
+
 def test_a_bridge_in_standby_is_followed_however_many_there_are(gateway, memory, monkeypatch):
     monkeypatch.setattr("caesura_clients.dashboard.network_follower.STATIONS", 1)
     robot = memory.transport()

@@ -18,7 +18,8 @@ from caesura_clients.dashboard.station_summary import (
     summary,
     troubled,
 )
-from caesura_protocol.messages import BridgeStatus, Gap
+from caesura_protocol.messages import BridgeStatus, Gap, ServiceStatus
+from clients.examples import example
 
 NOW = 100.0
 
@@ -56,6 +57,22 @@ def changed(world, **status):
 def test_a_station_that_is_taught_says_what_it_is_doing(world):
     one = seen(world)
     assert (one.state, one.why, one.kind, one.segments) == ("teaching", "", "contact", 2)
+
+
+def test_a_demonstration_that_the_service_cannot_store_is_stale_at_once(world):
+    # The page said "teaching", and the list "none in trouble", until the bridge's ring was full.
+    status, trouble = example(ServiceStatus), "journal j.sqlite cannot be written, there is no room left"
+    journal = status.journal.model_copy(update={"trouble": trouble})
+    ((_, update),) = world.updates.items()
+    for instance, expected in ((update.status.instance, "stale"), ("another", "teaching")):
+        one = status.model_copy(update={"instance": instance, "journal": journal})
+        found = seen(replace(world, services=(one,)))
+        assert found.state == expected
+        assert (trouble in found.why) == (expected == "stale")
+    broken = replace(
+        world, services=(status.model_copy(update={"instance": update.status.instance, "journal": journal}),)
+    )
+    assert summary(broken, [seen(broken)]) == "1 station, 1 in trouble"
 
 
 def test_a_session_with_the_time_of_day_is_as_long_as_it_lasted(update):

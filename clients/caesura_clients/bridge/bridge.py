@@ -116,6 +116,7 @@ class Bridge:
             batch_samples=self.settings.batch_samples,
             clock=clock,
         )
+        self._replay = ReplayServer(transport, self.station, self.session, self._ring, clock)
         self._clock = clock
         self.unmarked: list[str] = []  # why marks of the source's were not made
         self._revision = 0  # of the session, as far as a mark has learnt
@@ -145,9 +146,14 @@ class Bridge:
         """Has a service acknowledged the session?"""
         return self._is_open
 
+    @property
+    def stuck_s(self) -> float:
+        """How long [s] the service has asked for the same batch again: it cannot store what comes."""
+        return self._replay.stuck_s
+
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(ReplayServer(self._transport, self.station, self.session, self._ring))
+            stack.enter_context(self._replay)
             stack.enter_context(self._transport.watch_liveliness(service_key("*", "alive"), self._services))
             if self._holds_token:
                 stack.enter_context(self._transport.declare_token(station_key(self.station, "alive")))

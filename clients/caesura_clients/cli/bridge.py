@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,7 +29,7 @@ from caesura_clients.cli.options import (
     reported,
 )
 from caesura_clients.cli.pedal import marking
-from caesura_clients.cli.result_tables import ignored_line, outcome_line
+from caesura_clients.cli.result_tables import ignored_line, outcome_line, stored_whole
 from caesura_clients.cli.watching import SAID_OF_SERVICE
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots
@@ -39,6 +41,8 @@ from caesura_protocol.transport.zenoh_transport import endpoint_of
 DEFAULT_STATION = "cell-1"
 MAX_EPOCH = (1 << 53) - 1
 PATIENCE_S = 2.0  # until the command line says what it waits for
+STUCK_S = 3.0  # in which the service asks for the same batch again, before the command line says so
+LOOK_S = 0.5  # between two looks at that
 
 
 @grouped
@@ -111,7 +115,7 @@ def bridge(
 ) -> None:
     """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
 
-    The exit code is 1 where the service refused anything of it.
+    The exit code is 1 where the service refused samples of it for good.
 
     In standby it sends nothing until it is started, and is ready again after each demonstration.
 
@@ -174,6 +178,7 @@ def bridge(
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
             with (
                 watch_services(caesura.transport, _teller()),
+                telling_of_storage(opened),
                 marking(opened) if marker else nullcontext(),
                 ended_by_sigterm(),
             ):
@@ -226,11 +231,11 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
 
 
 def _print_outcome(status: SessionStatus) -> None:
-    """One line on what did not become segments; exit code 1 where something was refused."""
+    """One line on what did not become segments; exit code 1 where samples were refused for good."""
     line = outcome_line(status)
     if line:
         typer.echo(f"{status.station}/{status.session}: {line}", err=True)
-    if status.refused:
+    if not stored_whole(status):
         raise typer.Exit(1)
 
 
@@ -245,6 +250,33 @@ def _teller() -> Callable[[Change], None]:
         gone = change == "gone"
 
     return say
+
+
+@contextmanager
+def telling_of_storage(opened: Bridge) -> Iterator[None]:
+    """Says when the service cannot store what comes, and when it can again."""
+    over, is_stuck = threading.Event(), False
+    kept = f"the newest {opened.settings.ring_span_s:g} s are kept here"
+
+    def look() -> None:
+        nonlocal is_stuck
+        while not over.wait(LOOK_S):
+            if not is_stuck and opened.stuck_s > STUCK_S:
+                is_stuck = True
+                typer.echo(
+                    f"the service cannot store what comes; {kept}. `caesura doctor` says why", err=True
+                )
+            elif is_stuck and not opened.stuck_s:
+                is_stuck = False
+                typer.echo("the service stores again", err=True)
+
+    with ThreadPoolExecutor(1, thread_name_prefix="storage") as pool:
+        looking = pool.submit(look)
+        try:
+            yield
+        finally:
+            over.set()
+            looking.result()
 
 
 def _run(opened: Bridge, caesura: Caesura) -> Ack:

@@ -136,7 +136,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
         parts.append(_gaps(status))
     parts += budgets_in_words(status.budgets)
     if status.last_refusal is not None:
-        parts.append(f"{sum(status.refused.values())} refused, last: {_why(status.last_refusal)}")
+        parts.append(_refusals(status))
     return Text(" · ".join(parts), style="dim")
 
 
@@ -144,13 +144,24 @@ def outcome_line(status: SessionStatus) -> str:
     """What became of what was sent, where it is not simply segments; empty where it is."""
     parts = []
     if status.refused:
-        last = "" if status.last_refusal is None else f" (last: {_why(status.last_refusal)})"
-        parts.append(f"{sum(status.refused.values())} refused{last}")
+        parts.append(_refusals(status))
     if status.repeats:
         parts.append(f"{status.repeats} of {status.samples} samples dropped: their time did not advance")
     if status.gaps:
         parts.append(_gaps(status))
     return " · ".join(parts)
+
+
+def stored_whole(status: SessionStatus) -> bool:
+    """Whether no batch of a session was refused for good; one that was refused may have come again since."""
+    return not status.refused or (status.lost == 0 and status.waiting_for is None)
+
+
+def _refusals(status: SessionStatus) -> str:
+    """How many, and the last one; that all came later where a session that is over has every batch."""
+    last = "" if status.last_refusal is None else f" (last: {_why(status.last_refusal)})"
+    said = f"{sum(status.refused.values())} refused{last}"
+    return f"{said}, and nothing is lost" if status.state == "closed" and stored_whole(status) else said
 
 
 def ignored_line(recording: Recording) -> str:

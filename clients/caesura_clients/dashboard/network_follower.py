@@ -213,7 +213,11 @@ class NetworkFollower(RepeatingThreads):
             return
         if station not in self._rings and len(self._rings) >= STATIONS:
             return
-        self.received[station] = NewestSamples(self.clock(), float(matrix[-1, 0]), batch.session)
+        newest, known = float(matrix[-1, 0]), self.received.get(station)
+        if (
+            known is None or known.session != batch.session or newest > known.t
+        ):  # no batch that was sent again
+            self.received[station] = NewestSamples(self.clock(), newest, batch.session)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
 
     def _take_bridge_status(self, station: str, delivery: ReceivedSample) -> None:

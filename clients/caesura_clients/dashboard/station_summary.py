@@ -1,7 +1,8 @@
 """The summary of a station: its state, and whether the displayed results are still current.
 
-Stale is what looks alive and is not: a demonstration that goes on, of which nothing came for STALE_S, or
-whose bridge is gone. It is said with its reason, because an operator teaches on otherwise.
+Stale is what looks alive and is not: a demonstration that goes on, of which nothing came for STALE_S, which
+the service cannot store, or whose bridge is gone. It is said with its reason, because an operator teaches on
+otherwise.
 """
 
 from __future__ import annotations
@@ -156,15 +157,23 @@ def stale(
     """Why what is shown may no longer be true; empty where it is."""
     if update is None or update.closed:
         return world.trouble
+    unstored = unwritten(world, update.status.instance)
     behind_s = received.t - reached(update) if received and received.session == update.session else 0.0
     found = (
         (bool(world.trouble), world.trouble),
         (not world.alive, "no service answers"),
+        (bool(unstored), f"the service cannot store it: {unstored}"),
         (not bridge, "its bridge is gone"),
         (silent_s > STALE_S, f"no sample for {silent_s:.0f} s"),
         (behind_s > STALE_S, f"results are {behind_s:.0f} s behind the samples"),
     )
     return next((why for true, why in found if true), "")
+
+
+def unwritten(world: DashboardState, instance: str) -> str:
+    """Why an instance of the service cannot write its journal; empty where it can."""
+    found = (one.journal.trouble for one in world.services if one.instance == instance and one.journal)
+    return next((trouble for trouble in found if trouble), "")
 
 
 def reached(update: Update) -> float:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli import build
-from caesura_clients.cli.bridge import _teller, telling_of_storage
+from caesura_clients.cli.bridge import _teller, reporting_storage
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
@@ -103,7 +103,7 @@ def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeyp
         said.append(capsys.readouterr().err)
         return words in "".join(said)
 
-    with telling_of_storage(opened):
+    with reporting_storage(opened):
         opened.stuck_s = 3.1
         eventually(lambda: printed("cannot store what comes; the newest 120 s are kept here"))
         opened.stuck_s = 0.0

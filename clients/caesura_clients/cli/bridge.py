@@ -178,7 +178,7 @@ def bridge(
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
             with (
                 watch_services(caesura.transport, _teller()),
-                telling_of_storage(opened),
+                reporting_storage(opened),
                 marking(opened) if marker else nullcontext(),
                 ended_by_sigterm(),
             ):
@@ -253,7 +253,7 @@ def _teller() -> Callable[[Change], None]:
 
 
 @contextmanager
-def telling_of_storage(opened: Bridge) -> Iterator[None]:
+def reporting_storage(opened: Bridge) -> Iterator[None]:
     """Says when the service cannot store what comes, and when it can again."""
     over, is_stuck = threading.Event(), False
     kept = f"the newest {opened.settings.ring_span_s:g} s are kept here"

@@ -26,7 +26,7 @@ from caesura_clients.doctor.signal import cells_at_rest
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import AccessDenied, ProtocolError, Unreachable
-from caesura_protocol.keys import service_key
+from caesura_protocol.keys import service_key, session_key
 from caesura_protocol.messages import Gap, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.memory import MemoryNetwork
@@ -407,6 +407,54 @@ def test_a_bridge_that_teaches_and_one_that_hangs(served):
     assert "the bridge hangs" in found["cell-2", "samples"]["remedy"]
 
 
+def test_two_bridges_that_teach_at_one_station_are_named_with_their_sessions(served):
+    with ExitStack() as stack:
+        caesura = stack.enter_context(connect(served))
+        both = [
+            stack.enter_context(Bridge(caesura.transport, "dup", LiveSource(), session=name, settings=QUICK))
+            for name in ("s1", "s2")
+        ]
+        over = threading.Event()
+        stack.callback(over.set)
+
+        def teach() -> None:
+            for number in range(2000):
+                for bridge in both:
+                    bridge.send(samples(50, t0=number * 0.05))
+                if over.wait(0.01):
+                    return
+
+        for bridge in both:
+            bridge.wait_open(30.0)
+        stack.enter_context(_thread(teach))
+        stack.callback(over.set)
+        eventually(lambda: len([one for one in caesura.sessions("dup") if one.t > 0.0]) == 2)
+        probed = probe_network(caesura.transport, "dup", seconds=1.0)
+    found = [one for one in judge(probed, "dup") if one.check == "bridge"]
+    assert [(one.grade, one.found, one.remedy) for one in found] == [
+        ("bad", "two bridges teach at dup: s1 and s2", "give one of them another --station")
+    ]
+
+
+def test_two_bridges_are_found_by_the_statuses_where_samples_are_forbidden():
+    memory = MemoryNetwork()
+    over = threading.Event()
+
+    def publish_statuses() -> None:
+        for number in range(100_000):
+            for session in ("s1", "s2"):
+                one = status(session=session, station="dup", t=0.1 * number, samples=number, seq=number)
+                memory.transport().put(session_key("dup", session, "status"), encode(one))
+            if over.wait(0.005):
+                return
+
+    with _thread(publish_statuses):
+        probed = probe_network(memory.transport(), "dup", seconds=0.2)
+        over.set()
+    assert probed.batches == {}
+    assert "two bridges teach at dup: s1 and s2" in said(list(judge(probed, "dup")), "bridge")
+
+
 def test_only_the_station_that_is_named_is_looked_at(served):
     with connect(served) as caesura, ExitStack() as stack:
         for station in ("cell-1", "cell-2"):
@@ -476,6 +524,16 @@ def test_samples_of_a_session_that_was_never_opened_are_bad_and_those_of_one_tha
     assert grades(list(judge(probed)), "bridge") == ["bad"]
     probed = well(batches={(station, "other"): [batch_of("other")]})
     assert grades(list(judge(probed)), "bridge") == ["ok", "warn"]
+
+
+def test_samples_of_an_open_session_are_not_said_to_be_of_one_that_is_over():
+    probed = well()
+    (((station, session), _),) = probed.statuses.items()
+    left = status(session="a-left", batches=50, samples=1000, t=1.0)
+    assert left.session < session  # so that the other one is current
+    probed.statuses[station, left.session] = [ReceivedStatus(0.0, left)]
+    probed.batches = {(station, left.session): [batch_of(left.session)]}
+    assert grades(list(judge(probed)), "bridge") == ["ok"]
 
 
 def test_two_bridges_of_one_session_are_named_and_nothing_is_said_to_be_over():

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
+from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import decoded, services, stations
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError, Unreachable
@@ -56,6 +57,7 @@ class ProbeResult:
         default_factory=dict
     )  # of each session, in order
     batches: dict[tuple[str, str], list[SampleBatch]] = field(default_factory=dict)  # where that is allowed
+    parallel: ParallelSessions = field(default_factory=ParallelSessions)
     refusals: list[ProtocolError] = field(default_factory=list)
     listened_s: float = 0.0
     others: list[str] = field(default_factory=list)  # stations, where the one that was asked for is not there
@@ -128,12 +130,15 @@ def _listen(inbox: Inbox, probed: ProbeResult, began: float, seconds: float) -> 
 def _add_message(probed: ProbeResult, item: ReceivedSample, at: float) -> None:
     if item.key.endswith("/status"):
         parse_session_key(item.key)
-        _add_status(probed, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
+        status = decode(item.payload, item.encoding, SessionStatus)
+        _add_status(probed, ReceivedStatus(at, status))
+        probed.parallel.reach(status.station, status.session, status.t)
         return
     name = parse_station_key(item.key)[0]
     message = decode(item.payload, item.encoding, SampleBatch, Heartbeat)
     if isinstance(message, SampleBatch):
         probed.batches.setdefault((name, message.session), []).append(message)
+        probed.parallel.reach(name, message.session, message.t0)
 
 
 def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:

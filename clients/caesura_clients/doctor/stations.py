@@ -16,6 +16,7 @@ from caesura_clients.doctor.signal import (
     check_samples,
     check_units,
 )
+from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
@@ -33,6 +34,8 @@ class StationProbe:
     statuses: Sequence[ReceivedStatus]
     batches: Sequence[SampleBatch]
     listened_s: float
+    open_sessions: frozenset[str] = frozenset()
+    parallel: Sequence[str] = ()  # those that several bridges teach at once
 
     @property
     def status(self) -> SessionStatus | None:
@@ -72,7 +75,9 @@ def _station(probed: ProbeResult, name: str) -> StationProbe:
     own = [statuses for (station, _), statuses in probed.statuses.items() if station == name and statuses]
     current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
     batches = [one for (station, _), some in probed.batches.items() if station == name for one in some]
-    return StationProbe(name, name in probed.bridges, current, batches, probed.listened_s)
+    opened = frozenset(one[-1].status.session for one in own if one[-1].status.state == "open")
+    parallel = [session for session in probed.parallel.at(name) if session in opened]
+    return StationProbe(name, name in probed.bridges, current, batches, probed.listened_s, opened, parallel)
 
 
 def _rank(status: SessionStatus) -> tuple[bool, str]:
@@ -94,6 +99,8 @@ def _check_closed(station: StationProbe) -> Iterator[CheckResult]:
 
 
 def _check_bridge(station: StationProbe, status: SessionStatus) -> CheckResult:
+    if len(station.parallel) > 1:
+        return bad("bridge", in_words(station.name, station.parallel), REMEDY)
     if station.connected:
         return ok("bridge", f"connected, session {status.session} on {status.instance}")
     remedy = (
@@ -256,9 +263,9 @@ def _check_rival_bridges(station: StationProbe, status: SessionStatus) -> Iterat
 
 
 def _other_sessions(station: StationProbe) -> dict[str, int]:
-    """Batches of sessions other than the current one, by session."""
+    """Batches of sessions that are neither the current one nor open, by session."""
     own = station.status.session if station.status is not None else None
-    others = [one.session for one in station.batches if one.session != own]
+    others = [one.session for one in station.batches if one.session not in {own, *station.open_sessions}]
     return {session: others.count(session) for session in sorted(set(others))}
 
 

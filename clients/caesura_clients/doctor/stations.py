@@ -22,6 +22,12 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
 
 FEWEST_SAMPLES = 100  # that say something of a rate
+UNWRITABLE = "cannot write its journal"
+ROOM = "make room soon: the bridge has the newest two minutes, and is asked for them again"
+REFUSED = {  # whether for want of room: what to do
+    True: "the service had no room for them and asked for them again: see journal and queue",
+    False: "the bridge sends what the service cannot take: see docs/operations.md",
+}
 STILL_S = 1.0  # how long no sample may come while a session is open
 
 
@@ -36,6 +42,7 @@ class StationProbe:
     listened_s: float
     open_sessions: frozenset[str] = frozenset()
     parallel: Sequence[str] = ()  # those that several bridges teach at once
+    unwritable: str | None = None  # the instance that serves it and cannot write its journal
 
     @property
     def status(self) -> SessionStatus | None:
@@ -76,8 +83,16 @@ def _station(probed: ProbeResult, name: str) -> StationProbe:
     current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
     batches = [one for (station, _), some in probed.batches.items() if station == name for one in some]
     opened = frozenset(one[-1].status.session for one in own if one[-1].status.state == "open")
+    # An open session has its instance; of a station without one it may be any.
+    owner = {current[-1].status.instance} if opened else {one.status.instance for one in probed.reported}
+    full = {
+        one.status.instance for one in probed.reported if one.status.journal and one.status.journal.trouble
+    }
+    unwritable = min(owner, default=None) if owner <= full else None
     parallel = [session for session in probed.parallel.at(name) if session in opened]
-    return StationProbe(name, name in probed.bridges, current, batches, probed.listened_s, opened, parallel)
+    return StationProbe(
+        name, name in probed.bridges, current, batches, probed.listened_s, opened, parallel, unwritable
+    )
 
 
 def _rank(status: SessionStatus) -> tuple[bool, str]:
@@ -88,7 +103,9 @@ def _rank(status: SessionStatus) -> tuple[bool, str]:
 def _check_closed(station: StationProbe) -> Iterator[CheckResult]:
     status = station.status
     last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
-    if _other_sessions(station):
+    if _other_sessions(station) and station.unwritable:
+        yield bad("bridge", f"samples come, and {station.unwritable} {UNWRITABLE}, so no session opens", ROOM)
+    elif _other_sessions(station):
         remedy = "the service refused it or has not answered: see the bridge's terminal and the service's log"
         yield bad("bridge", f"samples come, and {last}", remedy)
     elif station.connected:
@@ -186,6 +203,7 @@ def _longest_run(numbers: Sequence[int]) -> Sequence[int]:
 
 
 def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
+    missing = _missing(status)
     if status.gaps:
         lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
         reasons = sorted({gap.reason for gap in status.gaps})
@@ -195,22 +213,34 @@ def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[Chec
         )
         found = f"{len(status.gaps)} of {lost_s:.2f} s in all ({', '.join(reasons)})"
         yield warn("gaps", found, remedy)
-    else:
+    elif missing is None:
         yield ok("gaps", "none")
-    if status.waiting_for is not None and status.state == "open":
+    if missing is not None and station.unwritable is None:
         remedy = "it is asked for again and again; if it stays so, look whether the bridge answers"
-        yield warn("gaps", f"batch {status.waiting_for} is missing", remedy)
+        yield warn("gaps", missing, remedy)
     if status.duplicates:
         found = f"{status.duplicates} of {status.batches + status.duplicates} batches came again"
         yield ok("duplicates", f"{found} and were ignored")
 
 
+def _missing(status: SessionStatus) -> str | None:
+    waiting = status.waiting_for is not None and status.state == "open"
+    return f"batch {status.waiting_for} is missing" if waiting else None
+
+
 def _check_refusals(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
-    if status.refused:
-        found = ", ".join(f"{count} {code}" for code, count in status.refused.items())
-        last = f"; the last: {status.last_refusal.message}" if status.last_refusal else ""
-        remedy = "the bridge sends what the service cannot take: see docs/operations.md"
-        yield warn("refused", f"{found}{last}", remedy)
+    """Check what the service had no room for, and what it cannot take."""
+    last, missing = status.last_refusal, _missing(status)
+    for no_room, remedy in REFUSED.items():
+        parts = [f"{n} {code}" for code, n in status.refused.items() if (code == "overloaded") is no_room]
+        if no_room and station.unwritable and status.state == "open":
+            parts += [missing] if missing else []
+            found, remedy = f"{', '.join(parts)}: {station.unwritable} {UNWRITABLE}", ROOM
+        else:
+            is_last = last is not None and (last.code == "overloaded") is no_room
+            found = ", ".join(parts) + (f"; the last: {last.message}" if last and is_last else "")
+        if parts:
+            yield warn("refused", found, remedy)
 
 
 def shows_contact(source: str, hand_on_robot: str) -> bool:

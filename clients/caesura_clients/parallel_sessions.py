@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from caesura_clients.results import Update
+
 PARTED_S = 3.0  # session time that others grow by meanwhile: what has not grown since has lost its bridge
 REMEDY = "give one of them another --station"
 
@@ -38,6 +40,13 @@ class ParallelSessions:
             if name != session:
                 other.others_s += step_s
                 other.in_turn &= other.others_s < PARTED_S
+
+    def take(self, update: Update) -> None:
+        """Take the state of a session."""
+        if update.closed:
+            self.close(update.station, update.session)
+        else:
+            self.reach(update.station, update.session, update.t)
 
     def close(self, station: str, session: str) -> None:
         """Forget a session that is over or deleted."""

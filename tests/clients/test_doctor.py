@@ -285,6 +285,13 @@ def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
     assert "the bridge hangs, or its source gives nothing" in said(found, "samples")
 
 
+def test_batches_of_another_session_are_not_counted_as_sent_for_this_one():
+    probed = received(well(), batches=50, samples=1000, t=1.0)
+    ((station, _),) = probed.statuses
+    probed.batches = {(station, "other"): [batch_of("other")]}
+    assert said(list(judge(probed)), "samples").startswith("none in 1.0 s")
+
+
 @pytest.mark.parametrize(
     ("first_at", "grade", "words"),
     [(0.0, "bad", "none in 3.0 s"), (1.5, "bad", "none in 1.5 s"), (2.8, "warn", "for 0.2 s only")],

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import decoded, services, stations
 from caesura_protocol.codec import decode
-from caesura_protocol.errors import ProtocolError, Unreachable
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
     ROOT,
     parse_session_key,
@@ -150,6 +150,3 @@ def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:
 
 def _rank(status: SessionStatus) -> tuple[int, int, int]:
     return status.epoch, status.samples, status.seq
-
-
-__all__ = ["ProbeResult", "ReceivedStatus", "TimedServiceStatus", "Unreachable", "probe_network"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
@@ -78,11 +77,13 @@ def probe_network(transport: Transport, station: str = "*", *, seconds: float) -
         for key in (session_key(station, "*", "status"), station_key(station, "samples")):
             stack.enter_context(transport.subscribe(key, inbox))
         began = time.monotonic()
-        _add_snapshots(probed, _snapshots(transport, station, probed), 0.0)
+        for one in _snapshots(transport, station, probed):
+            _add_status(probed, ReceivedStatus(0.0, one.status))
         _listen(inbox, probed, began, seconds)
     probed.listened_s = time.monotonic() - began
     probed.snapshots = _snapshots(transport, station, probed)
-    _add_snapshots(probed, probed.snapshots, time.monotonic() - began)
+    for one in probed.snapshots:
+        _add_status(probed, ReceivedStatus(time.monotonic() - began, one.status))
     connected = stations(transport)
     probed.bridges = [name for name in connected if station in {"*", name}]
     if not probed.bridges and not probed.statuses and station != "*":
@@ -110,11 +111,6 @@ def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[
             raise
         probed.refusals.append(error)
         return []
-
-
-def _add_snapshots(probed: ProbeResult, snapshots: Iterable[Snapshot], at: float) -> None:
-    for one in snapshots:
-        _add_status(probed, ReceivedStatus(at, one.status))
 
 
 def _listen(inbox: Inbox, probed: ProbeResult, began: float, seconds: float) -> None:

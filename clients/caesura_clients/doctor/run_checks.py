@@ -49,11 +49,10 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
     try:
         probed = probe_network(transport, station, seconds=seconds)
     except Unreachable as error:
-        yield CheckResult(
-            "bad", "session", str(error), "the router went away while it was looked at: see its log"
-        )
-        return
-    yield from judge(probed, station)
+        remedy = "the router went away while it was looked at: see its log"
+        yield CheckResult("bad", "session", str(error), remedy)
+    else:
+        yield from judge(probed, station)
 
 
 def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
@@ -76,13 +75,7 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
 
 def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     """The same checks on a recording, in the order of its samples."""
-    samples = signal.CheckedSamples(
-        recording.t,
-        recording.signals,
-        recording.length_unit,
-        recording.declared_units,
-    )
-    units = list(signal.check_units(samples))
+    units = list(signal.check_units(recording))
     yield from units
     if units:
         return  # figures in a wrong unit mean nothing
@@ -93,10 +86,10 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
         yield graded("reading", assumed + compared)
     for caution in recording.cautions:
         yield CheckResult("warn", "reading", caution, "look at the values, and at what wrote them")
-    yield from signal.check_rate(samples)
-    yield signal.check_signals(samples)
+    yield from signal.check_rate(recording)
+    yield signal.check_signals(recording)
     yield from _check_wrench(recording)
-    yield from signal.check_noise(samples)
+    yield from signal.check_noise(recording)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S
     yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))

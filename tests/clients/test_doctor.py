@@ -23,11 +23,12 @@ from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus, TimedServ
 from caesura_clients.doctor.reach import no_session
 from caesura_clients.doctor.run_checks import examine_network, examine_recording, judge
 from caesura_clients.doctor.signal import cells_at_rest
+from caesura_clients.query import snapshots
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import AccessDenied, ProtocolError, Unreachable
-from caesura_protocol.keys import service_key
-from caesura_protocol.messages import Gap, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
+from caesura_protocol.keys import service_key, session_key
+from caesura_protocol.messages import Gap, Refusal, SampleBatch, ServiceStatus, SessionStatus, WrenchReport
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.answering import Answering
@@ -35,6 +36,7 @@ from clients.conftest import free_port
 from clients.examples import LiveSource, example, recording, samples, snapshot
 from clients.fake_service import eventually
 from clients.test_bridge import QUICK
+from service.journal.test_sqlite import grow_again, grow_no_more
 
 NOW = 1000.0
 
@@ -150,6 +152,62 @@ def test_a_journal_in_trouble_in_memory_or_full_is_said():
         assert words in said(found, "journal")
 
 
+FULL = "/var/caesura.sqlite cannot be written, there is no room left"
+
+
+def test_a_journal_that_cannot_be_written_is_the_cause_of_refusals_and_missing_batches_named_once():
+    kept = service().status.journal.model_copy(update={"trouble": FULL})
+    refused = {"overloaded": 6883}
+    last = Refusal(code="overloaded", message=FULL)
+    probed = received(
+        well(reported=[service(journal=kept)]), waiting_for=133, refused=refused, last_refusal=last
+    )
+    found = list(judge(probed))
+    text = "\n".join(f"{one.found} → {one.remedy}" for one in found)
+    assert grades(found, "journal") == ["bad"]
+    assert grades(found, "gaps") == []  # neither none nor some: the bridge still has them
+    (one,) = [one for one in found if one.check == "refused"]
+    assert (one.grade, one.found) == (
+        "warn",
+        f"6883 overloaded, batch 133 is missing: {probed.alive[0]} cannot write its journal",
+    )
+    assert one.remedy == "make room soon: the bridge has the newest two minutes, and is asked for them again"
+    assert text.count("no room left") == 1
+    assert "the bridge sends what" not in text
+    assert "whether the bridge answers" not in text
+
+
+def test_beside_a_full_journal_what_the_bridge_sends_wrongly_is_still_its_own():
+    kept = service().status.journal.model_copy(update={"trouble": FULL})
+    probed = received(well(reported=[service(journal=kept)]), refused={"overloaded": 5, "malformed": 2})
+    found = [one for one in judge(probed) if one.check == "refused"]
+    assert [one.found.partition(":")[0] for one in found] == ["5 overloaded", "2 malformed"]
+    assert found[1].remedy == "the bridge sends what the service cannot take: see docs/operations.md"
+
+
+def test_refusals_of_a_service_without_room_are_not_the_bridges():
+    last = Refusal(code="overloaded", message=FULL)
+    found = list(judge(received(well(), refused={"overloaded": 7}, last_refusal=last)))
+    (one,) = [one for one in found if one.check == "refused"]
+    assert one.found == f"7 overloaded; the last: {FULL}"
+    assert one.remedy == "the service had no room for them and asked for them again: see journal and queue"
+
+
+def test_a_batch_that_is_missing_is_not_said_beside_no_gaps():
+    found = list(judge(received(well(), waiting_for=7)))
+    assert grades(found, "gaps") == ["warn"]
+
+
+def test_where_no_session_opens_on_a_full_journal_it_is_the_cause():
+    kept = service().status.journal.model_copy(update={"trouble": FULL})
+    probed = received(well(reported=[service(journal=kept)]), state="closed")
+    ((station, _),) = probed.statuses
+    probed.batches = {(station, "other"): [batch_of("other")]}
+    found = list(judge(probed))
+    assert grades(found, "bridge") == ["bad"]
+    assert "cannot write its journal, so no session opens → make room" in said(found, "bridge")
+
+
 @pytest.mark.parametrize(
     ("changes", "check", "grade", "words"),
     [
@@ -225,6 +283,13 @@ def test_a_bridge_that_is_connected_and_sends_nothing_is_bad():
     found = list(judge(received(well(), batches=50, samples=1000, t=1.0)))
     assert grades(found, "samples") == ["bad"]
     assert "the bridge hangs, or its source gives nothing" in said(found, "samples")
+
+
+def test_batches_of_another_session_are_not_counted_as_sent_for_this_one():
+    probed = received(well(), batches=50, samples=1000, t=1.0)
+    ((station, _),) = probed.statuses
+    probed.batches = {(station, "other"): [batch_of("other")]}
+    assert said(list(judge(probed)), "samples").startswith("none in 1.0 s")
 
 
 @pytest.mark.parametrize(
@@ -407,6 +472,87 @@ def test_a_bridge_that_teaches_and_one_that_hangs(served):
     assert "the bridge hangs" in found["cell-2", "samples"]["remedy"]
 
 
+def test_two_bridges_that_teach_at_one_station_are_named_with_their_sessions(served):
+    with ExitStack() as stack:
+        caesura = stack.enter_context(connect(served))
+        both = [
+            stack.enter_context(Bridge(caesura.transport, "dup", LiveSource(), session=name, settings=QUICK))
+            for name in ("s1", "s2")
+        ]
+        over = threading.Event()
+        stack.callback(over.set)
+
+        def teach() -> None:
+            for number in range(2000):
+                for bridge in both:
+                    bridge.send(samples(50, t0=number * 0.05))
+                if over.wait(0.01):
+                    return
+
+        for bridge in both:
+            bridge.wait_open(30.0)
+        stack.enter_context(_thread(teach))
+        stack.callback(over.set)
+        eventually(lambda: len([one for one in caesura.sessions("dup") if one.t > 0.0]) == 2)
+        probed = probe_network(caesura.transport, "dup", seconds=1.0)
+    found = [one for one in judge(probed, "dup") if one.check == "bridge"]
+    assert [(one.grade, one.found, one.remedy) for one in found] == [
+        ("bad", "two bridges teach at dup: s1 and s2", "give one of them another --station")
+    ]
+
+
+def test_two_bridges_are_found_by_the_statuses_where_samples_are_forbidden():
+    memory = MemoryNetwork()
+    over = threading.Event()
+
+    def publish_statuses() -> None:
+        for number in range(100_000):
+            for session in ("s1", "s2"):
+                one = status(session=session, station="dup", t=0.1 * number, samples=number, seq=number)
+                memory.transport().put(session_key("dup", session, "status"), encode(one))
+            if over.wait(0.005):
+                return
+
+    with _thread(publish_statuses):
+        probed = probe_network(memory.transport(), "dup", seconds=0.2)
+        over.set()
+    assert probed.batches == {}
+    assert "two bridges teach at dup: s1 and s2" in said(list(judge(probed, "dup")), "bridge")
+
+
+def test_a_bridge_that_teaches_on_a_full_disk_is_not_blamed(tmp_path):
+    pytest.importorskip("caesura_service.app")
+    from caesura_service.app import Service  # noqa: PLC0415
+    from caesura_service.config import ServiceConfig  # noqa: PLC0415
+    from caesura_service.segmentation.fake_pipeline import make_fake_pipeline  # noqa: PLC0415
+
+    config = ServiceConfig(instance="west", listen="tcp/127.0.0.1:0", preset="fake", journal=tmp_path)
+    with ExitStack() as stack:
+        service = stack.enter_context(Service(config, pipeline_factory=make_fake_pipeline))
+        caesura = stack.enter_context(connect(service.endpoint))
+        bridge = stack.enter_context(Bridge(caesura.transport, "cell-1", LiveSource(), settings=QUICK))
+        bridge.wait_open(30.0)
+        grow_no_more(service._file)
+        over = threading.Event()
+
+        def teach() -> None:
+            for number in range(2000):
+                bridge.send(samples(50, t0=number * 0.05))
+                if over.wait(0.01):
+                    return
+
+        with _thread(teach):
+            eventually(lambda: any(one.status.refused for one in snapshots(caesura.transport, "cell-1")))
+            found = list(examine_network(caesura.transport, "cell-1", seconds=1.0))
+            over.set()
+        grow_again(service._file)
+    assert "no room left" in said(found, "journal")
+    assert grades(found, "gaps") in ([], ["ok"])
+    assert "overloaded" in said(found, "refused")
+    assert "west cannot write its journal → make room soon" in said(found, "refused")
+    assert not [one for one in found if "the bridge sends" in one.remedy or "bridge answers" in one.remedy]
+
+
 def test_only_the_station_that_is_named_is_looked_at(served):
     with connect(served) as caesura, ExitStack() as stack:
         for station in ("cell-1", "cell-2"):
@@ -476,6 +622,16 @@ def test_samples_of_a_session_that_was_never_opened_are_bad_and_those_of_one_tha
     assert grades(list(judge(probed)), "bridge") == ["bad"]
     probed = well(batches={(station, "other"): [batch_of("other")]})
     assert grades(list(judge(probed)), "bridge") == ["ok", "warn"]
+
+
+def test_samples_of_an_open_session_are_not_said_to_be_of_one_that_is_over():
+    probed = well()
+    (((station, session), _),) = probed.statuses.items()
+    left = status(session="a-left", batches=50, samples=1000, t=1.0)
+    assert left.session < session  # so that the other one is current
+    probed.statuses[station, left.session] = [ReceivedStatus(0.0, left)]
+    probed.batches = {(station, left.session): [batch_of(left.session)]}
+    assert grades(list(judge(probed)), "bridge") == ["ok"]
 
 
 def test_two_bridges_of_one_session_are_named_and_nothing_is_said_to_be_over():

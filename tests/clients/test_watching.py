@@ -73,6 +73,31 @@ def test_where_the_service_does_not_say_the_last_that_was_met_is_shown(view):
     assert sessions(view) == [("cell-1", "two")]
 
 
+@pytest.mark.parametrize("height", [12, 40])
+def test_two_bridges_that_teach_at_one_station_are_named_until_one_is_over(view, current, height):
+    current["cell-1"] = "s2"
+    view.receive(update("motion", station="cell-2"))
+    for number in range(1, 4):
+        for session in ("s1", "s2"):
+            view.receive(update("motion", session=session, t=float(number)))
+    words = "! two bridges teach at cell-1: s1 and s2: give one of them another --station"
+    assert drawn(view, height=height)[-1] == words
+    view.receive(update("motion", session="s1", t=9.0, state="closed"))
+    assert words not in drawn(view, height=height)
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_the_two_bridges_of_a_station_are_not_cut_off(view, width):
+    for number in range(1, 4):
+        for session in ("s20261125-001623-74e8", "s20261125-001623-de1b"):
+            view.receive(update(*["motion"] * 20, session=session, t=float(number)))
+    for number in range(2, 8):
+        view.receive(update("motion", station=f"cell-{number}"))
+    lines = drawn(view, height=16, width=width)
+    assert len(lines) <= 16
+    assert "give one of them another --station" in " ".join(lines[-3:])
+
+
 def test_stations_stand_beneath_each_other(view):
     view.receive(update(station="cell-2"))
     view.receive(update(station="cell-1"))

@@ -57,6 +57,26 @@ def gateway(memory, answering):
         yield gateway
 
 
+def test_two_sessions_of_a_station_that_grow_in_turn_are_known_until_one_is_over(gateway, answering):
+    reached = {"s1": 1.0, "s2": 1.0}
+
+    def reach(session: str, t: float, state: str = "open") -> None:
+        reached[session] = t
+        answering.snapshots = [
+            snapshot(round(t), session=name, t=t, state=state if name == session else "open")
+            for name, t in reached.items()
+        ]
+        answering.put(next(one.status for one in answering.snapshots if one.status.session == session))
+        eventually(lambda: (found := gateway.world.update(station(), session)) and found.t == t)
+
+    for number in range(1, 5):
+        for session in reached:
+            reach(session, float(number))
+    eventually(lambda: gateway.world.parallel == {station(): ("s1", "s2")})
+    reach("s2", 9.0, state="closed")
+    eventually(lambda: gateway.world.parallel == {})
+
+
 def test_what_there_was_before_is_known(gateway):
     update = gateway.world.update(station())
     assert [one.kind for one in update.segments] == ["motion"]

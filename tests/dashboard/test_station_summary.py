@@ -17,6 +17,7 @@ from caesura_clients.dashboard.station_summary import (
     reached,
     summary,
     troubled,
+    warning_of,
 )
 from caesura_protocol.messages import BridgeStatus, Gap, ServiceStatus
 from clients.examples import example
@@ -99,6 +100,15 @@ def test_a_session_with_the_time_of_day_is_as_long_as_it_lasted(update):
 def test_what_looks_alive_and_is_not_is_stale_and_says_why(world, changes, arguments, words):
     one = seen(replace(world, **changes), **arguments)
     assert (one.state, one.why) == ("stale", words)
+
+
+def test_a_station_that_two_bridges_teach_is_in_trouble_and_not_stale(world):
+    one = seen(replace(world, parallel={station_of(world): ("s1", "s2")}))
+    words = f"two bridges teach at {station_of(world)}: s1 and s2: give one of them another --station"
+    assert (one.state, one.why, troubled([one])) == ("teaching", words, 1)
+    assert warning_of(one, world) == words
+    stale = seen(world, received_ago=STALE_S + 1.0)
+    assert warning_of(stale, world) == "Stale: no sample for 3 s. What is shown is old."
 
 
 def test_nothing_can_have_come_before_the_dashboard_began(world):

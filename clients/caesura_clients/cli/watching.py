@@ -18,6 +18,7 @@ from rich.text import Text
 from caesura_clients.cli.result_tables import clock_lines, segment_line, segments_view
 from caesura_clients.cli.station_lines import station_lines
 from caesura_clients.following import Event, ServiceAvailability, SessionRemoved
+from caesura_clients.parallel_sessions import REMEDY, ParallelSessions, in_words
 from caesura_clients.results import Update
 from caesura_clients.service_liveliness import Change
 from caesura_protocol.session_clock import clock_of
@@ -54,6 +55,8 @@ class LiveView:
         self._updates: dict[tuple[str, str], Update] = {}  # by station and session, in the order of meeting
         self._current: Mapping[str, str] = {}
         self._service = ""
+        self._parallel = ParallelSessions()
+        self._several: dict[str, str] = {}  # what is to be said of stations with several bridges
 
     def receive(self, event: Event) -> None:
         """Take what has happened."""
@@ -64,6 +67,8 @@ class LiveView:
                 gone = (event.station, event.session)
                 self._updates = {key: update for key, update in self._updates.items() if key != gone}
                 self._current = self._ask_current()
+                self._parallel.close(*gone)
+                self._count_bridges(event.station)
             case ServiceAvailability("there") if not self._service:
                 pass  # it was there before it was watched
             case ServiceAvailability():
@@ -85,8 +90,20 @@ class LiveView:
         if key not in self._updates:
             self._current = self._ask_current()
         self._updates = {**self._updates, key: update}
+        self._parallel.take(update)
+        self._count_bridges(update.station)
         if self._service == SAID_OF_SERVICE["there"]:
             self._service = ""
+
+    def _count_bridges(self, station: str) -> None:
+        both = self._parallel.at(station)
+        others = {name: words for name, words in self._several.items() if name != station}
+        self._several = {**others, station: f"! {in_words(station, both)}: {REMEDY}"} if both else others
+
+    def _said(self) -> list[RenderableType]:
+        """What is to be said beneath the stations."""
+        said = [Text(words, style="bold yellow") for _, words in sorted(self._several.items())]
+        return [*said, Text(self._service)] if self._service else [*said]
 
     def _fitting(self, console: Console, options: ConsoleOptions) -> list[RenderableType]:
         """Everything, or as many of the newest rows as the terminal has room for."""
@@ -100,16 +117,17 @@ class LiveView:
             return len(drawn) > console.height
 
         if len(updates) > 1 and overflows(LEAST_ROWS):
-            said = [Text(self._service)] if self._service else []
-            return [station_lines(updates, console.height - len(said)), *said]
+            said = self._said()
+            lines = console.render_lines(Group(*said), options, pad=False) if said else []
+            return [station_lines(updates, console.height - len(lines)), *said]
         fitting = bisect_left(range(LEAST_ROWS, most + 1), True, key=overflows)
         return self._views(updates, max(LEAST_ROWS, fitting))
 
     def _views(self, updates: Iterable[Update], rows: int) -> list[RenderableType]:
-        """The newest rows of each station, and what is to be said of the service."""
+        """The newest rows of each station, and what is to be said beneath them."""
         views: list[RenderableType] = []
         for one in updates:
             clock = clock_of(one.segments)
             views += clock_lines(clock)
             views.append(segments_view(one.status, one.segments, clock, newest=rows, hints=one.hints))
-        return [*views, Text(self._service)] if self._service else views
+        return [*views, *self._said()]

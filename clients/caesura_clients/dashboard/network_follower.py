@@ -22,6 +22,7 @@ from caesura_clients.dashboard.signals import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
 from caesura_clients.following import Event, SessionRemoved, events
+from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import current_sessions, samples, service_status, stored_snapshots
 from caesura_clients.repeating_threads import RepeatingThreads
 from caesura_clients.results import SessionReader, Update
@@ -67,6 +68,7 @@ class NetworkFollower(RepeatingThreads):
         self.world = DashboardState()
         self._unsure = False  # has the service had no time to say which sessions are current?
         self.received: dict[str, NewestSamples] = {}
+        self._parallel = ParallelSessions()
         self._rings: dict[str, SignalRing] = {}
         self._posteriors: dict[str, deque[Posterior]] = {}
         self._pages: dict[str, int] = {}  # stored sessions that were read, by what was asked for
@@ -142,6 +144,8 @@ class NetworkFollower(RepeatingThreads):
                 gone = (event.station, event.session)
                 kept = {key: one for key, one in self.world.updates.items() if key != gone}
                 self._change(updates=kept, closed=self.world.closed + 1, current=self._current())
+                self._parallel.close(*gone)
+                self._count_bridges(event.station)
 
     def _take_update(self, update: Update) -> None:
         key = (update.station, update.session)
@@ -149,8 +153,17 @@ class NetworkFollower(RepeatingThreads):
         self._change(updates={**known, key: update}, closed=self.world.closed + update.closed)
         if key not in known or self._unsure:
             self._change(current=self._current())
+        self._parallel.take(update)
+        self._count_bridges(update.station)
         if update.posterior is not None:
             self._keep_posterior(update.station, update.posterior)
+
+    def _count_bridges(self, station: str) -> None:
+        """Note the sessions of a station that several bridges teach at once."""
+        both, known = self._parallel.at(station), self.world.parallel
+        if known.get(station, ()) != both:
+            others = {name: sessions for name, sessions in known.items() if name != station}
+            self._change(parallel={**others, station: both} if both else others)
 
     def _current(self) -> Mapping[str, str]:
         """The session of each station's program; the last known one where no service answers in time."""

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_clients.results import Update
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
 
@@ -38,6 +39,9 @@ class DashboardState:
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
     standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station
+    parallel: Mapping[str, tuple[str, ...]] = field(
+        default_factory=dict
+    )  # sessions taught at once, by station
     alive: frozenset[str] = frozenset()  # instances that are alive
     services: tuple[ServiceStatus, ...] = ()
     rates: Mapping[str, float] = field(default_factory=dict)  # [messages/s] by instance
@@ -83,7 +87,7 @@ class StationSummary:
     station: str
     state: State
     said: str  # the state in words
-    why: str  # it is stale; empty otherwise
+    why: str  # it is stale, or in trouble otherwise; empty where all is well
     session: str
     task: str  # its name; empty without one
     t: float  # [s] of the session
@@ -126,6 +130,8 @@ def glance(
     state = _state(update, bridge, why, status)
     if state == "failed" and status is not None and not why:
         why = status.problem or ""
+    if state == "teaching" and (both := world.parallel.get(station)):
+        why = f"{in_words(station, both)}: {REMEDY}"
     last = update.segments[-1] if update and update.segments else None
     newest = update.segments[-SHOWN_SEGMENTS:] if update else ()
     return StationSummary(
@@ -199,9 +205,20 @@ def summary(world: DashboardState, found: Sequence[StationSummary]) -> str:
     return f"{len(found)} station{'' if len(found) == 1 else 's'}, {state}"
 
 
+def warning_of(seen: StationSummary, world: DashboardState) -> str:
+    """Return what is said above the page of a station; empty where all is well."""
+    if seen.state == "teaching":
+        return seen.why
+    return f"Stale: {seen.why}. What is shown is old." if seen.why else world.trouble
+
+
 def troubled(found: Iterable[StationSummary]) -> int:
     """Count the stations that need an operator."""
-    return sum(one.state in {"stale", "failed"} or one.overloaded for one in found)
+    return sum(one.state in {"stale", "failed"} or one.overloaded or _is_taught_twice(one) for one in found)
+
+
+def _is_taught_twice(one: StationSummary) -> bool:
+    return one.state == "teaching" and one.why != ""
 
 
 def _state(update: Update | None, bridge: bool, why: str, status: BridgeStatus | None) -> State:

@@ -8,6 +8,7 @@ from typing import Literal
 
 Grade = Literal["ok", "warn", "bad"]
 Fault = tuple[object, Grade, str]  # whether it applies, how bad it is, what to do
+Case = tuple[object, Grade, str, str]  # whether it applies, how bad it is, what was found, what to do
 
 MARKS: Mapping[Grade, str] = {"ok": "✓", "warn": "!", "bad": "✗"}
 
@@ -25,22 +26,12 @@ class CheckResult:
 
 def graded(check: str, found: str, *faults: Fault) -> CheckResult:
     """Grade a finding by the first of the faults that applies; it is ok where none does."""
-    for applies, grade, remedy in faults:
-        if applies:
-            return CheckResult(grade, check, found, remedy)
-    return CheckResult("ok", check, found)
+    cases = [(applies, grade, found, remedy) for applies, grade, remedy in faults]
+    return first_of(check, *cases, (True, "ok", found, ""))
 
 
-def ok(check: str, found: str) -> CheckResult:
-    """As it should be."""
-    return CheckResult("ok", check, found)
-
-
-def warn(check: str, found: str, remedy: str) -> CheckResult:
-    """Make a warning: the check passes, with a limitation."""
-    return CheckResult("warn", check, found, remedy)
-
-
-def bad(check: str, found: str, remedy: str, *, station: str | None = None) -> CheckResult:
-    """Make an error: an action is required."""
-    return CheckResult("bad", check, found, remedy, station)
+def first_of(check: str, *cases: Case) -> CheckResult:
+    """Return the first case that applies; the last one always does."""
+    return next(
+        CheckResult(grade, check, found, remedy) for applies, grade, found, remedy in cases if applies
+    )

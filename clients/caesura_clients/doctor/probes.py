@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
+from caesura_clients.parallel_sessions import ParallelSessions
 from caesura_clients.query import decoded, services, stations
 from caesura_protocol.codec import decode
-from caesura_protocol.errors import ProtocolError, Unreachable
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
     ROOT,
     parse_session_key,
@@ -56,6 +56,7 @@ class ProbeResult:
         default_factory=dict
     )  # of each session, in order
     batches: dict[tuple[str, str], list[SampleBatch]] = field(default_factory=dict)  # where that is allowed
+    parallel: ParallelSessions = field(default_factory=ParallelSessions)
     refusals: list[ProtocolError] = field(default_factory=list)
     listened_s: float = 0.0
     others: list[str] = field(default_factory=list)  # stations, where the one that was asked for is not there
@@ -76,11 +77,13 @@ def probe_network(transport: Transport, station: str = "*", *, seconds: float) -
         for key in (session_key(station, "*", "status"), station_key(station, "samples")):
             stack.enter_context(transport.subscribe(key, inbox))
         began = time.monotonic()
-        _add_snapshots(probed, _snapshots(transport, station, probed), 0.0)
+        for one in _snapshots(transport, station, probed):
+            _add_status(probed, ReceivedStatus(0.0, one.status))
         _listen(inbox, probed, began, seconds)
     probed.listened_s = time.monotonic() - began
     probed.snapshots = _snapshots(transport, station, probed)
-    _add_snapshots(probed, probed.snapshots, time.monotonic() - began)
+    for one in probed.snapshots:
+        _add_status(probed, ReceivedStatus(time.monotonic() - began, one.status))
     connected = stations(transport)
     probed.bridges = [name for name in connected if station in {"*", name}]
     if not probed.bridges and not probed.statuses and station != "*":
@@ -110,11 +113,6 @@ def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[
         return []
 
 
-def _add_snapshots(probed: ProbeResult, snapshots: Iterable[Snapshot], at: float) -> None:
-    for one in snapshots:
-        _add_status(probed, ReceivedStatus(at, one.status))
-
-
 def _listen(inbox: Inbox, probed: ProbeResult, began: float, seconds: float) -> None:
     while (left := began + seconds - time.monotonic()) > 0:
         item = inbox.get(left)
@@ -128,12 +126,15 @@ def _listen(inbox: Inbox, probed: ProbeResult, began: float, seconds: float) -> 
 def _add_message(probed: ProbeResult, item: ReceivedSample, at: float) -> None:
     if item.key.endswith("/status"):
         parse_session_key(item.key)
-        _add_status(probed, ReceivedStatus(at, decode(item.payload, item.encoding, SessionStatus)))
+        status = decode(item.payload, item.encoding, SessionStatus)
+        _add_status(probed, ReceivedStatus(at, status))
+        probed.parallel.reach(status.station, status.session, status.t)
         return
     name = parse_station_key(item.key)[0]
     message = decode(item.payload, item.encoding, SampleBatch, Heartbeat)
     if isinstance(message, SampleBatch):
         probed.batches.setdefault((name, message.session), []).append(message)
+        probed.parallel.reach(name, message.session, message.t0)
 
 
 def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:
@@ -145,6 +146,3 @@ def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:
 
 def _rank(status: SessionStatus) -> tuple[int, int, int]:
     return status.epoch, status.samples, status.seq
-
-
-__all__ = ["ProbeResult", "ReceivedStatus", "TimedServiceStatus", "Unreachable", "probe_network"]

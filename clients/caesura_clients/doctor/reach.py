@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import socket
 import time
+from collections.abc import Mapping
 
-from caesura_clients.doctor.findings import CheckResult, bad, ok
+from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.errors import AccessDenied, CaesuraError
 from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 
@@ -13,6 +14,12 @@ TIMEOUT_S = 2.0
 CHECK = "endpoint"
 _REFUSED = " does not let us in: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
+REMEDIES: Mapping[type[Exception], str] = {  # of the first kind that it is
+    socket.gaierror: "no such host here: check the name, or use its address",
+    ConnectionRefusedError: "nothing listens there: start `caesura serve` or the router, or check the port",
+    TimeoutError: "no answer: check the address, the cable and the firewall between",
+    Exception: "check the address and the network between",
+}
 
 
 def check_endpoint(endpoint: str) -> CheckResult:
@@ -21,36 +28,27 @@ def check_endpoint(endpoint: str) -> CheckResult:
     host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
     if not protocol or not host or not port.isdecimal():
         remedy = f"write it as {DEFAULT_ENDPOINT} or tls/HOST:PORT"
-        return bad(CHECK, f"{endpoint!r} is no endpoint", remedy)
+        return CheckResult("bad", CHECK, f"{endpoint!r} is no endpoint", remedy)
     if protocol not in _SOCKETS:
-        return ok(CHECK, f"{endpoint}: {protocol} is not looked at by itself")
+        return graded(CHECK, f"{endpoint}: {protocol} is not looked at by itself")
     began = time.monotonic()
     try:
         with socket.create_connection((host.strip("[]"), int(port)), TIMEOUT_S):
             took_ms = 1000 * (time.monotonic() - began)
     except (OSError, OverflowError) as error:
-        return bad(CHECK, f"{endpoint}: {_error_text(error)}", _remedy(error))
-    return ok(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
+        remedy = next(remedy for kind, remedy in REMEDIES.items() if isinstance(error, kind))
+        return CheckResult("bad", CHECK, f"{endpoint}: {getattr(error, 'strerror', None) or error}", remedy)
+    return graded(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
 
 
 def no_session(error: CaesuraError) -> CheckResult:
     """Something listens, and Zenoh gets no session. What the error advises is the remedy."""
     where, _, why = str(error).partition(_REFUSED)
     if not isinstance(error, AccessDenied) or not why:
-        return bad("session", str(error), "something listens there: is it the router, and is it well?")
+        return CheckResult(
+            "bad", "session", str(error), "something listens there: is it the router, and is it well?"
+        )
     found, _, remedy = why.partition(": ")
-    return bad("session", f"{where}{_REFUSED}{found}", remedy or "is it the router that you mean?")
-
-
-def _error_text(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
-
-
-def _remedy(error: Exception) -> str:
-    if isinstance(error, socket.gaierror):
-        return "no such host here: check the name, or use its address"
-    if isinstance(error, ConnectionRefusedError):
-        return "nothing listens there: start `caesura serve` or the router, or check the port"
-    if isinstance(error, TimeoutError):
-        return "no answer: check the address, the cable and the firewall between"
-    return "check the address and the network between"
+    return CheckResult(
+        "bad", "session", f"{where}{_REFUSED}{found}", remedy or "is it the router that you mean?"
+    )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from caesura_clients.doctor import instances, signal, stations
-from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
+from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, probe_network
 from caesura_clients.doctor.reach import check_endpoint, no_session
 from caesura_protocol.errors import CaesuraError, Unreachable
@@ -33,13 +33,9 @@ def examine(
     """Look at everything that can be reached; ends where there is nothing behind."""
     try:
         found = check_endpoint(endpoint or endpoint_of(None, config_file))
-    except CaesuraError as error:
-        yield no_session(error)
-        return
-    yield found
-    if found.grade == "bad":
-        return
-    try:
+        yield found
+        if found.grade == "bad":
+            return
         transport = ZenohTransport(endpoint, config_file=config_file, timeout_s=CONNECT_S)
     except CaesuraError as error:
         yield no_session(error)
@@ -53,9 +49,10 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
     try:
         probed = probe_network(transport, station, seconds=seconds)
     except Unreachable as error:
-        yield bad("session", str(error), "the router went away while it was looked at: see its log")
-        return
-    yield from judge(probed, station)
+        remedy = "the router went away while it was looked at: see its log"
+        yield CheckResult("bad", "session", str(error), remedy)
+    else:
+        yield from judge(probed, station)
 
 
 def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
@@ -71,34 +68,28 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
     if station != "*" and not known:
         remedy = f"start its bridge: caesura bridge --station {station} …; or check the name"
         found = f"neither a bridge nor a session; stations that are: {', '.join(probed.others) or 'none'}"
-        yield bad("bridge", found, remedy, station=station)
+        yield CheckResult("bad", "bridge", found, remedy, station)
     elif not known and probed.alive:
-        yield ok("stations", "none yet: no bridge is connected and no session known")
+        yield graded("stations", "none yet: no bridge is connected and no session known")
 
 
 def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     """The same checks on a recording, in the order of its samples."""
-    samples = signal.CheckedSamples(
-        recording.t,
-        recording.signals,
-        recording.length_unit,
-        recording.declared_units,
-    )
-    units = list(signal.check_units(samples))
+    units = list(signal.check_units(recording))
     yield from units
     if units:
         return  # figures in a wrong unit mean nothing
     for doubt in recording.doubts:
-        yield warn("units", doubt, "compare the values with the units that are declared")
+        yield CheckResult("warn", "units", doubt, "compare the values with the units that are declared")
     for assumed in recording.assumed:
         compared = " " + COMPARED if assumed == ASSUMED_ORDER and "q" in recording.signals else ""
-        yield ok("reading", assumed + compared)
+        yield graded("reading", assumed + compared)
     for caution in recording.cautions:
-        yield warn("reading", caution, "look at the values, and at what wrote them")
-    yield from signal.check_rate(samples)
-    yield signal.check_signals(samples)
+        yield CheckResult("warn", "reading", caution, "look at the values, and at what wrote them")
+    yield from signal.check_rate(recording)
+    yield signal.check_signals(recording)
     yield from _check_wrench(recording)
-    yield from signal.check_noise(samples)
+    yield from signal.check_noise(recording)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S
     yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
@@ -110,12 +101,9 @@ def _check_wrench(recording: Recording) -> Iterator[CheckResult]:
         return
     source, hand = recording.wrench_source, recording.hand_on_robot
     if source is None:
-        yield warn("wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
-    elif stations.shows_contact(source, hand):
-        yield ok("wrench", f"source {source}, hand on the robot: {hand}; contact and load are on")
+        yield CheckResult("warn", "wrench", ASSUMED, f"expected one of {', '.join(WRENCH_SOURCES)}")
     else:
-        yield warn(
-            "wrench",
-            f"source {source}, hand on the robot: {hand}; contact and load are off",
-            stations.wrench_remedy(source, hand),
-        )
+        remedy = stations.wrench_remedy(source, hand)
+        shown = stations.shows_contact(source, hand)
+        found = f"source {source}, hand on the robot: {hand}; contact and load are {'on' if shown else 'off'}"
+        yield graded("wrench", found, (not shown, "warn", remedy))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.messages import Quantity
 from caesura_protocol.plausibility import METRES, implausible
-from caesura_protocol.recording import unit_remedy
+from caesura_protocol.recording import Recording, unit_remedy
 from caesura_protocol.sample_limits import HOLE_S
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ WITHOUT: Mapping[str, tuple[str, str]] = {  # a signal: what else has it, and wh
 
 @dataclass(frozen=True)
 class CheckedSamples:
-    """t: (n,) [s] as they came; signals: name → (n, width)."""
+    """Samples as they came, also such as no recording may have. t: (n,) [s]; signals: name → (n, width)."""
 
     t: Array
     signals: Mapping[str, Array]
@@ -42,14 +42,17 @@ class CheckedSamples:
     declared_units: tuple[Quantity, ...] = ()
 
 
-def check_samples(samples: CheckedSamples) -> Iterator[CheckResult]:
+Samples = CheckedSamples | Recording
+
+
+def check_samples(samples: Samples) -> Iterator[CheckResult]:
     """Rate, signals and noise."""
     yield from check_rate(samples)
     yield check_signals(samples)
     yield from check_noise(samples)
 
 
-def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
+def check_rate(samples: Samples) -> Iterator[CheckResult]:
     """Rate, regularity, pauses, times that do not advance."""
     steps = np.diff(samples.t)
     advancing = steps[steps > 0]
@@ -75,7 +78,7 @@ def check_rate(samples: CheckedSamples) -> Iterator[CheckResult]:
         yield CheckResult("warn", "repeats", found, "the source sends samples twice, or its clock steps back")
 
 
-def check_signals(samples: CheckedSamples) -> CheckResult:
+def check_signals(samples: Samples) -> CheckResult:
     """What is there, and what its absence means."""
     there = samples.signals
     nothing = not {"pos", "q"} & {*there}
@@ -91,7 +94,7 @@ def check_signals(samples: CheckedSamples) -> CheckResult:
     )
 
 
-def check_noise(samples: CheckedSamples) -> Iterator[CheckResult]:
+def check_noise(samples: Samples) -> Iterator[CheckResult]:
     """The force's scatter while the robot rests."""
     force = samples.signals.get("force")
     rest = [] if force is None else cells_at_rest(samples)
@@ -120,7 +123,7 @@ def check_bias(bias: Array | None) -> Iterator[CheckResult]:
     yield graded("wrench bias", found, (size > BIAS_LIMIT_N, "warn", remedy))
 
 
-def check_units(samples: CheckedSamples) -> Iterator[CheckResult]:
+def check_units(samples: Samples) -> Iterator[CheckResult]:
     """Are times, positions, joints and forces in the units that they are said to have?"""
     unit = samples.length_unit
     found = implausible(samples.t, samples.signals, length_unit=unit, declared=samples.declared_units)
@@ -128,7 +131,7 @@ def check_units(samples: CheckedSamples) -> Iterator[CheckResult]:
         yield CheckResult("bad", "units", str(found), unit_remedy(found, unit))
 
 
-def cells_at_rest(samples: CheckedSamples) -> list[slice]:
+def cells_at_rest(samples: Samples) -> list[slice]:
     """Cells of CELL_S in which the robot stayed where it was in the cell before; none after a hole."""
     name = "pos" if "pos" in samples.signals else "q"
     if name not in samples.signals or not len(samples.t):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from caesura_clients.doctor.findings import CheckResult, bad, ok, warn
+from caesura_clients.doctor.findings import CheckResult, first_of, graded
 from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus
 from caesura_clients.doctor.signal import (
     CheckedSamples,
@@ -16,12 +16,23 @@ from caesura_clients.doctor.signal import (
     check_samples,
     check_units,
 )
+from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
 
 FEWEST_SAMPLES = 100  # that say something of a rate
+UNWRITABLE = "cannot write its journal"
+ROOM = "make room soon: the bridge has the newest two minutes, and is asked for them again"
+REFUSED = {  # whether for want of room: what to do
+    True: "the service had no room for them and asked for them again: see journal and queue",
+    False: "the bridge sends what the service cannot take: see docs/operations.md",
+}
 STILL_S = 1.0  # how long no sample may come while a session is open
+NO_SAMPLES = (
+    "the bridge hangs, or its source gives nothing: look at the robot's controller and the bridge's "
+    "terminal; restart the bridge with --session and a higher --epoch"
+)
 
 
 @dataclass(frozen=True)
@@ -31,13 +42,27 @@ class StationProbe:
     name: str
     connected: bool
     statuses: Sequence[ReceivedStatus]
-    batches: Sequence[SampleBatch]
+    batches: Mapping[str, Sequence[SampleBatch]]  # by session
     listened_s: float
+    open_sessions: frozenset[str] = frozenset()
+    parallel: Sequence[str] = ()  # those that several bridges teach at once
+    unwritable: str | None = None  # the instance that serves it and cannot write its journal
 
     @property
     def status(self) -> SessionStatus | None:
         """The last word on its current session."""
         return self.statuses[-1].status if self.statuses else None
+
+    @property
+    def own(self) -> Sequence[SampleBatch]:
+        """The batches of its current session."""
+        return self.batches.get(self.status.session, ()) if self.status else ()
+
+    @property
+    def strangers(self) -> Mapping[str, int]:
+        """How many batches came of sessions that are neither the current one nor open."""
+        known = {*self.open_sessions, self.status.session if self.status else ""}
+        return {name: len(some) for name, some in sorted(self.batches.items()) if name not in known}
 
 
 def stations_of(probed: ProbeResult) -> list[StationProbe]:
@@ -53,26 +78,33 @@ def check_station(station: StationProbe) -> Iterator[CheckResult]:
 
 def _checks_of(station: StationProbe) -> Iterator[CheckResult]:
     status = station.status
-    if status is None or status.state == "closed":
-        yield from _check_closed(station)
-    else:
-        yield _check_bridge(station, status)
+    yield _check_bridge(station, status)
+    if status is None:
+        return
+    if status.state == "open":
         yield from _check_flow(station, status)
-    if status is not None:
-        for check in CHECKS:
-            yield from check(station, status)
-    if status is not None and status.state == "open":
-        for session, count in _other_sessions(station).items():
-            remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
-            found = f"{count} batches of {session}, which is not open"
-            yield warn("bridge", found, remedy)
+    for check in (_check_rival_bridges, _check_losses, _check_refusals, _check_wrench):
+        yield from check(station, status)
+    for session, count in station.strangers.items() if status.state == "open" else ():
+        remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
+        yield CheckResult("warn", "bridge", f"{count} batches of {session}, which is not open", remedy)
 
 
 def _station(probed: ProbeResult, name: str) -> StationProbe:
     own = [statuses for (station, _), statuses in probed.statuses.items() if station == name and statuses]
     current = max(own, key=lambda statuses: _rank(statuses[-1].status), default=[])
-    batches = [one for (station, _), some in probed.batches.items() if station == name for one in some]
-    return StationProbe(name, name in probed.bridges, current, batches, probed.listened_s)
+    batches = {session: some for (station, session), some in probed.batches.items() if station == name}
+    opened = frozenset(one[-1].status.session for one in own if one[-1].status.state == "open")
+    # An open session has its instance; of a station without one it may be any.
+    owner = {current[-1].status.instance} if opened else {one.status.instance for one in probed.reported}
+    full = {
+        one.status.instance for one in probed.reported if one.status.journal and one.status.journal.trouble
+    }
+    unwritable = min(owner, default=None) if owner <= full else None
+    parallel = [session for session in probed.parallel.at(name) if session in opened]
+    return StationProbe(
+        name, name in probed.bridges, current, batches, probed.listened_s, opened, parallel, unwritable
+    )
 
 
 def _rank(status: SessionStatus) -> tuple[bool, str]:
@@ -80,53 +112,59 @@ def _rank(status: SessionStatus) -> tuple[bool, str]:
     return status.state == "open", status.session
 
 
-def _check_closed(station: StationProbe) -> Iterator[CheckResult]:
-    status = station.status
-    last = "no session yet" if status is None else f"no session is open, the last was {status.session}"
-    if _other_sessions(station):
-        remedy = "the service refused it or has not answered: see the bridge's terminal and the service's log"
-        yield bad("bridge", f"samples come, and {last}", remedy)
-    elif station.connected:
-        remedy = "one has just ended, or is beginning; if it stays so, see the bridge's terminal"
-        yield warn("bridge", f"connected, and {last}", remedy)
-    else:
-        yield ok("bridge", f"not connected, and {last}")
-
-
-def _check_bridge(station: StationProbe, status: SessionStatus) -> CheckResult:
-    if station.connected:
-        return ok("bridge", f"connected, session {status.session} on {status.instance}")
-    remedy = (
+def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckResult:
+    """Check that one bridge is connected, and of an open session."""
+    if status is None or status.state == "closed":
+        last = f"no session is open, the last was {status.session}" if status else "no session yet"
+        full = f"samples come, and {station.unwritable} {UNWRITABLE}, so no session opens"
+        refused = (
+            "the service refused it or has not answered: see the bridge's terminal and the service's log"
+        )
+        passing = "one has just ended, or is beginning; if it stays so, see the bridge's terminal"
+        return first_of(
+            "bridge",
+            (station.strangers and station.unwritable, "bad", full, ROOM),
+            (station.strangers, "bad", f"samples come, and {last}", refused),
+            (station.connected, "warn", f"connected, and {last}", passing),
+            (True, "ok", f"not connected, and {last}", ""),
+        )
+    again = (
         f"start it again with --station {station.name} --session {status.session} --epoch N, N above the "
         "last one (0 at first); or leave it open: it takes no samples and harms nothing"
     )
-    return bad("bridge", f"session {status.session} is open and no bridge is connected", remedy)
+    return first_of(
+        "bridge",
+        (len(station.parallel) > 1, "bad", in_words(station.name, station.parallel), REMEDY),
+        (station.connected, "ok", f"connected, session {status.session} on {status.instance}", ""),
+        (True, "bad", f"session {status.session} is open and no bridge is connected", again),
+    )
 
 
 def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     """Check that samples arrive: how many, and how evenly."""
     first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
-    batches = last.status.batches - first.status.batches
-    if batches == 0 and not station.batches and not station.connected:
-        return
-    if took_s < STILL_S:
-        remedy = "the session has just begun: look again"
-        yield warn("samples", f"listened to for {took_s:.1f} s only", remedy)
-        return
-    if batches == 0 and not station.batches:
-        yield bad("samples", f"none in {took_s:.1f} s", _NO_SAMPLES)
-        return
-    if batches == 0:
-        found = f"{len(station.batches)} batches sent and none processed in {took_s:.1f} s"
-        why = "a batch before them is missing, the queue is long or they are refused: see below and the log"
-        yield bad("samples", found, why)
+    batches, sent = last.status.batches - first.status.batches, len(station.own)
+    if not (batches or sent or station.connected):
         return
     count, passed_s = last.status.samples - first.status.samples, last.status.t - first.status.t
-    found = f"{batches / took_s:.1f} batches/s, {count / took_s:.0f} samples/s"
+    over_s = max(took_s, STILL_S)
+    found = f"{batches / over_s:.1f} batches/s, {count / over_s:.0f} samples/s"
     if passed_s > 0:
-        found += f", {passed_s / took_s:.2f} s of the demonstration a second"
-    yield ok("samples", found)
+        found += f", {passed_s / over_s:.2f} s of the demonstration a second"
+    unprocessed = f"{sent} batches sent and none processed in {took_s:.1f} s"
+    why = "a batch before them is missing, the queue is long or they are refused: see below and the log"
+    begun = f"listened to for {took_s:.1f} s only"
+    result = first_of(
+        "samples",
+        (took_s < STILL_S, "warn", begun, "the session has just begun: look again"),
+        (not batches and not sent, "bad", f"none in {took_s:.1f} s", NO_SAMPLES),
+        (not batches, "bad", unprocessed, why),
+        (True, "ok", found, ""),
+    )
+    yield result
+    if result.grade != "ok":
+        return
     samples = _samples(station, status)
     if samples is None:
         yield _counted_rate(station)
@@ -143,22 +181,14 @@ def _counted_rate(station: StationProbe) -> CheckResult:
         for before, after in zip(station.statuses, station.statuses[1:], strict=False)
         if after.status.t - before.status.t >= STILL_S / 2
     ]
-    if not steps:
-        remedy = "listen for longer with --seconds"
-        return warn("rate", "too few statuses in this time for a rate", remedy)
-    found = f"about {np.median(steps):.0f} Hz, as the service counts"
-    return ok("rate", found)
-
-
-_NO_SAMPLES = (
-    "the bridge hangs, or its source gives nothing: look at the robot's controller and the bridge's "
-    "terminal; restart the bridge with --session and a higher --epoch"
-)
+    found = f"about {np.median(steps or [0.0]):.0f} Hz, as the service counts"
+    few, longer = "too few statuses in this time for a rate", "listen for longer with --seconds"
+    return first_of("rate", (not steps, "warn", few, longer), (True, "ok", found, ""))
 
 
 def _samples(station: StationProbe, status: SessionStatus) -> CheckedSamples | None:
     """Return the received batches, in order and once; None where they are too few to judge."""
-    own = {one.seq: one for one in station.batches if one.session == status.session}
+    own = {one.seq: one for one in station.own}
     columns = {one.columns for one in own.values()}
     if len(columns) != 1:
         return None
@@ -179,6 +209,7 @@ def _longest_run(numbers: Sequence[int]) -> Sequence[int]:
 
 
 def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
+    missing = _missing(status)
     if status.gaps:
         lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
         reasons = sorted({gap.reason for gap in status.gaps})
@@ -187,23 +218,35 @@ def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[Chec
             "paused. The program is less sure there: teach it again"
         )
         found = f"{len(status.gaps)} of {lost_s:.2f} s in all ({', '.join(reasons)})"
-        yield warn("gaps", found, remedy)
-    else:
-        yield ok("gaps", "none")
-    if status.waiting_for is not None and status.state == "open":
+        yield CheckResult("warn", "gaps", found, remedy)
+    elif missing is None:
+        yield graded("gaps", "none")
+    if missing is not None and station.unwritable is None:
         remedy = "it is asked for again and again; if it stays so, look whether the bridge answers"
-        yield warn("gaps", f"batch {status.waiting_for} is missing", remedy)
+        yield CheckResult("warn", "gaps", missing, remedy)
     if status.duplicates:
         found = f"{status.duplicates} of {status.batches + status.duplicates} batches came again"
-        yield ok("duplicates", f"{found} and were ignored")
+        yield graded("duplicates", f"{found} and were ignored")
+
+
+def _missing(status: SessionStatus) -> str | None:
+    waiting = status.waiting_for is not None and status.state == "open"
+    return f"batch {status.waiting_for} is missing" if waiting else None
 
 
 def _check_refusals(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
-    if status.refused:
-        found = ", ".join(f"{count} {code}" for code, count in status.refused.items())
-        last = f"; the last: {status.last_refusal.message}" if status.last_refusal else ""
-        remedy = "the bridge sends what the service cannot take: see docs/operations.md"
-        yield warn("refused", f"{found}{last}", remedy)
+    """Check what the service had no room for, and what it cannot take."""
+    last, missing = status.last_refusal, _missing(status)
+    for no_room, remedy in REFUSED.items():
+        parts = [f"{n} {code}" for code, n in status.refused.items() if (code == "overloaded") is no_room]
+        if no_room and station.unwritable and status.state == "open":
+            parts += [missing] if missing else []
+            found, remedy = f"{', '.join(parts)}: {station.unwritable} {UNWRITABLE}", ROOM
+        else:
+            is_last = last is not None and (last.code == "overloaded") is no_room
+            found = ", ".join(parts) + (f"; the last: {last.message}" if last and is_last else "")
+        if parts:
+            yield CheckResult("warn", "refused", found, remedy)
 
 
 def shows_contact(source: str, hand_on_robot: str) -> bool:
@@ -227,44 +270,23 @@ def _check_wrench(station: StationProbe, status: SessionStatus) -> Iterator[Chec
         for name, there in (("contact", wrench.contact_models), ("load", wrench.transport_models))
         if there
     ]
-    found_text = (
-        f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
-    )
-    if not can:
-        remedy = wrench_remedy(wrench.source, wrench.hand_on_robot)
-        if not wrench.stated:
-            remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"
-        yield warn("wrench", found_text, remedy)
-    elif wrench.tare is None and status.observations:
-        yield warn("wrench", found_text, "start in free space and at rest for 0.4 s")
-    else:
-        yield ok("wrench", found_text)
+    found = f"{wrench.source}: {' and '.join(can) or 'neither contact nor load'} can be found. {wrench.note}"
+    remedy = wrench_remedy(wrench.source, wrench.hand_on_robot)
+    if not wrench.stated:
+        remedy = f"state where it is measured: {', '.join(WRENCH_SOURCES)}"
+    untared = wrench.tare is None and status.observations
+    rest = "start in free space and at rest for 0.4 s"
+    yield graded("wrench", found, (not can, "warn", remedy), (untared, "warn", rest))
     yield from check_bias(None if wrench.tare is None else np.array(wrench.tare))
 
 
 def _check_rival_bridges(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     """Check that only one bridge sends the session."""
-    own = [one.bridge for one in station.batches if one.session == status.session]
-    senders = Counter(name for name in own if name is not None)
+    senders = Counter(one.bridge for one in station.own if one.bridge is not None)
     if len(senders) > 1:
         each = ", ".join(f"{name} ({count} batches)" for name, count in sorted(senders.items()))
         remedy = (
             "the service takes those of the one that opened it: stop the other, or give it another --session"
         )
         found = f"{len(senders)} bridges publish {status.session}: {each}"
-        yield bad("bridge", found, remedy)
-
-
-def _other_sessions(station: StationProbe) -> dict[str, int]:
-    """Batches of sessions other than the current one, by session."""
-    own = station.status.session if station.status is not None else None
-    others = [one.session for one in station.batches if one.session != own]
-    return {session: others.count(session) for session in sorted(set(others))}
-
-
-CHECKS: tuple[Callable[[StationProbe, SessionStatus], Iterator[CheckResult]], ...] = (
-    _check_rival_bridges,
-    _check_losses,
-    _check_refusals,
-    _check_wrench,
-)
+        yield CheckResult("bad", "bridge", found, remedy)

@@ -8,15 +8,25 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-from caesura_protocol.messages import Gap
+from caesura_protocol.messages import Gap, SampleBatch
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
+
+SENDERS_OF_STATION = 8  # sessions with their bridges, of which the newest are compared
+
+
+class Sender(NamedTuple):
+    """A session with the bridge that sends it."""
+
+    session: str
+    bridge: str
+
 
 GAP_REASONS = {
     "source": "the robot's samples paused",
@@ -31,6 +41,7 @@ class SessionEventLogger:
         """clock: monotonic [s]."""
         self._rate = RateLimit(LOG_RATE, clock=clock)
         self._suppressed: dict[str, int] = {}  # lines since the last one; of the newest SENDERS
+        self._senders: dict[str, dict[Sender, bool]] = {}  # of a station, the newest last; was it warned of?
 
     def log_call(self, call: RegistryCall) -> None:
         """Log the changes of a call."""
@@ -53,6 +64,26 @@ class SessionEventLogger:
                 f"refused: {call.refusal.message}",
                 call.refused,
             )
+        if isinstance(call.message, SampleBatch) and call.changes and call.refusal is None:
+            self._log_second_bridge(call.station or "", call.message)
+
+    def _log_second_bridge(self, station: str, batch: SampleBatch) -> None:
+        """Warn once where a session goes on that another bridge seemed to have replaced by its own."""
+        if batch.bridge is None:
+            return
+        sender, known = Sender(batch.session, batch.bridge), self._senders.setdefault(station, {})
+        last = next(reversed(known), sender)
+        warned = known.pop(sender, None)  # None: it is new
+        if second := warned is False and last.bridge != sender.bridge:
+            known[last] = True
+            both = f"{last.session} of bridge {last.bridge} and {sender.session} of bridge {sender.bridge}"
+            what = f"is taught by two bridges at once, {both}: give one of them another --station"
+            _log(logging.WARNING, station, None, what)
+        known[sender] = second or bool(warned)
+        for oldest in [*known][:-SENDERS_OF_STATION]:
+            del known[oldest]
+        if len(self._senders) > SENDERS:
+            del self._senders[next(iter(self._senders))]
 
     def _log_throttled(
         self,

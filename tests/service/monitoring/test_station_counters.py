@@ -69,6 +69,13 @@ def taught(registry: InstrumentedRegistry, count: int) -> InstrumentedRegistry:
     return registry
 
 
+def send(registry: InstrumentedRegistry, *sent: tuple[str, str, int]) -> None:
+    """Batches, each of a session, a bridge and a number."""
+    for session, bridge, seq in sent:
+        named = batch(seq, session).model_copy(update={"bridge": bridge})
+        registry.handle_samples(STATION, named, 0.0)
+
+
 def lines(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [record.getMessage() for record in caplog.records]
 
@@ -242,3 +249,31 @@ def test_suppressed_lines_take_bounded_room_and_a_new_sender_is_logged_again(cap
     clock.now += 20.0
     registry.reject("new", ProtocolError("malformed", "rubbish"))
     assert lines(caplog)[-1] == "new refused: malformed: rubbish"
+
+
+def test_two_bridges_that_teach_at_one_station_are_logged_once(caplog):
+    registry = watched()
+    for session, bridge in (("s1", "east"), ("s2", "west")):
+        opened = opening().model_copy(update={"session": session, "bridge": bridge})
+        registry.handle_command(STATION, opened, 0.0)
+    send(
+        registry,
+        *((session, bridge, i) for i in range(9) for session, bridge in (("s1", "east"), ("s2", "west"))),
+    )
+    warned = [record for record in caplog.records if record.levelno == logging.WARNING]
+    assert [record.getMessage() for record in warned] == [
+        f"{STATION} is taught by two bridges at once, s2 of bridge west and s1 of bridge east: "
+        "give one of them another --station"
+    ]
+
+
+@pytest.mark.parametrize("successor", ["west", "east"])
+def test_a_bridge_that_takes_the_place_of_another_is_no_second_one(caplog, successor):
+    registry = watched()
+    for session, bridge in (("s1", "east"), ("s2", successor)):
+        opened = opening().model_copy(update={"session": session, "bridge": bridge})
+        registry.handle_command(STATION, opened, 0.0)
+        send(registry, *((session, bridge, i) for i in range(9)))
+    if successor == "east":  # replayed, of a bridge that has begun the next one
+        send(registry, ("s1", "east", 9))
+    assert not [record for record in caplog.records if record.levelno == logging.WARNING]

@@ -24,7 +24,7 @@ from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, t
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
-from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted
+from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted, warning_of
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 
@@ -80,7 +80,7 @@ class SessionPage:
         update = world.update(self._station, self._session)
         seen = glance(world, self._station, received, gateway.clock(), gateway.began)
         live = self._session is None
-        self._banner.say(f"Stale: {seen.why}. What is shown is old." if live and seen.why else world.trouble)
+        self._banner.say(warning_of(seen, world) if live else world.trouble)
         line = line_of(seen, update) if live else line_of_past(update)
         if line != self._line.text:
             self._line.set_text(line)

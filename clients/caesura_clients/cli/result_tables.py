@@ -14,7 +14,6 @@ from rich.text import Text
 
 from caesura_clients.budget_texts import budgets_in_words
 from caesura_clients.program_editing import FIELD_WORDS
-from caesura_clients.query import SessionInfo
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import (
@@ -32,7 +31,7 @@ from caesura_protocol.number_words import fixed
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import torque_about_axis
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day, moment
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
@@ -215,23 +214,6 @@ def _title_of(app: App) -> Text:
     if app.note:
         text.append(f"\n{app.note}", style="italic")
     return text
-
-
-def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
-    """All sessions, one a line."""
-    table = Table("station", "session", "task", "success", "state", "t \\[s]", "segments", "instance")
-    for info in infos:
-        table.add_row(
-            info.station,
-            info.session,
-            Text(info.task or "–"),
-            RESULTS[info.success],
-            "deleted" if info.deleted else info.state,
-            moment(info.t) if is_of_day(info.t) else f"{info.t:.2f}",
-            str(info.segments),
-            info.instance,
-        )
-    return table
 
 
 def _why(refusal: Refusal) -> str:

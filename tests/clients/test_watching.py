@@ -211,3 +211,16 @@ def test_a_table_shows_times_on_the_clock_that_its_caller_has():
         console.print(segments_view(found.status, found.segments.segments, SessionClock(-100.0)))
     t0 = found.segments.segments[0].t0
     assert f"{t0 + 100.0:.2f}" in drawn.get()
+
+
+@pytest.mark.parametrize(("source", "measured"), [("none", False), ("flange_sensor", True)])
+def test_a_segment_has_a_force_only_where_there_is_a_wrench(source, measured):
+    found = snapshot(0, "motion", station="cell-1", session="s1")
+    wrench = found.status.wrench.model_copy(update={"source": source})
+    segment = found.segments.segments[0].model_copy(update={"load_kg": None, "load_sd_kg": None})
+    console = Console(width=120, color_system=None)
+    with console.capture() as drawn:
+        console.print(segments_view(found.status.model_copy(update={"wrench": wrench}), [segment]))
+    (row,) = [line for line in drawn.get().splitlines() if " motion " in line]
+    assert (" N " in row) == measured
+    assert (" – " in row) != measured

@@ -10,6 +10,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from caesura_clients import Caesura
+from caesura_clients.cli import watch as watch_command
 from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.following import ServiceAvailability, SessionRemoved
@@ -179,6 +181,27 @@ def test_a_final_segment_is_one_line_once():
     (line,) = lines(first, second, growing)
     assert line.startswith(f"cell-1/s1 2 {second.t0:.2f} {second.tn:.2f} contact ")
     assert lines(first, second, growing) == []
+
+
+@pytest.mark.parametrize(
+    ("station", "said"),
+    [
+        ("ur-9", "there is no station ur-9 yet; stations: ur-1, ur-2, waiting for ur-9\n"),
+        ("ur-1", ""),
+        (None, ""),
+    ],
+)
+def test_watch_says_once_that_there_is_no_such_station_and_goes_on_waiting(
+    router, monkeypatch, capsys, station, said
+):
+    # A typing error waited in silence.
+    began = []
+    monkeypatch.setattr(watch_command, "events", lambda _, pattern: began.append(pattern) or [])
+    with Answering(router.transport()) as service, Caesura(router.transport()) as caesura:
+        service.snapshots = [snapshot(0, "motion", station=one, session="s1") for one in ("ur-1", "ur-2")]
+        watch_command._write_lines(caesura, station)
+    assert capsys.readouterr().err == said
+    assert began == [station or "*"]
 
 
 def test_watch_in_a_pipe_writes_a_line_at_once_and_ends_at_sigterm(router):

@@ -14,6 +14,16 @@ def fixed(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if abs(value) < LONG else f"{value:.3g}"
 
 
+def reads_above(value: float, limit: float, decimals: int) -> bool:
+    """Whether a number is above a limit as people read the two: more than by the rounding of what is shown.
+
+    >>> reads_above(2.0039, 2.0, 1), reads_above(1.951, 1.949, 1), reads_above(2.06, 2.0, 1)
+    (False, False, True)
+    """
+    rounding = 0.5 * 10.0**-decimals
+    return value - limit > rounding and fixed(value, decimals) != fixed(limit, decimals)
+
+
 def interval(first: float, last: float, decimals: int, between: str = "–") -> str:
     """Two numbers as a range, or one where they read the same: an interval of no length.
 

@@ -69,3 +69,8 @@ def is_of_day(t: float) -> bool:
 def moment(t: float) -> str:
     """A time of day [s] as a date, UTC."""
     return f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def local_moment(t: float) -> str:
+    """A time of day [s] as date and time here, to the minute."""
+    return f"{datetime.fromtimestamp(t):%Y-%m-%d %H:%M}"

@@ -158,3 +158,10 @@ def test_times_of_day_are_shown_from_the_start_and_written_as_they_are(tmp_path:
     assert "17000000" not in done.output
     for one in (*found["segments"], *found["program"]):
         assert f"{one['t0'] - start:.2f}" in done.output
+
+
+def test_without_a_wrench_no_force_is_shown(tmp_path: Path):
+    done = caesura("segment", recording(tmp_path / "nowrench.npz", np.arange(0.0, 3.0, 0.001)))
+    assert done.exit_code == 0, done.output
+    assert " N " not in done.output
+    assert "–" in done.output

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
+from caesura_clients.cli import recording_questions
 from caesura_clients.cli.recording_questions import ask_about
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.csv_layout import guessed, read_layout
@@ -78,6 +81,31 @@ def test_a_question_is_asked_again_until_its_answer_is_possible(
     assert "no column 'Q'" in said
 
 
+def typed_into(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -> str:
+    """What a terminal shows of the questions about a npz, with these answers."""
+    guided().save(tmp_path / "demo.npz")
+    monkeypatch.setattr(recording_questions, "in_a_terminal", lambda: True)
+    app = typer.Typer()
+    app.command()(lambda: recording_questions.ask_about(tmp_path / "demo.npz") and None)
+    done = CliRunner().invoke(app, [], input="".join(f"{one}\n" for one in answers))
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_an_empty_answer_is_told_what_is_expected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    shown = typed_into(tmp_path, monkeypatch, "", "nonsense", "flange_sensor", "yes", "-")
+    assert shown.count("Where was the wrench measured?") == 3
+    assert "nothing is assumed here: expected one of flange_sensor, " in shown
+    assert "'nonsense', expected one of flange_sensor, " in shown
+
+
+def test_the_question_whose_the_forces_are_says_how_to_tell(tmp_path: Path):
+    terminal = Terminal(Force="5 6 7", Where="flange_sensor", Was="yes")
+    ask_about(odd(tmp_path / "odd.csv"), terminal)
+    (words,) = [words for words, _ in terminal.asked if words.startswith("Are they")]
+    assert "positive vertical force" in words
+
+
 def test_other_formats_are_asked_about_wrench_and_hand_alone(tmp_path: Path):
     guided().save(tmp_path / "demo.npz")
     terminal = Terminal(Where="flange_sensor", Was="no")
@@ -132,11 +160,22 @@ def test_options_that_contradict_are_blamed_and_not_the_file(tmp_path: Path):
         ),
         ("time_ms,pose.position.x,pos_y,position.z,Gripper [mm],x2", {"t", "px", "py", "pz", "gripper"}),
         ("t,joint_1,joint_2,joint_4,x,y", {"t", "q1", "q2"}),
+        ("Zeit;Kraft-X [N];Kraft-Y [N];Kraft-Z [N];Greifer Öffnung [mm]", {"t", "fx", "fy", "fz", "gripper"}),
+        ("Zeit;x-Koordinate;y-Koordinate;z-Koordinate", {"t", "px", "py", "pz"}),
+        ("Zeit;Drehmoment X;Drehmoment Y;Drehmoment Z;Achse 1;Achse 2", {"t", "mx", "my", "mz", "q1", "q2"}),
+        ("t;Sensor X links [N];Sensor Y links [N];Sensor Z links [N]", {"t", "fx", "fy", "fz"}),
+        ("t;load-x [Nm];load-y [Nm];load-z [Nm]", {"t", "mx", "my", "mz"}),
+        ("t;spot x_mm;spot y_mm;spot z_mm", {"t", "px", "py", "pz"}),
+        ("t;x;y;z;goal x [m];goal y [m];goal z [m]", {"t", "px", "py", "pz"}),
+        ("t;goal x [m];goal y [m];goal z [m];seen x [m];seen y [m];seen z [m]", {"t"}),
+        ("t;speed x [m/s];speed y [m/s];speed z [m/s];left x [m];left y [m]", {"t"}),
     ],
 )  # fmt: skip
 def test_names_of_other_software_are_proposed(tmp_path: Path, header: str, expected: set[str]):
     file = tmp_path / "log.csv"
-    file.write_text(f"{header}\n0,1,2,3,4,5\n1,1,2,3,4,5\n")
+    mark = ";" if ";" in header else ","
+    numbers = mark.join(map(str, range(1, header.count(mark) + 1)))
+    file.write_text(f"{header}\n0{mark}{numbers}\n1{mark}{numbers}\n", encoding="utf-8")
     assert set(guessed(read_layout(file)).columns) == expected
 
 

@@ -10,6 +10,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from caesura_clients import Caesura
+from caesura_clients.cli import watch as watch_command
 from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.following import ServiceAvailability, SessionRemoved
@@ -206,6 +208,27 @@ def test_a_final_segment_is_one_line_once():
     assert lines(first, second, growing) == []
 
 
+@pytest.mark.parametrize(
+    ("station", "said"),
+    [
+        ("ur-9", "there is no station ur-9 yet; stations: ur-1, ur-2, waiting for ur-9\n"),
+        ("ur-1", ""),
+        (None, ""),
+    ],
+)
+def test_watch_says_once_that_there_is_no_such_station_and_goes_on_waiting(
+    router, monkeypatch, capsys, station, said
+):
+    # A typing error waited in silence.
+    began = []
+    monkeypatch.setattr(watch_command, "events", lambda _, pattern: began.append(pattern) or [])
+    with Answering(router.transport()) as service, Caesura(router.transport()) as caesura:
+        service.snapshots = [snapshot(0, "motion", station=one, session="s1") for one in ("ur-1", "ur-2")]
+        watch_command._write_lines(caesura, station)
+    assert capsys.readouterr().err == said
+    assert began == [station or "*"]
+
+
 def test_watch_in_a_pipe_writes_a_line_at_once_and_ends_at_sigterm(router):
     # The file of `caesura watch > file` stayed empty.
     with Answering(router.transport()) as service:
@@ -236,3 +259,16 @@ def test_a_table_shows_times_on_the_clock_that_its_caller_has():
         console.print(segments_view(found.status, found.segments.segments, SessionClock(-100.0)))
     t0 = found.segments.segments[0].t0
     assert f"{t0 + 100.0:.2f}" in drawn.get()
+
+
+@pytest.mark.parametrize(("source", "measured"), [("none", False), ("flange_sensor", True)])
+def test_a_segment_has_a_force_only_where_there_is_a_wrench(source, measured):
+    found = snapshot(0, "motion", station="cell-1", session="s1")
+    wrench = found.status.wrench.model_copy(update={"source": source})
+    segment = found.segments.segments[0].model_copy(update={"load_kg": None, "load_sd_kg": None})
+    console = Console(width=120, color_system=None)
+    with console.capture() as drawn:
+        console.print(segments_view(found.status.model_copy(update={"wrench": wrench}), [segment]))
+    (row,) = [line for line in drawn.get().splitlines() if " motion " in line]
+    assert (" N " in row) == measured
+    assert (" – " in row) != measured

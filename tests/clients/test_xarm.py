@@ -15,6 +15,7 @@ from caesura_clients.bridge.sources.live_arm import LiveArm
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import pose_of_roll_pitch_yaw
+from caesura_protocol.robots import robot_description
 from clients.fake_xarm import PARAMETERS, Script, fake_xarm, report
 from clients.lost_arm import chunks_of
 from harness.xarm_sdk import xarm_api
@@ -125,3 +126,9 @@ def test_the_sdk_is_as_the_fake_has_it():
     assert isinstance(real.connected, property)
     assert isinstance(real.mode, property)
     assert list(inspect.signature(real.__init__).parameters)[1:3] == ["port", "is_radian"]
+
+
+def test_an_xarm_is_listed_with_the_wrench_that_its_source_takes(play):
+    # The list had an estimate by joint torques, which the source refuses: it does not read them.
+    listed = robot_description("xarm7").wrench_source
+    assert play(Script(moving(3)), replace(STATED, wrench_source=listed)).wrench_source == listed

@@ -20,7 +20,8 @@ from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.robots import robot_names
 
-Ask = Callable[..., str]  # words of the question, default=, show_default=
+Ask = Callable[..., str]  # words of the question, default=
+EMPTY = "nothing is assumed here:"
 NONE = "-"  # answers that the file has no such column, or that nothing is stated
 #: Signals with one question each; the joints and their torques are asked for together.
 ASKED = {
@@ -32,6 +33,10 @@ ASKED = {
     "tau": "External joint torques",
     "gripper": "Opening of the gripper",
 }
+WHOSE = (
+    "Are they forces of the environment on the robot, or of the robot? A table on which the robot presses "
+    "pushes it up: a positive vertical force in the base frame is that of the environment"
+)
 HELP = (
     "Enter takes what stands in brackets. Columns are named, or counted from 1, and divided by blanks or "
     f"commas; {NONE} states that the file has none."
@@ -51,9 +56,9 @@ def ask_about(path: Path, ask: Ask | None = None) -> Answered:
     Raises SourceError without a terminal, RecordingError where a csv holds no table.
     """
     if ask is None:
-        if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        if not in_a_terminal():
             raise SourceError("--ask needs a terminal to ask in; --mapping names a file with the answers")
-        ask = typer.prompt
+        ask = _prompt
     layout = read_layout(path) if path.suffix.lower() == ".csv" else None
     if layout is None or layout.is_own:
         return Answered(None, _asked_wrench(ask, (), {} if layout is None else layout.stated))
@@ -69,6 +74,16 @@ def ask_about(path: Path, ask: Ask | None = None) -> Answered:
     except OSError as error:
         raise SourceError(f"cannot write {chosen}: {error.strerror}") from error
     return Answered(chosen, {})
+
+
+def in_a_terminal() -> bool:
+    """Whether a person can be asked."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def _prompt(words: str, default: str | None = None) -> str:
+    """Ask once. Without a default an empty answer is one: typer would repeat the question without a word."""
+    return str(typer.prompt(words, default=default or "", show_default=default is not None))
 
 
 def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
@@ -112,8 +127,7 @@ def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str])
         found["force_frame"] = _chosen(
             ask, "In which frame are the forces?", frames, stated.get("force_frame", "base")
         )
-        whose = "Are they forces of the environment on the robot, or of the robot?"
-        found["force_of"] = _chosen(ask, whose, ("environment", "robot"), "environment")
+        found["force_of"] = _chosen(ask, WHOSE, ("environment", "robot"), "environment")
     robot = _chosen(
         ask, f"Which robot? {NONE} for another", (NONE, *robot_names()), stated.get("robot", NONE)
     )
@@ -159,4 +173,4 @@ def _chosen(ask: Ask, words: str, known: Collection[str], default: str | None) -
         found = [answer] if answer in known else [one for one in known if answer and one.startswith(answer)]
         if len(found) == 1:
             return found[0]
-        typer.echo(f"{answer!r}, expected one of {', '.join(known)}")
+        typer.echo(f"{repr(answer) + ',' if answer else EMPTY} expected one of {', '.join(known)}")

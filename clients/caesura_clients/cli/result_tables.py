@@ -14,7 +14,6 @@ from rich.text import Text
 
 from caesura_clients.budget_texts import budgets_in_words
 from caesura_clients.program_editing import FIELD_WORDS
-from caesura_clients.query import SessionInfo
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import (
@@ -26,13 +25,13 @@ from caesura_protocol.messages import (
     Refusal,
     Segment,
     SessionStatus,
-    Vector,
+    WrenchReport,
 )
 from caesura_protocol.number_words import fixed
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import torque_about_axis
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day, moment
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
@@ -51,7 +50,8 @@ def segments_view(
 ) -> RenderableType:
     """The segments of one session, or its newest ones, its active hints, and a line on how it is doing."""
     hidden = 0 if newest is None else max(0, len(segments) - newest)
-    table = segments_table(segments[hidden:], _title(status), clock, first=hidden)
+    measured = measures_force(status.wrench)
+    table = segments_table(segments[hidden:], _title(status), clock, first=hidden, measured=measured)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
     active = [
         Text(f"! {hint.text} {hint.advice}", style="bold yellow") for hint in hints if hint.until is None
@@ -65,9 +65,14 @@ def clock_lines(clock: SessionClock) -> list[Text]:
 
 
 def segments_table(
-    segments: Sequence[Segment], title: str, clock: SessionClock = NO_OFFSET, *, first: int = 0
+    segments: Sequence[Segment],
+    title: str,
+    clock: SessionClock = NO_OFFSET,
+    *,
+    measured: bool,
+    first: int = 0,
 ) -> Table:
-    """One segment a row; first: the index of the first, from 0."""
+    """One segment a row; measured: whether there is a force; first: the index of the first, from 0."""
     table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
     for index, segment in enumerate(segments, start=first):
         mark = MARK_OF_CERTAINTY[segment.certainty]
@@ -76,7 +81,7 @@ def segments_table(
             clock.shown(segment.t0),
             f"{mark}{clock.shown(segment.tn)}",
             f"{mark}{segment.kind}",
-            _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg),
+            _effort(segment, measured=measured),
             f"{segment.probability:.2f}",
             segment.runner_up or "",
             style=STYLE_OF_CERTAINTY[segment.certainty],
@@ -84,9 +89,14 @@ def segments_table(
     return table
 
 
-def segment_line(index: int, segment: Segment) -> str:
+def measures_force(wrench: WrenchReport) -> bool:
+    """Whether forces of segments are measured; without a wrench in use they are 0, which nobody measured."""
+    return wrench.source != "none"
+
+
+def segment_line(index: int, segment: Segment, *, measured: bool) -> str:
     """One segment as a line: number, from and to [s], kind, force or load, p."""
-    effort = _turned(segment) or _effort(segment.force, segment.load_kg, segment.load_sd_kg)
+    effort = _effort(segment, measured=measured)
     span = f"{segment.t0:.2f} {segment.tn:.2f}"
     return f"{app_number(index)} {span} {segment.kind} {segment.probability:.2f} {effort}"
 
@@ -228,23 +238,6 @@ def _title_of(app: App) -> Text:
     return text
 
 
-def sessions_view(infos: Sequence[SessionInfo]) -> RenderableType:
-    """All sessions, one a line."""
-    table = Table("station", "session", "task", "success", "state", "t \\[s]", "segments", "instance")
-    for info in infos:
-        table.add_row(
-            info.station,
-            info.session,
-            Text(info.task or "–"),
-            RESULTS[info.success],
-            "deleted" if info.deleted else info.state,
-            moment(info.t) if is_of_day(info.t) else f"{info.t:.2f}",
-            str(info.segments),
-            info.instance,
-        )
-    return table
-
-
 def _why(refusal: Refusal) -> str:
     """The reason without the code, which is the wire's word."""
     return refusal.message.removeprefix(f"{refusal.code}: ")
@@ -283,11 +276,14 @@ def _turned(segment: Segment) -> str:
     return f"{math.degrees(math.hypot(*segment.turn)):.0f}°{held}"
 
 
-def _effort(force: Vector, load_kg: float | None, load_sd_kg: float | None) -> str:
-    """A load where there is one, or else the magnitude of the force."""
-    if load_kg is not None:
-        return f"{fixed(load_kg, 2)} kg" + ("" if load_sd_kg is None else f" ± {fixed(load_sd_kg, 2)}")
-    return f"{fixed(math.hypot(*force), 1)} N"
+def _effort(segment: Segment, *, measured: bool) -> str:
+    """A turn or a load where there is one, or else the magnitude of the force."""
+    if turned := _turned(segment):
+        return turned
+    if segment.load_kg is not None:
+        spread = "" if segment.load_sd_kg is None else f" ± {fixed(segment.load_sd_kg, 2)}"
+        return f"{fixed(segment.load_kg, 2)} kg{spread}"
+    return f"{fixed(math.hypot(*segment.force), 1)} N" if measured else "–"
 
 
 def _effort_of_app(app: App) -> str:

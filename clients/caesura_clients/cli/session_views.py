@@ -19,8 +19,8 @@ from caesura_clients.cli.result_tables import (
     phases_table,
     program_view,
     segments_view,
-    sessions_view,
 )
+from caesura_clients.cli.session_table import print_sessions
 from caesura_protocol.errors import NotFound
 from caesura_protocol.session_clock import clock_of
 
@@ -31,7 +31,7 @@ def list_sessions(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """List the sessions of the service."""
+    """List the sessions of the service; `opened` is in local time."""
     with reported(), connected(endpoint, config) as caesura:
         found = caesura.sessions(station or "*")
         if not found and not caesura.services():  # access rules deny without a word
@@ -39,7 +39,7 @@ def list_sessions(
     if as_json:
         typer.echo(json.dumps([asdict(info) for info in found], indent=2))
     else:
-        Console().print(sessions_view(found))
+        print_sessions(found)
 
 
 def show(

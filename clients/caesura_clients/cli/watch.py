@@ -23,7 +23,7 @@ from caesura_clients.client import Caesura
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, services, snapshots
 from caesura_clients.results import Update
-from caesura_protocol.errors import NotFound, ProtocolError
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.session_clock import clock_of
 
 
@@ -64,6 +64,8 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
 def _write_lines(caesura: Caesura, station: str | None) -> None:
     """Each final segment, written at once; until Ctrl-C or SIGTERM."""
     final = FinalLines()
+    if why := _why_silent(caesura, station):
+        typer.echo(f"{why}, {_waiting(station)}", err=True)
     with ended_by_sigterm(), suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             if isinstance(event, Update):
@@ -72,16 +74,32 @@ def _write_lines(caesura: Caesura, station: str | None) -> None:
 
 
 def _show_live(caesura: Caesura, station: str | None) -> None:
-    waiting = f"waiting for {station or 'any station'}"
-    if not services(caesura.transport):
-        waiting = f"no service answers yet, {waiting}"
-    elif not caesura.services():
-        waiting = f"a service is there, but answers nothing: are these a reader's credentials? {waiting}"
+    waiting = ", ".join(filter(None, (_why_silent(caesura, station), _waiting(station))))
     view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
     with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             view.receive(event)
             live.update(view)
+
+
+def _waiting(station: str | None) -> str:
+    return f"waiting for {station or 'any station'}"
+
+
+def _why_silent(caesura: Caesura, station: str | None) -> str:
+    """Why nothing may come: no service, none that answers, no such station; empty where nothing is known."""
+    if not services(caesura.transport):
+        return "no service answers yet"
+    try:
+        found = caesura.sessions()
+        if not found and not caesura.services():
+            return "a service is there, but answers nothing: are these a reader's credentials?"
+        known = {info.station for info in found} | set(caesura.stations())
+    except (CaesuraError, ProtocolError):
+        return ""  # it has no time to say, or has just gone
+    if station is None or station in known:
+        return ""
+    return f"there is no station {station} yet; stations: {', '.join(sorted(known)) or 'none'}"
 
 
 def _current_sessions(caesura: Caesura) -> dict[str, str]:

@@ -15,7 +15,7 @@ from itertools import takewhile
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
-from caesura_clients.cli.result_tables import clock_lines, segment_line, segments_view
+from caesura_clients.cli.result_tables import clock_lines, measures_force, segment_line, segments_view
 from caesura_clients.cli.station_lines import station_lines
 from caesura_clients.following import Event, ServiceAvailability, SessionRemoved
 from caesura_clients.parallel_sessions import REMEDY, ParallelSessions, in_words
@@ -40,7 +40,10 @@ class FinalLines:
         before = self._written.get(key, 0)
         self._written[key] = max(final, before)
         new = enumerate(update.segments[before:final], start=before)
-        return [f"{'/'.join(key)} {segment_line(index, segment)}" for index, segment in new]
+        measured = measures_force(update.status.wrench)
+        return [
+            f"{'/'.join(key)} {segment_line(index, segment, measured=measured)}" for index, segment in new
+        ]
 
 
 class LiveView:

@@ -20,6 +20,7 @@ from caesura_clients.cli.result_tables import (
     clock_lines,
     doubtful_apps,
     ignored_line,
+    measures_force,
     phases_table,
     segments_table,
 )
@@ -140,7 +141,9 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
     clock = clock_of(view.segments)
     return Group(
         *clock_lines(clock),
-        segments_table(view.segments, f"{recording.name} ({preset})", clock),
+        segments_table(
+            view.segments, f"{recording.name} ({preset})", clock, measured=measures_force(view.wrench)
+        ),
         *([phases_table(view.phases, "phases", clock)] if len(view.phases) > 1 else []),
         apps_table(view.apps, "task program", clock),
         *doubtful_apps(view.apps),

@@ -80,7 +80,8 @@ APP_NOTE = (
 def segments_table(view: PipelineView) -> Table:
     """One segment a row."""
     starts = [None, *(one.probability for one in view.changepoints)]
-    rows = [_segment(i, one, starts[i]) for i, one in enumerate(view.segments)]
+    measured = view.wrench.source != "none"
+    rows = [_segment(i, one, starts[i], measured=measured) for i, one in enumerate(view.segments)]
     return Table(
         "Segments", SEGMENT_COLUMNS, tuple(rows), tuple(one.kind for one in view.segments), SEGMENT_NOTE
     )
@@ -105,7 +106,7 @@ def notes(view: PipelineView, of_recording: Sequence[str] = ()) -> tuple[str, ..
     return (view.wrench.note, *of_recording, *light, *gaps, *turns)
 
 
-def _segment(index: int, one: Segment, start_probability: float | None) -> tuple[str, ...]:
+def _segment(index: int, one: Segment, start_probability: float | None, *, measured: bool) -> tuple[str, ...]:
     mark = "" if one.certainty == "final" else "~"
     return (
         app_number(index),
@@ -114,7 +115,7 @@ def _segment(index: int, one: Segment, start_probability: float | None) -> tuple
         f"{mark}{one.tn:.2f}",
         f"{one.tn - one.t0:.2f}",
         *_millimetres(one.position_end),
-        *_newtons(one.force),
+        *(_newtons(one.force) if measured else NOTHING),
         _load(one.load_kg, one.load_sd_kg),
         "" if start_probability is None else f"{start_probability:.2f}",
         f"{one.probability:.2f}",

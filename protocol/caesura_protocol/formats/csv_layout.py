@@ -28,6 +28,7 @@ DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal ma
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
 MOST_SHOWN = 40  # characters of a line, in an error
+TOLD_BY_UNIT = ("force", "torque", "pos")
 PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
@@ -91,7 +92,10 @@ def read_layout(path: Path) -> CsvLayout:
 
 
 def guessed(layout: CsvLayout) -> MappingAnswers:
-    """The most likely meaning of the columns; a signal that is there in part is left out."""
+    """The most likely meaning of the columns; a signal that is there in part is left out.
+
+    A signal that no name tells may be told by a unit: see `_by_unit`.
+    """
     found = {
         column: next((name for name in layout.header if _plain(name) in ALIASES[column]), None)
         for column in SIGNAL_OF_COLUMN
@@ -99,6 +103,10 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
     named = {column: name for column, name in found.items() if name is not None}
     whole = {"t", *(column for names in signal_columns(named).values() for column in names)}
     columns = {column: name for column, name in named.items() if column in whole}
+    others = [name for name in layout.header if name not in columns.values()]
+    for signal in TOLD_BY_UNIT:
+        if not set(COLUMNS_OF_SIGNAL[signal]) & set(columns):
+            columns |= _by_unit(others, signal)
     return MappingAnswers(
         delimiter=layout.delimiter,
         decimal=layout.decimal,
@@ -140,6 +148,22 @@ def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str
     return units
 
 
+def _by_unit(header: Collection[str], signal: str) -> dict[str, str]:
+    """The columns of a signal: the only three in its unit whose names differ by x, y and z alone.
+
+    >>> _by_unit(["Sensor X [N]", "Sensor Y [N]", "Sensor Z [N]"], "force")["fy"]
+    'Sensor Y [N]'
+    """
+    plain = {_plain(name): name for name in header if _unit_in(name, UNITS[signal]) is not None}
+    triples = [
+        [plain[name[:at] + axis + name[at + 1 :]] for axis in "xyz"]
+        for name in plain
+        for at, letter in enumerate(name)
+        if letter == "x" and {f"{name[:at]}{axis}{name[at + 1 :]}" for axis in "yz"} <= set(plain)
+    ]
+    return dict(zip(COLUMNS_OF_SIGNAL[signal], triples[0], strict=True)) if len(triples) == 1 else {}
+
+
 def _columns_by(lines: list[str], delimiter: str) -> int:
     """How many columns the delimiter makes of every line; 1 where lines differ."""
     widths = {len(row) for row in csv.reader(lines, delimiter=delimiter)}
@@ -157,18 +181,19 @@ def _numbered(count: int) -> tuple[str, ...]:
     return tuple(str(i + 1) for i in range(count))
 
 
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 _BRACKETS = re.compile(r"[\[(<]\s*([^\])>]*)\s*[\])>]")
 
 
 def _plain(name: str) -> str:
     """A column's name without its unit, its case and its separators.
 
-    >>> _plain("TCP_Position.X [mm]"), _plain("time_ms")
-    ('tcppositionx', 'time')
+    >>> _plain("TCP_Position.X [mm]"), _plain("time_ms"), _plain("Öffnung")
+    ('tcppositionx', 'time', 'oeffnung')
     """
     bare = _BRACKETS.sub("", name)
     bare = re.sub(r"[ _](ms|us|ns|s|sec|mm|cm|m|rad|deg|N|kN|Nm|Nmm)\s*$", "", bare)
-    return re.sub(r"[^a-z0-9]", "", bare.lower())
+    return re.sub(r"[^a-z0-9]", "", bare.lower().translate(_UMLAUTS))
 
 
 def _unit_in(name: str, known: Mapping[str, float]) -> str | None:
@@ -184,7 +209,10 @@ def _unit_in(name: str, known: Mapping[str, float]) -> str | None:
 def _aliases() -> dict[str, frozenset[str]]:
     found: dict[str, set[str]] = {column: {column} for column in SIGNAL_OF_COLUMN}
     found["t"] |= {"time", "timestamp", "zeit", "seconds", "elapsed", "elapsedtime", "stamp", "timestep"}
+    found["t"] |= {"zeitstempel", "sekunden", "laufzeit", "messzeit", "sampletime"}
     found["gripper"] |= {"gripperwidth", "width", "gripperopening", "opening", "gripperposition"}
+    found["gripper"] |= {"greifer", "greiferoeffnung", "oeffnung", "oeffnungsweite", "greiferweite"}
+    found["gripper"] |= {"greiferbreite", "greiferposition", "fingerwidth", "jawopening", "fingerabstand"}
     for i, axis in enumerate("xyz"):
         places: tuple[str, ...] = (
             "{0}",
@@ -197,8 +225,19 @@ def _aliases() -> dict[str, frozenset[str]]:
             "ee{0}",
         )
         places += ("eepos{0}", "eeposition{0}", "flange{0}", "poseposition{0}", "positionee{0}")
+        places += (
+            "flansch{0}",
+            "lage{0}",
+            "koordinate{0}",
+            "{0}koordinate",
+            "coordinate{0}",
+            "{0}coordinate",
+        )
+        places += ("{0}position", "tcplage{0}", "tcpkoordinate{0}", "werkzeug{0}", "tool{0}")
         forces = ("force{0}", "{0}force", "wrenchforce{0}", "ftforce{0}", "tcpforce{0}", "forcetcp{0}")
+        forces += ("kraft{0}", "{0}kraft", "tcpkraft{0}", "krafttcp{0}", "kontaktkraft{0}", "contactforce{0}")
         moments = ("t{0}", "torque{0}", "{0}torque", "moment{0}", "wrenchtorque{0}", "tq{0}", "trq{0}")
+        moments += ("drehmoment{0}", "{0}drehmoment", "{0}moment", "tcpmoment{0}", "kraftmoment{0}")
         for letter, spellings in (("p", places), ("f", forces), ("m", moments)):
             found[f"{letter}{axis}"] |= {spelling.format(axis) for spelling in spellings}
         # UR's RTDE counts from 0: three of a place, and three and three of a wrench.
@@ -211,10 +250,23 @@ def _aliases() -> dict[str, frozenset[str]]:
             f"quaternion{axis}",
             f"orientation{axis}",
             f"poseorientation{axis}",
+            f"orientierung{axis}",
         }
     joints: tuple[tuple[str, tuple[str, ...]], ...] = (
         ("q", ("joint{0}", "j{0}", "a{0}", "jointposition{0}", "jointpos{0}", "axis{0}")),
+        (
+            "q",
+            (
+                "jointangle{0}",
+                "gelenk{0}",
+                "gelenkwinkel{0}",
+                "gelenkposition{0}",
+                "achse{0}",
+                "achswinkel{0}",
+            ),
+        ),
         ("tau", ("jointtorque{0}", "externaltorque{0}", "tauext{0}", "tauj{0}")),
+        ("tau", ("gelenkmoment{0}", "achsmoment{0}", "externesmoment{0}", "gelenkdrehmoment{0}")),
     )
     for signal, patterns in joints:
         for i, column in enumerate(COLUMNS_OF_SIGNAL[signal]):

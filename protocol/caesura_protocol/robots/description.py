@@ -64,7 +64,7 @@ class RobotDescription(BaseModel):
     postures: Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]  # [rad] starts of the IK
     reach_m: Positive  # of the flange from the shoulder
     payload_kg: Positive
-    wrench_source: WrenchSource  # how this robot usually measures the wrench
+    wrench_source: WrenchSource  # what its source usually reads of a wrench, without accessories
     wrench_is_relative: bool = False  # its zero is that of the last zeroing, and drifts: zero it before use
     gripper: Annotated[GripperDescription | None, BeforeValidator(_named_gripper)] = None
     task_offset_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)  # by which simulated tasks stand elsewhere

@@ -53,6 +53,7 @@ expression_of = lru_cache(4096)(zenoh.KeyExpr)
 encoding_of = lru_cache(len(MESSAGE_TYPES))(zenoh.Encoding)
 
 _QUOTED_REASON = re.compile(r'msg: "((?:[^"\\]|\\.)*)')
+_OS_REASON = re.compile(r"([^:\[\]]+) \(os error \d+\)")
 
 PRIORITIES: Mapping[Priority, zenoh.Priority] = {
     "data_high": zenoh.Priority.DATA_HIGH,
@@ -326,9 +327,11 @@ def reason(error: Exception) -> str:
 
     >>> reason(ValueError('Json5Err(Message { msg: "no such thing" }) at /root/.cargo/zenoh/src/lib.rs:7.'))
     'no such thing'
+    >>> reason(ValueError("No link: [[::]:1: Address already in use (os error 98) at /x.rs:61.] at /y.rs:3."))
+    'Address already in use'
     """
     text = str(error).partition(" at /")[0]
-    quoted = _QUOTED_REASON.search(text)
+    quoted = _QUOTED_REASON.search(text) or _OS_REASON.search(text)
     lines = text.split("\n")
     text = quoted[1] if quoted else f"{lines[0]} {lines[-1]}" if len(lines) > 1 else text
     return " ".join(text.split()) or type(error).__name__

@@ -12,6 +12,7 @@ What is listened on must demand credentials where other machines reach it, unles
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -60,6 +61,7 @@ SETTINGS: Mapping[str, Any] = {
 RUNTIME = "(rx: (worker_threads: 64), acc: (handover: rx), app: (handover: rx))"
 # One attempt to connect. Waiting inside the library ends at no signal and no deadline.
 ATTEMPT_MS = 500
+_TAKEN = os.strerror(errno.EADDRINUSE)
 _FREE_PORT = ":0"
 OPEN_FILES = 65536  # as deploy/systemd/caesura.service has it
 _PATHS = (
@@ -138,7 +140,7 @@ def _config(file: Path | None) -> zenoh.Config:
         config = zenoh.Config.from_file(file) if file else zenoh.Config()
         _insert(config, {**SETTINGS, **(_beside(file, _reader(config)) if file else {})})
     except zenoh.ZError as error:
-        raise NetworkError(f"zenoh configuration {file or ''}: {error}") from error
+        raise NetworkError(f"zenoh configuration {file or ''}: {reason(error)}") from error
     return config
 
 
@@ -207,7 +209,9 @@ def _open_session(config: zenoh.Config, endpoint: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise NetworkError(f"{endpoint}: {error}") from error
+        why = reason(error)
+        advice = "; choose another, or end what uses it" if why == _TAKEN else ""
+        raise NetworkError(f"{endpoint}: {why}{advice}") from error
 
 
 def _connect(

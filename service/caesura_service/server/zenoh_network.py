@@ -19,6 +19,7 @@ from caesura_protocol.transport.zenoh_transport import (
     ZenohQuestion,
     direct,
     encoding_of,
+    reason,
     token_change,
 )
 from caesura_service.server.transport import Declaration, Incoming, NetworkError
@@ -42,7 +43,7 @@ class ZenohNetwork:
                 key, congestion_control=drop, priority=PRIORITIES[priority]
             )
         except zenoh.ZError as error:
-            raise NetworkError(str(error)) from error
+            raise NetworkError(reason(error)) from error
         return ZenohPublisher(declared)
 
     def declare_subscriber(self, key: str, capacity: int) -> ZenohSubscriber:
@@ -113,7 +114,7 @@ class ZenohPublisher:
         try:
             self._publisher.put(content.payload, encoding=encoding_of(content.encoding))
         except zenoh.ZError as error:
-            raise NetworkError(str(error)) from error
+            raise NetworkError(reason(error)) from error
 
     def undeclare(self) -> None:
         """End the declaration."""

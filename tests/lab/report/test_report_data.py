@@ -146,6 +146,14 @@ def test_a_row_says_what_its_segment_says(content: ReportData):
     assert row["log odds"] == f"{one.log_odds:.1f}"
 
 
+def test_no_row_has_a_force_where_there_is_no_wrench(recording: Recording):
+    bare = collect(without(recording, "force"), "default")
+    assert bare.view.wrench.source == "none"
+    table = segments_table(bare.view)
+    names = [column.name for column in table.columns]
+    assert {row[names.index(name)] for row in table.rows for name in ("Fx", "Fy", "Fz")} == {""}
+
+
 def test_numbers_in_a_row_are_written_as_a_range():
     assert ranges([0, 1, 2, 7, 9, 10]) == "0–2, 7, 9–10"
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from caesura_protocol.messages import (
     App,
     AppChange,
@@ -51,6 +53,21 @@ TAUGHT = "begins where 50 mm taught at 1.0–1.5 s lead, in no app"
 
 def test_motion_that_was_taught_between_two_neighbours_is_found_with_its_time():
     assert found(FIRST, SECOND, THIRD) == [(1, TAUGHT)]
+
+
+@pytest.mark.parametrize(
+    ("deviation_m", "tolerance_m", "warned"),
+    [
+        (0.0020039, 0.002, False),  # of a program at optimal speed: "by up to 2.0 mm, 2.0 mm were asked for"
+        (0.001951, 0.001949, False),
+        (0.0021, 0.002, True),
+    ],
+)
+def test_a_deviation_is_warned_of_where_the_numbers_shown_differ(deviation_m, tolerance_m, warned):
+    assert FIRST.path is not None
+    path = FIRST.path.model_copy(update={"deviation_m": deviation_m, "tolerance_m": tolerance_m})
+    shown = found(FIRST.model_copy(update={"path": path}))
+    assert [reason.split(" mm")[0] for _, reason in shown] == ["deviates by up to 2.1"] * warned
 
 
 def test_a_step_of_no_length_has_one_time():

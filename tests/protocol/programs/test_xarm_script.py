@@ -424,6 +424,19 @@ def test_a_dry_run_needs_neither_the_sdk_nor_a_robot(tmp_path: Path):
     assert "pip install xarm-python-sdk" in refused.stderr
 
 
+def test_a_dry_run_names_what_it_prints(tmp_path: Path):
+    # A press was "0 legs  force (0, 2, -10.0)".
+    file = tmp_path / "made.py"
+    file.write_text(xarm_script(on_xarm(press())))
+    command = [sys.executable, "-S", str(file), "--dry-run"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    (pressed,) = [line for line in said.splitlines() if "apply force" in line]
+    seconds = next(app.tn - app.t0 for app in press() if app.kind == "apply_force")
+    assert f"presses with -10.0 N along z of the base  rests for {seconds:.1f} s" in pressed
+    assert " leg to [" in said
+    assert "0 legs" not in said
+
+
 def test_a_rest_beside_a_way_is_pressed_with_its_own_force():
     done = done_in_a_press(on_xarm(pressed_harder_before()))
     assert done == ["-12.0 N", "mode 2", 0.8, "-10.0 N", "way", "-5.0 N", 0.5, "mode 0"]

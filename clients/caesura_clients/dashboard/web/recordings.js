@@ -99,7 +99,8 @@ export default {
           <label>Was it guided by hand? <select class="hand" v-model="form.hand_on_robot">
             <option v-for="one in hands" :key="one" :value="one">{{ handWords[one] }}</option></select></label>
           <label v-if="found.header && hasWrench">Whose force is it? <select class="force-of" v-model="form.force_of">
-            <option value="environment">the environment's on the robot</option><option value="robot">the robot's on the environment</option></select></label>
+            <option value="environment">the environment's on the robot: up while it presses on a table</option>
+            <option value="robot">the robot's on the environment: down while it presses on a table</option></select></label>
           <label v-if="(found.header || found.bag) && hasWrench">Its frame <select class="frame" v-model="form.force_frame">
             <option v-if="found.bag" value="">as in the bag</option>
             <option v-for="one in frames" :key="one">{{ one }}</option></select></label>

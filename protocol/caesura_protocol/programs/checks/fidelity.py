@@ -1,6 +1,7 @@
 """What was taught and is not reproduced: a program beside its demonstration.
 
-Warnings, with one exception: fingers that close where the object is not.
+Warnings, with one exception: fingers that close where the object is not. No warning is for less than the
+rounding of the numbers that it shows (`reads_above`).
 
 What does not end up in an app shows where an app begins: its path says where the demonstration was then, and
 the app before it where the robot is.
@@ -17,7 +18,7 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import exerted_forces, force_in_words
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
-from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_times import part_of, rests_of
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.document import ProgramStep
@@ -27,7 +28,6 @@ from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 
-EVEN = 1e-6  # relative, by which a number may be above its tolerance
 UNEVEN_SHARE = 0.15  # of a force, by which one beside it is another force
 SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significant
 TAUGHT_APART = "a part was taught again"
@@ -84,14 +84,14 @@ def _path_deviation(app: App) -> Iterator[Reason]:
     path = app.path
     if path is None:
         return
-    if path.deviation_m > path.tolerance_m * (1.0 + EVEN):
+    if reads_above(1000 * path.deviation_m, 1000 * path.tolerance_m, 1):
         yield (
             f"deviates by up to {fixed(1000 * path.deviation_m, 1)} mm from the path that was taught, "
             f"{fixed(1000 * path.tolerance_m, 1)} mm were asked for",
             path.deviation_m,
             path.tolerance_m,
         )
-    if path.deviation_rad > path.tolerance_rad * (1.0 + EVEN):
+    if reads_above(math.degrees(path.deviation_rad), math.degrees(path.tolerance_rad), 1):
         yield (
             f"deviates by up to {fixed(math.degrees(path.deviation_rad), 1)}° from the orientations taught, "
             f"{fixed(math.degrees(path.tolerance_rad), 1)}° were asked for",
@@ -103,7 +103,7 @@ def _path_deviation(app: App) -> Iterator[Reason]:
 def _pause_before(before: App, app: App, safety: Safety) -> Iterator[Reason]:
     """Find a pause between two apps that the robot does not keep."""
     pause = app.t0 - before.tn
-    if pause > safety.pause_s:
+    if reads_above(pause, safety.pause_s, 1):
         yield (
             f"comes after a pause of {fixed(pause, 1)} s, which is shortened to {safety.pause_s:g} s",
             pause,
@@ -157,7 +157,7 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
         return
     tolerance_m = TOLERANCE_M if app.path is None else app.path.tolerance_m
     off = math.dist(start.position, pose.position)
-    if off > tolerance_m * (1.0 + EVEN):
+    if reads_above(1000 * off, 1000 * tolerance_m, 1):
         yield (
             f"begins {fixed(1000 * off, 1)} mm from where the app before it ends, because {why}: "
             f"insert a move to {in_mm(start.position)} before it, or teach it again from there",
@@ -166,8 +166,8 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
         )
     tolerance_rad = TOLERANCE_RAD if app.path is None else app.path.tolerance_rad
     turned = _orientation_change(pose, start)
-    if turned > tolerance_rad * (1.0 + EVEN):
-        degrees = math.degrees(turned)
+    degrees = math.degrees(turned)
+    if reads_above(degrees, math.degrees(tolerance_rad), 1):
         yield (
             f"begins turned by {degrees:.1f}° from the app before it, because {why}: "
             "teach one of the two again as the other one is turned",

@@ -172,6 +172,7 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
         "quat": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         "q": np.ones((n, 7)),
         "force": demonstration.signals["force"][:n],
+        "torque": np.full((n, 3), 0.5),
         "tau": np.ones((n, 7)),
     }
     messages = list(ros.franka_topic(Recording(demonstration.t[:n], reported)))
@@ -185,6 +186,7 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
     column = dict(zip(source.columns, rows[rows[:, 0] > MUCH_LATER_S].T, strict=True))
     assert np.array_equal(column["pz"], reported["pos"][:, 2])
     assert np.array_equal(column["fz"], reported["force"][:, 2])
+    assert column["mz"].tolist() == [0.5] * n
     assert column["tau7"].tolist() == [1.0] * n
 
 

@@ -234,9 +234,24 @@ def _aliases() -> dict[str, frozenset[str]]:
             "{0}coordinate",
         )
         places += ("{0}position", "tcplage{0}", "tcpkoordinate{0}", "werkzeug{0}", "tool{0}")
-        forces = ("force{0}", "{0}force", "wrenchforce{0}", "ftforce{0}", "tcpforce{0}", "forcetcp{0}")
+        forces: tuple[str, ...] = (
+            "force{0}",
+            "{0}force",
+            "wrenchforce{0}",
+            "ftforce{0}",
+            "tcpforce{0}",
+            "forcetcp{0}",
+        )
         forces += ("kraft{0}", "{0}kraft", "tcpkraft{0}", "krafttcp{0}", "kontaktkraft{0}", "contactforce{0}")
-        moments = ("t{0}", "torque{0}", "{0}torque", "moment{0}", "wrenchtorque{0}", "tq{0}", "trq{0}")
+        moments: tuple[str, ...] = (
+            "t{0}",
+            "torque{0}",
+            "{0}torque",
+            "moment{0}",
+            "wrenchtorque{0}",
+            "tq{0}",
+            "trq{0}",
+        )
         moments += ("drehmoment{0}", "{0}drehmoment", "{0}moment", "tcpmoment{0}", "kraftmoment{0}")
         for letter, spellings in (("p", places), ("f", forces), ("m", moments)):
             found[f"{letter}{axis}"] |= {spelling.format(axis) for spelling in spellings}

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import WrenchSource
 from caesura_protocol.plausibility import LEAST_SAMPLES, METRES
-from caesura_protocol.sample_limits import TARE_S
+from caesura_protocol.sample_limits import HOLE_S, TARE_S
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,9 @@ MOST_SHARE = 0.1  # of a recording, for which a force may be frozen while the re
 MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
 SHORTEST_S = 0.2  # shorter ones have no segment at all
+RECURS_SHARE = (
+    0.01  # of the other samples, in which a step of a sensor occurs again; no value of a dead driver
+)
 REPEATS = 4  # as often as each value of a sensor with coarse steps occurs, or oftener
 COARSE_N = 0.5  # steps from which on the error of a load exceeds what is stated; real sensors have 0.2 N
 GRAVITY = 9.81  # [m/s²]
@@ -119,17 +122,17 @@ def _of_force(samples: CheckedMotion, force: _Force, values: Array, *, believed:
     if SHORTEST_S <= samples.span < TARE_S:
         yield _Finding(NOT_ZEROED.format(span=samples.span), "wrench")
         return
-    step = coarse_step(values) if force is _FORCE else 0.0
     runs = samples.frozen(values)
     dead = [run for run in runs if not run.is_zero]
+    step = coarse_step(values[~samples.within(dead)]) if force is _FORCE else 0.0
     if runs and not values.any() and not believed:
         yield _Finding(f"{force.name} 0 in every sample: it is read as no force; {OFF}.", "wrench")
+    elif samples.prevails(dead):
+        yield _dead(f"{force.name} {_listed(dead, force.unit)}", dead, samples, force, believed=believed)
     elif step:
         yield _Finding(COARSE.format(step=step, error=step / (math.sqrt(12.0) * GRAVITY)))
         if dead:
             yield _Finding(f"{force.name} {_listed(dead, force.unit)}: {SHORT}.")
-    elif samples.prevails(dead):
-        yield _dead(f"{force.name} {_listed(dead, force.unit)}", dead, samples, force, believed=believed)
     elif runs:
         said = SHORT if dead else _noise_free(values, force.unit)
         yield _Finding(f"{force.name} {_listed(runs, force.unit)}: {said}.")
@@ -142,7 +145,8 @@ def _of_axes(samples: CheckedMotion, force: Array, *, believed: bool) -> Iterato
     columns = dict(zip("xyz", force.T, strict=True))
     runs = {axis: samples.frozen(column[:, None]) for axis, column in columns.items()}
     stuck = {axis: found for axis, found in runs.items() if samples.prevails(found)}
-    changing = [np.mean(np.diff(columns[axis]) != 0.0) for axis in columns if axis not in stuck]
+    rows = np.flatnonzero(np.any(np.diff(force, axis=0) != 0.0, axis=1))  # a slower sensor repeats all axes
+    changing = [np.mean(np.diff(columns[axis])[rows] != 0.0) for axis in columns if axis not in stuck]
     if min(changing, default=0.0) < USUAL_SHARE:
         return  # the noise of this sensor is smaller than its steps
     for axis, found in stuck.items():
@@ -189,10 +193,10 @@ class CheckedMotion(NamedTuple):
     def frozen(self, values: Array) -> list[FrozenRun]:
         """Runs in which no column of (n, k) changes for over FROZEN_S while the robot moves.
 
-        Where a sensor has coarse steps, they last MORE times longer than usual.
+        Where a sensor has steps, they last MORE times longer than usual, and their values do not recur.
         """
-        changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1))
-        edges = np.concatenate([[0], changes + 1, [self.t.size]])
+        breaks = (values[1:] != values[:-1]).any(axis=1) | (np.diff(self.t) > HOLE_S)
+        edges = np.concatenate([[0], np.flatnonzero(breaks) + 1, [self.t.size]])
         lengths = self.t[edges[1:] - 1] - self.t[edges[:-1]]
         usual_s = _usual(np.diff(self.t[edges[:-1]], append=self.t[-1]))
         found = []
@@ -201,8 +205,17 @@ class CheckedMotion(NamedTuple):
             moved = float(np.linalg.norm(np.ptp(self.place[start:stop], axis=0)))
             if moved > self.least:
                 t0, tn = float(self.t[start]), float(self.t[stop - 1])
-                found.append(FrozenRun(t0, tn, f"{moved:.2g} {self.unit}", tuple(values[start].tolist())))
-        return found
+                run = FrozenRun(t0, tn, f"{moved:.2g} {self.unit}", tuple(values[start].tolist()))
+                found.append(run)
+        beside = values[~self.within(found)]
+        return [run for run in found if run.is_zero or not _recurs(run, beside)]
+
+    def within(self, runs: Sequence[FrozenRun]) -> NDArray[np.bool_]:
+        """(n,) Which samples lie in runs."""
+        inside = np.zeros(self.t.size, dtype=np.bool_)
+        for run in runs:
+            inside |= (run.t0 <= self.t) & (self.t <= run.tn)
+        return inside
 
 
 def coarse_step(force: Array) -> float:
@@ -220,6 +233,11 @@ def coarse_step(force: Array) -> float:
             steps.append(float(np.median(np.diff(known))) if known.size * REPEATS <= len(force) else 0.0)
     least = min(steps, default=0.0)
     return least if least >= COARSE_N else 0.0
+
+
+def _recurs(run: FrozenRun, beside: Array) -> bool:
+    """Whether a value is a step of the sensor: it occurs at other times (m, k) too."""
+    return bool(beside.size) and float((beside == run.value).all(axis=1).mean()) > RECURS_SHARE
 
 
 def _usual(seconds: Array) -> float:

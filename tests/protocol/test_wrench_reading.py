@@ -72,6 +72,45 @@ def test_an_axis_that_freezes_is_named_and_the_force_is_not_used(tmp_path: Path,
     assert "it is declared to be right" in believed.cautions[0]
 
 
+def stepped_and_noisy(step: float, noise: float) -> Change:
+    """A sensor with steps, and with noise of its own before them."""
+    rng = np.random.default_rng(0)
+    return lambda force: step * np.round((force + noise * rng.standard_normal(force.shape)) / step)
+
+
+def test_a_sensor_with_coarse_steps_that_freezes_is_not_used(tmp_path: Path):
+    def freezes(force: np.ndarray) -> np.ndarray:
+        return frozen_from(3000)(stepped_and_noisy(1.0, 0.5)(force))
+
+    assert load_recording(changed(tmp_path / "a.npz", force=freezes)).wrench_source == "none"
+
+
+@pytest.mark.parametrize("step", [0.2, 0.4])
+def test_steps_that_recur_are_no_dead_driver(tmp_path: Path, step: float):
+    found = load_recording(changed(tmp_path / "a.npz", force=stepped_and_noisy(step, 0.02)))
+    assert found.wrench_source == "flange_sensor"
+
+
+def test_a_gap_is_no_time_in_which_a_force_is_frozen():
+    rng, t = np.random.default_rng(0), np.arange(2000) / 200.0
+    t[1000:] += 3.0
+    force = 0.2 * np.round(rng.normal(scale=0.05, size=(2000, 3)) / 0.2) + 1.0
+    force[995:1005] = [1.2, 1.0, 2.0]
+    signals = {"pos": np.column_stack([0.1 * t, 0 * t, 0 * t]), "force": force}
+    assert read_wrench(t, signals, "flange_sensor").found == ()
+
+
+def test_a_dead_axis_of_a_sensor_that_is_slower_than_the_file_is_found(tmp_path: Path):
+    def slower(force: np.ndarray) -> np.ndarray:
+        held = np.repeat(force[::10], 10, axis=0)[: len(force)]
+        held[:, 2] = -1.5
+        return held
+
+    found = load_recording(changed(tmp_path / "a.npz", force=slower))
+    assert found.wrench_source == "none"
+    assert found.cautions[0].startswith("Axis z of the force is exactly -1.5 N")
+
+
 def test_an_axis_that_a_sensor_does_not_have_is_named(tmp_path: Path):
     found = load_recording(changed(tmp_path / "a.npz", force=lambda force: force * [1.0, 0.0, 1.0]))
     assert found.wrench_source == "flange_sensor"

@@ -16,6 +16,8 @@ from caesura_protocol.recording import Recording, RecordingError
 from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERANCE, WIDEST_M
 
 SHOWN = 3  # steps back that are listed
+FAR_S = 1e6  # times of day are shown from the first sample on
+REPEATED_SHARE = 0.1
 
 
 def check_values(recording: Recording) -> None:
@@ -27,10 +29,14 @@ def check_values(recording: Recording) -> None:
 
 
 def check_time_steps(recording: Recording) -> None:
-    """Raise RecordingError where most samples have the time of the one before."""
+    """Raise RecordingError where most samples have the time of the one before, as in whole seconds."""
     t = recording.t
     repeated = t[1:] == t[:-1]
-    if t.size >= LEAST_SAMPLES and repeated.mean() > 0.5:
+    if (
+        t.size >= LEAST_SAMPLES
+        and repeated.mean() > 0.5
+        and np.min(np.diff(np.unique(t)), initial=np.inf) > HOLE_S
+    ):
         row = int(repeated.argmax()) + 1
         raise RecordingError(
             f"{recording.name}: {recording.place(row)}: t is {t[row]:.10g}, as in the sample before, and so "
@@ -40,8 +46,10 @@ def check_time_steps(recording: Recording) -> None:
 
 
 def left_out(recording: Recording) -> tuple[str, ...]:
-    """Which samples are left out because the time goes back before them, a sentence for each step back."""
+    """Which samples are left out because their time does not advance, a sentence for each step back."""
     t = recording.t
+    shown = _times_shown(t)
+    repeated = int((t[1:] == t[:-1]).sum())
     highest = np.maximum.accumulate(t)
     back = np.flatnonzero(t[1:] < highest[:-1])
     first = back[np.diff(back, prepend=-2) > 1] + 1  # samples that are left out, one after the other
@@ -50,12 +58,17 @@ def left_out(recording: Recording) -> tuple[str, ...]:
         later = np.flatnonzero(t[row:] > highest[row - 1])
         count = int(later[0]) if later.size else t.size - row
         found.append(
-            f"{recording.place(row).capitalize()}: time goes back from {highest[row - 1]:.6g} s to "
-            f"{t[row]:.6g} s. {_counted(count)} left out until it has advanced again, and no sample says how "
-            "long that took. If a clock was set there, divide the file."
+            f"{recording.place(row).capitalize()}: time goes back from {shown[:row].max():.6g} s to "
+            f"{shown[row]:.6g} s. {_counted(count)} left out until it has advanced again, and no sample says "
+            "how long that took. If a clock was set there, divide the file."
         )
     if first.size > SHOWN:
         found.append(f"Time goes back {first.size - SHOWN} more times.")
+    if repeated > REPEATED_SHARE * t.size:
+        found.append(
+            f"{repeated} of {t.size} samples have the time of the one before, and are left out. Are they "
+            "written twice, or are digits of their times cut off?"
+        )
     return tuple(found)
 
 
@@ -69,13 +82,15 @@ def check_clock(recording: Recording) -> None:
             f"{recording.name}: {recording.place(row)}: t is {t[row]:g}, expected a time [s] within "
             f"±{LATEST_S:g}: state its unit with --time-unit ms, us or ns"
         )
+    shown = _times_shown(t)
     highest = np.maximum.accumulate(t)[:-1]
     for steps, limit, verb in ((highest - t[1:], HOLE_S, "goes back"), (t[1:] - highest, LEAP_S, "leaps")):
         if (row := _first(steps > limit)) is not None:
+            before_s = shown[: row + 1].max()
             raise RecordingError(
-                f"{recording.name}: {recording.place(row + 1)}: time {verb} from {highest[row]:.6g} s to "
-                f"{t[row + 1]:.6g} s, expected within {limit:g} s: two recordings in one file, or a clock "
-                "that was set; divide the file there"
+                f"{recording.name}: {recording.place(row + 1)}: time {verb} from {before_s:.6g} "
+                f"s to {shown[row + 1]:.6g} s, expected within {limit:g} s: two recordings in one file, or a "
+                "clock that was set; divide the file there"
             )
 
 
@@ -100,6 +115,11 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
                 f"{recording.place(row)}: gripper is {recording.signals['gripper'][row, 0]:g}, expected an "
                 f"opening [m] or a closed flag within ±{WIDEST_M:g}: {likely}, or leave out gripper"
             )
+
+
+def _times_shown(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Times [s] as they are shown: those of day from the first sample on."""
+    return t - t[0] if abs(t[0]) > FAR_S else t
 
 
 def _counted(samples: int) -> str:

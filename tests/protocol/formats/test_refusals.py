@@ -150,6 +150,21 @@ def test_samples_after_a_step_back_are_named(tmp_path: Path, step_s: float):
     assert load_recording(saved(tmp_path / "b.npz")).cautions == ()
 
 
+def test_a_step_back_of_a_time_of_day_is_shown_from_the_first_sample_on(tmp_path: Path):
+    # It went "from 1.7e+09 s to 1.7e+09 s".
+    t = np.where(np.arange(200) < 100, arrays()["t"], arrays()["t"] - 0.2) + 1.7e9
+    (one,) = load_recording(saved(tmp_path / "a.npz", t=t)).cautions
+    assert "time goes back from 0.495 s to 0.3 s" in one
+
+
+def test_samples_that_are_written_twice_are_counted_and_not_refused(tmp_path: Path):
+    doubled = {
+        name: np.repeat(values, 2, axis=0) if values.ndim else values for name, values in arrays().items()
+    }
+    (one,) = load_recording(saved(tmp_path / "a.npz", **doubled)).cautions
+    assert one.startswith("200 of 400 samples have the time of the one before, and are left out.")
+
+
 def test_of_many_steps_back_some_are_named_and_the_rest_counted(tmp_path: Path):
     t = arrays()["t"].copy()
     t[10::20] -= 0.007

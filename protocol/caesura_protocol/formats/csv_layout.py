@@ -28,7 +28,7 @@ DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal ma
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
 MOST_SHOWN = 40  # characters of a line, in an error
-TOLD_BY_UNIT = ("force", "torque", "pos")
+KNOWN_BY_UNIT = ("force", "torque", "pos")
 PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
@@ -94,7 +94,7 @@ def read_layout(path: Path) -> CsvLayout:
 def guessed(layout: CsvLayout) -> MappingAnswers:
     """The most likely meaning of the columns; a signal that is there in part is left out.
 
-    A signal that no name tells may be told by a unit: see `_by_unit`.
+    A signal that has no known name may be known by its unit: see `_by_unit`.
     """
     found = {
         column: next((name for name in layout.header if _plain(name) in ALIASES[column]), None)
@@ -104,7 +104,7 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
     whole = {"t", *(column for names in signal_columns(named).values() for column in names)}
     columns = {column: name for column, name in named.items() if column in whole}
     others = [name for name in layout.header if name not in columns.values()]
-    for signal in TOLD_BY_UNIT:
+    for signal in KNOWN_BY_UNIT:
         if not set(COLUMNS_OF_SIGNAL[signal]) & set(columns):
             columns |= _by_unit(others, signal)
     return MappingAnswers(
@@ -234,9 +234,24 @@ def _aliases() -> dict[str, frozenset[str]]:
             "{0}coordinate",
         )
         places += ("{0}position", "tcplage{0}", "tcpkoordinate{0}", "werkzeug{0}", "tool{0}")
-        forces = ("force{0}", "{0}force", "wrenchforce{0}", "ftforce{0}", "tcpforce{0}", "forcetcp{0}")
+        forces: tuple[str, ...] = (
+            "force{0}",
+            "{0}force",
+            "wrenchforce{0}",
+            "ftforce{0}",
+            "tcpforce{0}",
+            "forcetcp{0}",
+        )
         forces += ("kraft{0}", "{0}kraft", "tcpkraft{0}", "krafttcp{0}", "kontaktkraft{0}", "contactforce{0}")
-        moments = ("t{0}", "torque{0}", "{0}torque", "moment{0}", "wrenchtorque{0}", "tq{0}", "trq{0}")
+        moments: tuple[str, ...] = (
+            "t{0}",
+            "torque{0}",
+            "{0}torque",
+            "moment{0}",
+            "wrenchtorque{0}",
+            "tq{0}",
+            "trq{0}",
+        )
         moments += ("drehmoment{0}", "{0}drehmoment", "{0}moment", "tcpmoment{0}", "kraftmoment{0}")
         for letter, spellings in (("p", places), ("f", forces), ("m", moments)):
             found[f"{letter}{axis}"] |= {spelling.format(axis) for spelling in spellings}

@@ -415,6 +415,18 @@ def test_a_session_is_shown_with_its_phases(caesura, service):
     assert "wipe the table" in caesura("sessions", "show", "s1", "--station", "cell-1").stdout
 
 
+def test_a_session_with_a_name_of_its_own_is_shown_without_its_station(caesura, service):
+    # Its station had to be named wherever several stations had sessions.
+    service.snapshots = [
+        snapshot(0, "motion", station=station, session=session)
+        for station, session in (("cell-1", "s1"), ("cell-2", "s2"), ("cell-2", "s1"))
+    ]
+    assert "cell-2 / s2" in caesura("sessions", "show", "s2").stdout
+    said = "several stations have a session 's1': cell-1, cell-2; name one with --station"
+    assert_one_line(caesura("sessions", "show", "s1"), said)
+    assert_one_line(caesura("sessions", "show", "s9"), "no station has a session 's9'")
+
+
 def test_a_session_that_is_not_there_is_one_line(caesura, service):
     service.snapshots = [snapshot(0, "motion", session="s1")]
     assert_one_line(caesura("sessions", "show", "s9", "--station", "cell-1"), "no session s9")

@@ -1,6 +1,8 @@
 """The example of the README runs as it stands."""
 
+import re
 import textwrap
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,22 @@ def example() -> str:
     block = [line for line in lines[first:] if line.strip()]
     end = next(i for i, line in enumerate(block) if not line.startswith("    "))
     return textwrap.dedent("\n".join(block[:end]))
+
+
+def installed_by(extra: str) -> set[str]:
+    """Extras that an extra of this distribution contains, with itself."""
+    extras = tomllib.loads((README.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = [one for text in extras[extra] for one in re.findall(r"^caesura-teaching\[(.*)\]", text)]
+    return {extra}.union(*(installed_by(one) for names in named for one in names.split(",")))
+
+
+def test_extras_that_the_two_commands_leave_out_are_named():
+    text = " ".join(README.read_text(encoding="utf-8").split())
+    known = set(re.findall(r"`(\w+)`", re.findall(r"The extras are (.*?)\.", text)[0]))
+    left_out, added = re.findall(r"`make demo` leaves out the (.*?); `make test` adds (.*?)\. ", text)[0]
+    named = set(re.findall(r"`(\w+)`", left_out))
+    assert named == known - installed_by("demo")
+    assert set(re.findall(r"`(\w+)`", added)) == named & installed_by("test")
 
 
 @pytest.fixture

@@ -92,14 +92,14 @@ def typed_into(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *answers: str) -
     return done.output
 
 
-def test_an_empty_answer_is_told_what_is_expected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_after_an_empty_answer_it_states_what_is_expected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     shown = typed_into(tmp_path, monkeypatch, "", "nonsense", "flange_sensor", "yes", "-")
     assert shown.count("Where was the wrench measured?") == 3
     assert "nothing is assumed here: expected one of flange_sensor, " in shown
     assert "'nonsense', expected one of flange_sensor, " in shown
 
 
-def test_the_question_whose_the_forces_are_says_how_to_tell(tmp_path: Path):
+def test_the_question_whose_the_forces_are_states_how_they_differ(tmp_path: Path):
     terminal = Terminal(Force="5 6 7", Where="flange_sensor", Was="yes")
     ask_about(odd(tmp_path / "odd.csv"), terminal)
     (words,) = [words for words, _ in terminal.asked if words.startswith("Are they")]

@@ -209,11 +209,16 @@ def named(station: str | None) -> str | None:
 
 
 def only_station(caesura: Caesura, station: str | None, session: str | None = None) -> str:
-    """The station that was named, or the only one with a session of this name. Raises NotFound."""
+    """The station that was named, or the only one with a session of this name. Raises NotFound.
+
+    A session that is not listed may still be in the journal: the only station that there is may have it.
+    """
     if station is not None:
         return station
     found = caesura.sessions()
     known = sorted({info.station for info in found if session in {None, info.session}})
+    if not known and len(stations := {info.station for info in found}) == 1:
+        known = list(stations)
     if len(known) != 1:
         which = "sessions" if session is None else f"a session {session!r}"
         raise NotFound(

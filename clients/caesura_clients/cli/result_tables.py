@@ -90,7 +90,7 @@ def segments_table(
 
 
 def measures_force(wrench: WrenchReport) -> bool:
-    """Whether forces of segments are measured; without a wrench in use they are 0, which nobody measured."""
+    """Whether forces of segments are measured; without a wrench in use they are 0 all the same."""
     return wrench.source != "none"
 
 

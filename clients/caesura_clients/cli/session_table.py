@@ -53,7 +53,7 @@ def sessions_view(infos: Sequence[SessionInfo], width: int | None = None) -> Ren
 
 
 def _columns_of(infos: Sequence[SessionInfo]) -> dict[str, list[str]]:
-    """Cells by heading, without the columns that tell nothing."""
+    """Cells by heading, without the columns in which no session has anything."""
     columns = {
         "station": [info.station for info in infos],
         "session": [info.session for info in infos],

@@ -51,7 +51,7 @@ def show(
 ) -> None:
     """Show one session: its segments, its phases, its task program, and what did not become segments."""
     with reported(), connected(endpoint, config) as caesura:
-        found = caesura.snapshot(only_station(caesura, station), session)
+        found = caesura.snapshot(only_station(caesura, station, session), session)
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
         return

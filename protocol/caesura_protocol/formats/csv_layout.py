@@ -28,7 +28,7 @@ DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal ma
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
 MOST_SHOWN = 40  # characters of a line, in an error
-TOLD_BY_UNIT = ("force", "torque", "pos")
+KNOWN_BY_UNIT = ("force", "torque", "pos")
 PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 
@@ -94,7 +94,7 @@ def read_layout(path: Path) -> CsvLayout:
 def guessed(layout: CsvLayout) -> MappingAnswers:
     """The most likely meaning of the columns; a signal that is there in part is left out.
 
-    A signal that no name tells may be told by a unit: see `_by_unit`.
+    A signal that has no known name may be known by its unit: see `_by_unit`.
     """
     found = {
         column: next((name for name in layout.header if _plain(name) in ALIASES[column]), None)
@@ -104,7 +104,7 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
     whole = {"t", *(column for names in signal_columns(named).values() for column in names)}
     columns = {column: name for column, name in named.items() if column in whole}
     others = [name for name in layout.header if name not in columns.values()]
-    for signal in TOLD_BY_UNIT:
+    for signal in KNOWN_BY_UNIT:
         if not set(COLUMNS_OF_SIGNAL[signal]) & set(columns):
             columns |= _by_unit(others, signal)
     return MappingAnswers(

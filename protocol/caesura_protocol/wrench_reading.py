@@ -146,7 +146,11 @@ def _of_axes(samples: CheckedMotion, force: Array, *, believed: bool) -> Iterato
     runs = {axis: samples.frozen(column[:, None]) for axis, column in columns.items()}
     stuck = {axis: found for axis, found in runs.items() if samples.prevails(found)}
     rows = np.flatnonzero(np.any(np.diff(force, axis=0) != 0.0, axis=1))  # a slower sensor repeats all axes
-    changing = [np.mean(np.diff(columns[axis])[rows] != 0.0) for axis in columns if axis not in stuck]
+    changing = [
+        np.count_nonzero(np.diff(columns[axis])[rows]) / max(rows.size, 1)
+        for axis in columns
+        if axis not in stuck
+    ]
     if min(changing, default=0.0) < USUAL_SHARE:
         return  # the noise of this sensor is smaller than its steps
     for axis, found in stuck.items():

@@ -157,6 +157,12 @@ def test_what_came_again_after_a_refusal_is_no_failure(played):
     assert result.stderr.endswith("cell-2/mine: 70 refused (last: no room left), and nothing is lost\n")
 
 
+@pytest.mark.parametrize("missing", [{"lost": 640}, {"waiting_for": 3}])
+def test_what_is_lost_is_a_failure_though_nothing_was_refused(played, missing):
+    nothing = {"refused": {}, "last_refusal": None, "repeats": 0, "gaps": (), "lost": 0, "waiting_for": None}
+    assert played(refusing(**nothing | missing)).exit_code == 1
+
+
 def test_what_was_dropped_as_a_repeat_is_reported_but_is_no_failure(played):
     result = played(refusing(refused={}, last_refusal=None, repeats=3, samples=100, gaps=()))
     assert result.exit_code == 0

@@ -115,7 +115,7 @@ def bridge(
 ) -> None:
     """Send one robot's samples to the service. Ctrl-C, or SIGTERM, ends the demonstration.
 
-    The exit code is 1 where the service refused samples of it for good.
+    The exit code is 1 where samples of it are lost.
 
     In standby it sends nothing until it is started, and is ready again after each demonstration.
 
@@ -231,7 +231,7 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
 
 
 def _print_outcome(status: SessionStatus) -> None:
-    """One line on what did not become segments; exit code 1 where samples were refused for good."""
+    """One line on what did not become segments; exit code 1 where batches are lost."""
     line = outcome_line(status)
     if line:
         typer.echo(f"{status.station}/{status.session}: {line}", err=True)

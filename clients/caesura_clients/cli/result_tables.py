@@ -163,8 +163,8 @@ def outcome_line(status: SessionStatus) -> str:
 
 
 def stored_whole(status: SessionStatus) -> bool:
-    """Whether no batch of a session was refused for good; one that was refused may have come again since."""
-    return not status.refused or (status.lost == 0 and status.waiting_for is None)
+    """Whether no batch of a session is lost; one that was refused may have come again since."""
+    return status.lost == 0 and status.waiting_for is None
 
 
 def _refusals(status: SessionStatus) -> str:

@@ -37,6 +37,8 @@ CONSTANTS = {
 }
 FORCE_SLACK_N = 1e-6
 SLIDE_M = 0.015  # from which on a way in contact is one along a surface, as in franky's template
+MOST_FRICTION = 1.0  # coefficient of Coulomb friction, as coaching takes it
+STRAIGHT_SHARE = 0.9  # of the way of a stroke, that its ends are apart
 TILTED_RAD = math.radians(20.0)
 ACTING = (  # limits on which a running script acts; the others are kept when it is written
     "MAX_SPEED_M_PER_S",
@@ -101,8 +103,9 @@ def without_friction(app: App) -> App:
 
     A hand that slides exerts what friction takes, too, in the direction of its way. Controllers follow a
     force along one axis, and the way by themselves. Friction is left out where the rest leans less from the
-    tool's axis. That of what is pushed in does not, nor that of a force along the tool. Where the path tilts
-    the tool, see `force_in_tool`.
+    tool's axis, the way is straight, and friction of a coefficient up to MOST_FRICTION explains it. More is a
+    push. That of what is pushed in is kept, and that of a force along the tool. Where the path tilts the
+    tool, see `force_in_tool`.
     """
     orientation = orientation_halfway(app)
     if app.force is None or app.path is None or app.target is None or orientation is None or _is_tilted(app):
@@ -110,12 +113,19 @@ def without_friction(app: App) -> App:
     force, way = np.array(app.force), np.subtract(app.target, app.path.start.position)
     metres, axis = float(np.linalg.norm(way)), matrix_of(orientation)[:, 2]
     rubbed_n = float(force @ way) / max(metres, SLIDE_M)
-    if metres < SLIDE_M or rubbed_n <= 0.0:
+    if metres < max(SLIDE_M, STRAIGHT_SHARE * app.path.length_m) or rubbed_n <= 0.0:
         return app
     normal = force - rubbed_n / metres * way
+    if rubbed_n > MOST_FRICTION * float(np.linalg.norm(normal)):
+        return app
     x, y, z = normal.tolist()
     is_nearer = axis @ normal * np.linalg.norm(force) > axis @ force * np.linalg.norm(normal)
     return app.model_copy(update={"force": (x, y, z)}) if is_nearer else app
+
+
+def friction_of(app: App) -> float:
+    """The force [N] along its way that scripts leave out of a stroke; 0 where they leave out none."""
+    return math.dist(app.force or (), without_friction(app).force or ())
 
 
 def touching_force(following: App | None) -> Vector | None:

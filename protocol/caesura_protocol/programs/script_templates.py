@@ -14,7 +14,10 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.limits import friction_of
 from caesura_protocol.robots import RobotDescription, robot_description
+
+NAMED_FRICTION_N = 0.5  # that is left out of a force, from which on a script says so
 
 
 def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDescription | None:
@@ -34,14 +37,18 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
     """What a check finds of each app, by its place from 0, as lines without a mark; None: of the whole.
 
-    A carry that sets down says that it looks for a surface. Reach is not looked at: that needs the kinematics
-    of a robot.
+    A carry that sets down says that it looks for a surface, a stroke what friction takes of its force. Reach
+    is not looked at: that needs the kinematics of a robot.
     """
     comments: dict[int | None, list[str]] = {
         index: ["sets down: looks for the surface at its end, slowly until it is felt"]
         for index, (app, following) in enumerate(pairwise(program.apps))
         if APP_KINDS[app.kind].carries and ends_in_contact(app.kind, following.kind)
     }
+    for index, app in enumerate(program.apps):
+        if (rubbed_n := friction_of(app)) > NAMED_FRICTION_N:
+            said = f"{rubbed_n:.1f} N of the taught force are left out: friction takes them along the way"
+            comments.setdefault(index, []).append(said)
     for one in document_findings(program):
         comments.setdefault(one.index, []).append(_one_line(f"{one.severity}: {one.reason}"))
     return comments

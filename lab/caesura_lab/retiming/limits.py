@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 LOAD_N = 2.0
 SHARE = 0.88  # of an acceleration or a jerk that is planned with: the arm does not follow exactly
 SPEED_SHARE = 0.97  # of the speeds from which on the executor slows a movement down
-LOOK_S, TICK_S = 8e-3, 1e-3  # between two inverse kinematics; between two looks
+LOOK_S, TICK_S = 4e-3, 1e-3  # between two inverse kinematics; between two looks
 FEWEST = 24  # inverse kinematics of a movement
 
 

@@ -15,7 +15,8 @@ takes to creep there.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,18 +117,39 @@ def _fastest(
     """The app at its fastest, from its taught start on. Raises ValueError where there is none."""
     way = _way(app, still, robot)
     until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
-    arrival = AT_REST
-    if until is not None:
-        arrival = Arrival(safety.contact_speed_m_per_s, SLOW_M, BRAKE_M_PER_S2)
-    made = _on_its_path(app, _timed(app, way, *fastest(way.along, *_with_flange(way, limits), arrival)))
+
+    def timed(arrival: Arrival) -> ProgramStep:
+        law = fastest(way.along, *_with_flange(way, limits), arrival)
+        return _on_its_path(app, _timed(app, way, *law))
+
+    def of_limits(curve: Curve) -> float:
+        return hurry(curve, still, robot, way.joints[0], limits)
+
     if until is None:
-        factor = hurry(_from_zero(curve_of(made)), still, robot, way.joints[0], limits)
-        return _lasting(made, factor * (made.tn - made.t0))
+        made = timed(AT_REST)
+        return _lasting(made, of_limits(_from_zero(curve_of(made))) * (made.tn - made.t0))
+    found = list[ProgramStep]()
+    for arrival in (Arrival(safety.contact_speed_m_per_s, SLOW_M, BRAKE_M_PER_S2), AT_REST):
+        # Aslant to the contact the speed of the way is not that of the contact: rest may be the better end.
+        if not found or found[0].tn > app.tn:
+            with suppress(TimeLawError):
+                found.append(
+                    _scaled(timed(arrival), lambda one: of_limits(_towards_contact(one, until, safety)))
+                )
+    if not found:
+        raise TimeLawError(f"no time within the limits after {ROUNDS} rounds")
+    best = min(found, key=lambda one: one.tn)
+    if best.tn > app.tn and of_limits(_towards_contact(app, until, safety)) <= 1.0:
+        raise TimeLawError("it was taught as fast as the limits allow")
+    return best
+
+
+def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> ProgramStep:
+    """The app in the least time with which `hurried` is at most 1. Raises TimeLawError without one."""
     least_s = made.tn - made.t0
     best: ProgramStep | None = None
     for _ in range(ROUNDS):
-        curve = _towards_contact(made, until, safety)
-        factor = hurry(curve, still, robot, way.joints[0], limits)
+        factor = hurried(made)
         if factor <= 1.0 and (best is None or made.tn < best.tn):
             best = made
         if 1.0 - EVEN < factor <= 1.0 or (factor <= 1.0 and made.tn <= made.t0 + least_s + EVEN):

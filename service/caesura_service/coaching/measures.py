@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.wrench_reading import MOVED_M
+from caesura_protocol.wrench_reading import FROZEN_S, MOVED_M
 from caesura_service.coaching.bias import DriftState, DriftTracker, Vector
 from caesura_service.constants import TARED_BIAS_N
 
@@ -36,6 +36,7 @@ ZERO_COUNT = 5  # observations of free movement that show the zero of a force wi
 POSES = 4  # the cubic through them is compared with the movement between the middle two
 NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
+FIRST_FROZEN_S = 2.0  # of a force that has never changed in a session: it may be a step of its sensor
 ARM_EVERY = 3  # observations from one look at the joints to the next
 
 
@@ -116,11 +117,16 @@ class Measures(NamedTuple):
 
 
 class UnchangedForce(NamedTuple):
-    """Since when a force has had the same length, to within rounding, and where the flange was then."""
+    """From when to when a force has had the same length, to within rounding, and where that began."""
 
     measured_n: float  # [N]
     since: float  # [s]
-    place: Vector  # [m]
+    until: float  # [s]
+    place: Vector  # [m] of the flange, at first
+    has_changed: bool = False  # before
+    has_steps: bool = (
+        False  # its sensor: before, it was the same for a shorter time than FROZEN_S, and changed
+    )
 
 
 class MotionState(NamedTuple):
@@ -154,7 +160,7 @@ class Meter:
         if self._setup.arm is not None and (before is None or arm_age >= ARM_EVERY):
             arm, arm_age = _of_arm(self._setup.arm, pose, before), 0
         if before is None:
-            begun = _begun(pose)
+            begun = _begun(pose, state.unchanged)
             state = state._replace(poses=(pose,), push=0.0, free=(), unchanged=begun, arm=arm, arm_age=0)
             return state, Measures(arm=arm)
         unchanged, frozen_s = _unchanged(state.unchanged, pose)
@@ -206,16 +212,30 @@ class Meter:
         return drift, push, driving_n, min(stray_n, stray) if speed >= FREE_M_PER_S else 0.0
 
 
-def _begun(pose: ObservedPose) -> UnchangedForce | None:
-    return None if pose.measured_n is None else UnchangedForce(pose.measured_n, pose.t, pose.position)
+def _begun(pose: ObservedPose, before: UnchangedForce | None) -> UnchangedForce | None:
+    """A length that the force did not have before."""
+    if pose.measured_n is None:
+        return None
+    begun = UnchangedForce(pose.measured_n, pose.t, pose.t, pose.position)
+    if before is None:
+        return begun
+    has_steps = before.has_steps or 0.0 < before.until - before.since < FROZEN_S
+    return begun._replace(has_changed=True, has_steps=has_steps)
 
 
 def _unchanged(before: UnchangedForce | None, pose: ObservedPose) -> tuple[UnchangedForce | None, float]:
-    """Since when the force has been the same, and how long [s]; 0 until the flange has moved by MOVED_M."""
+    """Since when the force has been the same, and how long [s]; 0 until the flange has moved by MOVED_M.
+
+    0, too, where the sensor has steps, and for the first FIRST_FROZEN_S of a force that has never changed: it
+    may have some.
+    """
     if before is None or pose.measured_n is None or not math.isclose(pose.measured_n, before.measured_n):
-        return _begun(pose), 0.0
+        return _begun(pose, before), 0.0
+    frozen_s = pose.t - before.since
     moved = math.dist(pose.position, before.place) > MOVED_M
-    return before, pose.t - before.since if moved else 0.0
+    is_known = before.has_changed or frozen_s > FIRST_FROZEN_S
+    counts = moved and is_known and not before.has_steps
+    return before._replace(until=pose.t), frozen_s if counts else 0.0
 
 
 def _tracker(scale_n: float) -> DriftTracker:

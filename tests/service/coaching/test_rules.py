@@ -66,9 +66,25 @@ def test_free_movement_raises_no_hint():
 def test_a_frozen_force_is_found_by_its_time_and_the_movement_in_it(speed: float, same: int, found: bool):
     coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
     for k, place in enumerate(along_x(20, speed)):
-        measured = 3.0 if k < same else 3.0 + 0.01 * k
+        measured = 3.0 if 2 <= k < 2 + same else 3.0 + 0.01 * (k + 1)
         coach.observe(ObservedPose(STEP_S * k, place, (speed, 0.0, 0.0), STILL, 0.0, measured_n=measured))
     assert kinds(coach.log.hints) == ["frozen_force"] * found
+
+
+def test_a_sensor_with_steps_is_not_frozen():
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    for k, place in enumerate(along_x(40)):
+        measured = 3.0 if k < 10 else 3.2 if k < 13 else 3.0
+        coach.observe(ObservedPose(STEP_S * k, place, (0.2, 0.0, 0.0), STILL, 0.0, measured_n=measured))
+    assert coach.log.hints == ()
+
+
+def test_a_force_that_never_changed_is_frozen_after_two_seconds():
+    coach = SignalCoach(CoachingSetup(False, TARED_BIAS_N, 0.002))
+    for k, place in enumerate(along_x(30)):
+        coach.observe(ObservedPose(STEP_S * k, place, (0.2, 0.0, 0.0), STILL, 0.0, measured_n=0.0))
+    (hint,) = coach.log.hints
+    assert hint.since == pytest.approx(2.1)
 
 
 def test_a_gap_begins_the_time_of_an_unchanged_force_anew():

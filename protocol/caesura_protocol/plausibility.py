@@ -236,11 +236,9 @@ def likely_opening_unit(widest: float) -> str | None:
     >>> [likely_opening_unit(widest) for widest in (0.08, 1.0, 8.0, 80.0, 255.0)]
     [None, None, 'cm', 'mm', None]
     """
-    return (
-        None
-        if widest <= WIDEST_M
-        else next((u for u, most in WIDEST_OPENING.items() if widest <= most), None)
-    )
+    if widest <= WIDEST_M:
+        return None
+    return next((unit for unit, most in WIDEST_OPENING.items() if widest <= most), None)
 
 
 def _likely(check: _Check, value: float, stated: str) -> str | None:

@@ -36,7 +36,7 @@ MOVED_M = 0.01  # by which the flange moves while its force is frozen
 MOVED_RAD = 0.05  # likewise a joint, where no position is there
 SHORTEST_S = 0.2  # shorter ones have no segment at all
 RECURS_SHARE = (
-    0.01  # of the other samples, in which a step of a sensor occurs again; no value of a dead driver
+    0.01  # of the other samples, in which a step of a sensor recurs; a dead driver's value does not
 )
 REPEATS = 4  # as often as each value of a sensor with coarse steps occurs, or oftener
 COARSE_N = 0.5  # steps from which on the error of a load exceeds what is stated; real sensors have 0.2 N

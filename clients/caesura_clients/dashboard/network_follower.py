@@ -227,9 +227,8 @@ class NetworkFollower(RepeatingThreads):
         if station not in self._rings and len(self._rings) >= STATIONS:
             return
         newest, known = float(matrix[-1, 0]), self.received.get(station)
-        if (
-            known is None or known.session != batch.session or newest > known.t
-        ):  # no batch that was sent again
+        was_sent_again = known is not None and known.session == batch.session and newest <= known.t
+        if not was_sent_again:
             self.received[station] = NewestSamples(self.clock(), newest, batch.session)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
 

@@ -39,9 +39,7 @@ class DashboardState:
     current: Mapping[str, str] = field(default_factory=dict)  # the session of each station's program
     bridges: frozenset[str] = frozenset()  # stations whose bridge is connected
     standby: Mapping[str, BridgeStatus] = field(default_factory=dict)  # bridges in standby, by station
-    parallel: Mapping[str, tuple[str, ...]] = field(
-        default_factory=dict
-    )  # sessions taught at once, by station
+    parallel: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # taught at once, by station
     alive: frozenset[str] = frozenset()  # instances that are alive
     services: tuple[ServiceStatus, ...] = ()
     rates: Mapping[str, float] = field(default_factory=dict)  # [messages/s] by instance

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from caesura_clients.cli.result_tables import measures_force
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
@@ -80,7 +81,7 @@ APP_NOTE = (
 def segments_table(view: PipelineView) -> Table:
     """One segment a row."""
     starts = [None, *(one.probability for one in view.changepoints)]
-    measured = view.wrench.source != "none"
+    measured = measures_force(view.wrench)
     rows = [_segment(i, one, starts[i], measured=measured) for i, one in enumerate(view.segments)]
     return Table(
         "Segments", SEGMENT_COLUMNS, tuple(rows), tuple(one.kind for one in view.segments), SEGMENT_NOTE

@@ -16,7 +16,7 @@ from caesura_protocol.recording import Recording, RecordingError
 from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERANCE, WIDEST_M
 
 SHOWN = 3  # steps back that are listed
-FAR_S = 1e6  # times of day are shown from the first sample on
+FAR_S = 1e6  # from here on times are shown from the first sample on: six digits do not separate them
 REPEATED_SHARE = 0.1
 
 
@@ -118,7 +118,7 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
 
 
 def _times_shown(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Times [s] as they are shown: those of day from the first sample on."""
+    """Times [s] as they are shown: late ones, such as those of day, from the first sample on."""
     return t - t[0] if abs(t[0]) > FAR_S else t
 
 

@@ -14,6 +14,7 @@ from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.messages import App
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.limits import friction_of
 from caesura_protocol.robots import RobotDescription, robot_description
 
@@ -84,6 +85,7 @@ def _one_line(text: str) -> str:
 
 def filled_template(name: str, texts: Mapping[str, str]) -> str:
     """The template of this file name, with a text in place of every mark."""
+    texts = {"<GRIP_REACH_M>": f"{GRIP_REACH_M:g}", **texts}
     template = files("caesura_protocol.programs").joinpath(name).read_text("utf-8")
     marks = "|".join(map(re.escape, texts))
     return re.sub(marks, lambda mark: texts[mark[0]], template)  # a text may contain a mark of another one

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from caesura_protocol.columns import signal_columns
+from caesura_protocol.formats.csv_aliases import ALIASES
 from caesura_protocol.formats.csv_text import encoding_of, is_comment, read_lines, stated_in_comments
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
@@ -204,92 +205,3 @@ def _unit_in(name: str, known: Mapping[str, float]) -> str | None:
     """
     words = [*_BRACKETS.findall(name), *re.split(r"[ _]", name)[1:]]
     return next((word.strip() for word in words if word.strip() in known), None)
-
-
-def _aliases() -> dict[str, frozenset[str]]:
-    found: dict[str, set[str]] = {column: {column} for column in SIGNAL_OF_COLUMN}
-    found["t"] |= {"time", "timestamp", "zeit", "seconds", "elapsed", "elapsedtime", "stamp", "timestep"}
-    found["t"] |= {"zeitstempel", "sekunden", "laufzeit", "messzeit", "sampletime"}
-    found["gripper"] |= {"gripperwidth", "width", "gripperopening", "opening", "gripperposition"}
-    found["gripper"] |= {"greifer", "greiferoeffnung", "oeffnung", "oeffnungsweite", "greiferweite"}
-    found["gripper"] |= {"greiferbreite", "greiferposition", "fingerwidth", "jawopening", "fingerabstand"}
-    for i, axis in enumerate("xyz"):
-        places: tuple[str, ...] = (
-            "{0}",
-            "pos{0}",
-            "position{0}",
-            "{0}pos",
-            "tcp{0}",
-            "tcppos{0}",
-            "tcpposition{0}",
-            "ee{0}",
-        )
-        places += ("eepos{0}", "eeposition{0}", "flange{0}", "poseposition{0}", "positionee{0}")
-        places += (
-            "flansch{0}",
-            "lage{0}",
-            "koordinate{0}",
-            "{0}koordinate",
-            "coordinate{0}",
-            "{0}coordinate",
-        )
-        places += ("{0}position", "tcplage{0}", "tcpkoordinate{0}", "werkzeug{0}", "tool{0}")
-        forces: tuple[str, ...] = (
-            "force{0}",
-            "{0}force",
-            "wrenchforce{0}",
-            "ftforce{0}",
-            "tcpforce{0}",
-            "forcetcp{0}",
-        )
-        forces += ("kraft{0}", "{0}kraft", "tcpkraft{0}", "krafttcp{0}", "kontaktkraft{0}", "contactforce{0}")
-        moments: tuple[str, ...] = (
-            "t{0}",
-            "torque{0}",
-            "{0}torque",
-            "moment{0}",
-            "wrenchtorque{0}",
-            "tq{0}",
-            "trq{0}",
-        )
-        moments += ("drehmoment{0}", "{0}drehmoment", "{0}moment", "tcpmoment{0}", "kraftmoment{0}")
-        for letter, spellings in (("p", places), ("f", forces), ("m", moments)):
-            found[f"{letter}{axis}"] |= {spelling.format(axis) for spelling in spellings}
-        # UR's RTDE counts from 0: three of a place, and three and three of a wrench.
-        found[f"p{axis}"].add(f"actualtcppose{i}")
-        found[f"f{axis}"] |= {f"actualtcpforce{i}", f"f{i + 1}"}
-        found[f"m{axis}"].add(f"actualtcpforce{i + 3}")
-    for axis in "xyzw":
-        found[f"q{axis}"] |= {
-            f"quat{axis}",
-            f"quaternion{axis}",
-            f"orientation{axis}",
-            f"poseorientation{axis}",
-            f"orientierung{axis}",
-        }
-    joints: tuple[tuple[str, tuple[str, ...]], ...] = (
-        ("q", ("joint{0}", "j{0}", "a{0}", "jointposition{0}", "jointpos{0}", "axis{0}")),
-        (
-            "q",
-            (
-                "jointangle{0}",
-                "gelenk{0}",
-                "gelenkwinkel{0}",
-                "gelenkposition{0}",
-                "achse{0}",
-                "achswinkel{0}",
-            ),
-        ),
-        ("tau", ("jointtorque{0}", "externaltorque{0}", "tauext{0}", "tauj{0}")),
-        ("tau", ("gelenkmoment{0}", "achsmoment{0}", "externesmoment{0}", "gelenkdrehmoment{0}")),
-    )
-    for signal, patterns in joints:
-        for i, column in enumerate(COLUMNS_OF_SIGNAL[signal]):
-            found[column] |= {pattern.format(i + 1) for pattern in patterns}
-            if signal == "q":
-                found[column].add(f"actualq{i}")
-    return {column: frozenset(names) for column, names in found.items()}
-
-
-#: Names without case, unit and separators, by Caesura's column.
-ALIASES: Mapping[str, frozenset[str]] = _aliases()

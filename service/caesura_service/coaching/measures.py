@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.wrench_reading import FROZEN_S, MOVED_M
 from caesura_service.coaching.bias import DriftState, DriftTracker, Vector
+from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
 from caesura_service.constants import TARED_BIAS_N
 
 Array = NDArray[np.float64]
@@ -36,7 +36,6 @@ ZERO_COUNT = 5  # observations of free movement that show the zero of a force wi
 POSES = 4  # the cubic through them is compared with the movement between the middle two
 NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
-FIRST_FROZEN_S = 2.0  # of a force that has never changed in a session: it may be a step of its sensor
 ARM_EVERY = 3  # observations from one look at the joints to the next
 
 
@@ -116,19 +115,6 @@ class Measures(NamedTuple):
     frozen_n: float = math.nan  # that force
 
 
-class UnchangedForce(NamedTuple):
-    """From when to when a force has had the same length, to within rounding, and where that began."""
-
-    measured_n: float  # [N]
-    since: float  # [s]
-    until: float  # [s]
-    place: Vector  # [m] of the flange, at first
-    has_changed: bool = False  # before
-    has_steps: bool = (
-        False  # its sensor: before, it was the same for a shorter time than FROZEN_S, and changed
-    )
-
-
 class MotionState(NamedTuple):
     """What the observations so far leave to those that follow."""
 
@@ -160,10 +146,10 @@ class Meter:
         if self._setup.arm is not None and (before is None or arm_age >= ARM_EVERY):
             arm, arm_age = _of_arm(self._setup.arm, pose, before), 0
         if before is None:
-            begun = _begun(pose, state.unchanged)
-            state = state._replace(poses=(pose,), push=0.0, free=(), unchanged=begun, arm=arm, arm_age=0)
+            unchanged = begun(state.unchanged, pose.measured_n, pose.t, pose.position)
+            state = state._replace(poses=(pose,), push=0.0, free=(), unchanged=unchanged, arm=arm, arm_age=0)
             return state, Measures(arm=arm)
-        unchanged, frozen_s = _unchanged(state.unchanged, pose)
+        unchanged, frozen_s = advanced(state.unchanged, pose.measured_n, pose.t, pose.position)
         poses = (*state.poses[1 - POSES :], pose)
         state = state._replace(poses=poses, unchanged=unchanged, arm=arm, arm_age=arm_age)
         measured = Measures(path_error_m=path_error(poses), arm=arm)
@@ -210,32 +196,6 @@ class Meter:
         drift = tracker.advance(state.drift, force, dt)
         # A tracked bias may be wrong, and so may that of the tare: what is stray, both show.
         return drift, push, driving_n, min(stray_n, stray) if speed >= FREE_M_PER_S else 0.0
-
-
-def _begun(pose: ObservedPose, before: UnchangedForce | None) -> UnchangedForce | None:
-    """A length that the force did not have before."""
-    if pose.measured_n is None:
-        return None
-    begun = UnchangedForce(pose.measured_n, pose.t, pose.t, pose.position)
-    if before is None:
-        return begun
-    has_steps = before.has_steps or 0.0 < before.until - before.since < FROZEN_S
-    return begun._replace(has_changed=True, has_steps=has_steps)
-
-
-def _unchanged(before: UnchangedForce | None, pose: ObservedPose) -> tuple[UnchangedForce | None, float]:
-    """Since when the force has been the same, and how long [s]; 0 until the flange has moved by MOVED_M.
-
-    0, too, where the sensor has steps, and for the first FIRST_FROZEN_S of a force that has never changed: it
-    may have some.
-    """
-    if before is None or pose.measured_n is None or not math.isclose(pose.measured_n, before.measured_n):
-        return _begun(pose, before), 0.0
-    frozen_s = pose.t - before.since
-    moved = math.dist(pose.position, before.place) > MOVED_M
-    is_known = before.has_changed or frozen_s > FIRST_FROZEN_S
-    counts = moved and is_known and not before.has_steps
-    return before._replace(until=pose.t), frozen_s if counts else 0.0
 
 
 def _tracker(scale_n: float) -> DriftTracker:

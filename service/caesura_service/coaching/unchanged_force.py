@@ -1,0 +1,56 @@
+"""How long the measured force has been the same number while the flange moves, as a dead driver repeats it.
+
+A sensor with steps repeats its values too: it has done so for a shorter time, and changed, before. A force
+that has never changed in a session may be such a step for its first FIRST_FROZEN_S.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from caesura_protocol.wrench_reading import FROZEN_S, MOVED_M
+from caesura_service.coaching.bias import Vector
+
+FIRST_FROZEN_S = 2.0
+
+
+class UnchangedForce(NamedTuple):
+    """From when to when a force has had the same length, to within rounding, and where that began."""
+
+    measured_n: float  # [N]
+    since: float  # [s]
+    until: float  # [s]
+    place: Vector  # [m] of the flange, at first
+    has_changed: bool = False  # before
+    has_steps: bool = False  # its sensor: before, it stayed the same for less than FROZEN_S
+
+    @property
+    def frozen_s(self) -> float:
+        """How long [s] it counts as frozen; 0 for what may be a step."""
+        seconds = self.until - self.since
+        is_known = self.has_changed or seconds > FIRST_FROZEN_S
+        return seconds if is_known and not self.has_steps else 0.0
+
+
+def begun(
+    before: UnchangedForce | None, measured_n: float | None, t: float, place: Vector
+) -> UnchangedForce | None:
+    """A length [N] that the force did not have before; None without a wrench. t: [s]; place: [m]."""
+    if measured_n is None:
+        return None
+    first = UnchangedForce(measured_n, t, t, place)
+    if before is None:
+        return first
+    has_steps = before.has_steps or 0.0 < before.until - before.since < FROZEN_S
+    return first._replace(has_changed=True, has_steps=has_steps)
+
+
+def advanced(
+    before: UnchangedForce | None, measured_n: float | None, t: float, place: Vector
+) -> tuple[UnchangedForce | None, float]:
+    """Take the next force, and return how long [s] it is frozen: 0 until the flange has moved by MOVED_M."""
+    if before is None or measured_n is None or not math.isclose(measured_n, before.measured_n):
+        return begun(before, measured_n, t, place), 0.0
+    goes_on = before._replace(until=t)
+    return goes_on, goes_on.frozen_s if math.dist(place, before.place) > MOVED_M else 0.0

@@ -31,6 +31,7 @@ from caesura_service.journal import (
     PeerJournals,
     SqliteJournal,
 )
+from caesura_service.large_blocks import return_large_blocks
 from caesura_service.monitoring.health import http_server_of, liveness
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.metrics import MetricsSource
@@ -138,6 +139,7 @@ def run_service(
     pipeline_factory: PipelineFactory | None = None,
 ) -> None:
     """Run until it is `over` (see `stopping`), then leave cleanly. `ready` is called once it can be found."""
+    return_large_blocks()
     try:
         with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
             gc.freeze()  # what is loaded by now stays: looking through it again would hold up every station

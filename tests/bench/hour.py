@@ -5,7 +5,8 @@ said is encoded as it would be for the wire; once while a person works, once so 
 session may have, once while the robot stands still. Each runs in a process of its own. A step is one batch,
 and its time is that of the thread that takes it, so that other work on the machine does not count. Memory of
 the last minute is compared with that of the second: the first warms up. Steps are compared with those of
-another session in its second minute, batch by batch in turn: a machine's own speed varies by a third.
+another session in its second minute, with the same samples, batch by batch in turn: a machine's own speed
+varies by a third.
 Exits 1 where a limit does not hold.
 
 Usage: python tests/bench/hour.py [--minutes 60] [--only varied|complete|still]
@@ -24,6 +25,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +37,7 @@ from caesura_protocol.codec import pack_samples
 from caesura_protocol.fragments import fragment
 from caesura_protocol.messages import Open
 from caesura_service.journal import SqliteJournal
+from caesura_service.large_blocks import return_large_blocks
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.segmentation.pipeline import make_pipeline
@@ -46,7 +49,7 @@ COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 EVERY_COLUMN = (*COLUMNS, "qx", "qy", "qz", "qw", *(f"q{i}" for i in range(1, 8)), "gripper")
 OPEN_M, CLOSED_M = 0.08, 0.03
 STATION, SESSION = "cell-1", "hour"
-MINUTE_S = 60.0
+BATCHES_PER_MINUTE = round(60.0 * RATE_HZ / BATCH)
 WARM_UP_S = 5.0
 SHOWN_MINUTES = 10
 MEMORY_LIMIT, STEP_LIMIT = 1.05, 1.2
@@ -74,18 +77,20 @@ class Hour:
 class Demonstration:
     """One session of a registry, under way."""
 
-    def __init__(self, registry: Registry, station: str, kind: str) -> None:
+    def __init__(self, registry: Registry, station: str, kind: str, *, skipped_minutes: int = 0) -> None:
         work, columns = HOURS[kind]
         self._columns: tuple[str, ...] = columns
         self._registry, self._station = registry, station
-        self._coming = batches(work(np.random.default_rng(0)))
+        whole = batches(work(np.random.default_rng(0)))
+        self._coming = enumerate(islice(whole, skipped_minutes * BATCHES_PER_MINUTE, None))
         registry.handle_command(
             station, Open(session=SESSION, columns=self._columns, wrench_source="flange_sensor"), 0.0
         )
 
     def step(self) -> float:
         """Take a batch; [ms] that it took."""
-        seq, rows = next(self._coming)
+        seq, work = next(self._coming)
+        rows = np.column_stack([(seq * BATCH + np.arange(BATCH)) / RATE_HZ, work])
         batch = pack_samples(rows, self._columns, session=SESSION, epoch=0, seq=seq)
         before = time.thread_time()
         for said in self._registry.handle_samples(self._station, batch, float(rows[-1, 0])):
@@ -147,11 +152,12 @@ def show(name: str, hour: Hour) -> bool:
 
 def measure(kind: str, minutes: int) -> Hour:
     """An hour of one kind of work, once everything is loaded and compiled."""
+    return_large_blocks()
     warm_up(kind)
     with service() as registry:
         old = Demonstration(registry, STATION, kind)
         hour = [alternating(old)[0] for _ in range(minutes)]
-        young = Demonstration(registry, "cell-2", kind)
+        young = Demonstration(registry, "cell-2", kind, skipped_minutes=minutes - 1)
         alternating(young)
         old_minute, young_minute = alternating(old, young)
     return Hour(hour, (old_minute, young_minute))
@@ -183,8 +189,7 @@ def service() -> Iterator[Registry]:
 
 def alternating(*demonstrations: Demonstration) -> list[Minute]:
     """A minute of each, batch by batch in turn."""
-    steps = range(round(MINUTE_S * RATE_HZ / BATCH))
-    spent = [[demonstration.step() for demonstration in demonstrations] for _ in steps]
+    spent = [[one.step() for one in demonstrations] for _ in range(BATCHES_PER_MINUTE)]
     gc.collect()
     return [one.minute(column) for one, column in zip(demonstrations, zip(*spent, strict=True), strict=True)]
 
@@ -195,15 +200,14 @@ def resident_mb() -> float:
     return pages * resource.getpagesize() / 1e6
 
 
-def batches(strokes: Iterator[Array]) -> Iterator[tuple[int, Array]]:
-    """Numbered batches (BATCH, columns) of a stream of rows without their time."""
-    seq, rest = 0, next(strokes)
+def batches(strokes: Iterator[Array]) -> Iterator[Array]:
+    """Batches (BATCH, columns) of a stream of rows without their time."""
+    rest = next(strokes)
     for stroke in strokes:
         rest = np.concatenate([rest, stroke])
         while len(rest) >= BATCH:
-            t = (seq * BATCH + np.arange(BATCH)) / RATE_HZ
-            yield seq, np.column_stack([t, rest[:BATCH]])
-            seq, rest = seq + 1, rest[BATCH:]
+            yield rest[:BATCH]
+            rest = rest[BATCH:]
 
 
 def varied(rng: np.random.Generator) -> Iterator[Array]:

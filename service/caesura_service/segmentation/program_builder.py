@@ -10,6 +10,7 @@ what lies before it is known by then: it ends where a segment begins, and the qu
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -63,8 +64,10 @@ class IncrementalProgramBuilder:
         """The apps of a demonstration, in time order.
 
         steps: from segment `first` on; settled: how many segments of all nothing can change any more;
-        grips and gaps: all that are known. Where a grip comes to light that lies before `since`, begin anew.
+        grips and gaps: all that are known, in time order. Where a grip comes to light that lies before
+        `since`, begin anew.
         """
+        grips = _from_last_before(grips, steps[0].segment.t0 - GRIP_SLACK_S) if steps else grips
         rest = [grip for grip in grips if grip.t > self.since]
         self._seen_until = steps[-1].segment.t0 if steps else -np.inf
         begin, settled = 0, settled - self.first
@@ -143,3 +146,8 @@ class IncrementalProgramBuilder:
     def _lasts(self, step: ProgramSegment) -> bool:
         """Is it kept by the minimum time filter, and longer than a grip may be off?"""
         return step.lasts(max(self.least_s, GRIP_SLACK_S))
+
+
+def _from_last_before(grips: Sequence[GripperAction], t: float) -> Sequence[GripperAction]:
+    """Grips from a time [s] on, and the last one before it: it states whether something is held."""
+    return grips[max(bisect_left(grips, t, key=lambda grip: grip.t) - 1, 0) :]

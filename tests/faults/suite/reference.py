@@ -69,9 +69,15 @@ def _places(observations: Sequence[Observation]) -> list[float]:
 
 
 def _part_between(observations: Sequence[Observation], t0: float, tn: float, one: InferredSegment) -> Part:
-    """A segment from t0 to tn [s], with what was observed next to these; of two as near, the earlier one."""
+    """A segment from t0 to tn [s], with what was observed next to these; of two as near, the earlier one.
+
+    Where one observation is next to both, the segment has its own first and last one.
+    """
     t = np.array([observation.t for observation in observations])
-    ends = [observations[int(np.argmin(np.abs(t - at + 1e-6)))] for at in (t0, tn)]
+    begin, last = (int(np.argmin(np.abs(t - at + 1e-6))) for at in (t0, tn))
+    if begin == last:
+        begin, last = max(one.start - 1, 0), one.end - 1
+    ends = observations[begin], observations[last]
     return part(
         one.verdict.kind.name,
         (t0, tn, one.verdict.probability),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +89,31 @@ def test_it_is_the_program_of_all_segments_at_once(seed: int, gripping: int, hol
         settled = max(now - int(rng.integers(4)), growing.first)
         apps = growing.apps(steps[growing.first : now], settled, seen, gaps)
         assert apps == task_program(steps[:now], seen, moment_at, least_s=0.3, gaps=gaps)
+
+
+def test_a_look_does_not_read_the_grips_of_an_hour():
+    class Counting(list[GripperAction]):
+        read = 0
+
+        def __iter__(self) -> Iterator[GripperAction]:
+            for grip in super().__iter__():
+                Counting.read += 1
+                yield grip
+
+        def __getitem__(self, index: Any) -> Any:
+            found = super().__getitem__(index)
+            Counting.read += len(found) if isinstance(index, slice) else 1
+            return Counting(found) if isinstance(index, slice) else found
+
+    steps = demonstration(np.random.default_rng(3), 400)
+    last_s = steps[150].segment.t0
+    grips = Counting(GripperAction(float(t), "release", 0.04) for t in np.linspace(0.0, last_s, 1000))
+    growing = IncrementalProgramBuilder(moment_at, 0.3)
+    growing.apps(steps, len(steps), grips)
+    assert growing.first > 150
+    Counting.read = 0
+    growing.apps(steps[growing.first :], len(steps), grips)
+    assert Counting.read < 20 * len(steps[growing.first :])
 
 
 def test_a_movement_that_is_pushed_back_until_its_contact_is_no_beginning_of_what_is_built_again():

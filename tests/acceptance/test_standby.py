@@ -433,6 +433,20 @@ def test_a_stop_ends_what_the_button_began_and_a_button_that_is_held_begins_noth
         arm.fail()
 
 
+def test_a_stop_while_a_demonstration_is_opened_waits_and_ends_it(router, service, caesura):
+    arm = ArmWithButton()
+    with ready_to_start(caesura, router.endpoint, arm, released_s=1.0) as standby:
+        for part in range(5):
+            t = float(part)
+            arm.guide(samples(100, t0=t), pressed=False)
+            arm.guide(samples(100, t0=t + 0.1), pressed=True)
+            eventually(lambda: standby.status.session)  # it is starting
+            session = caesura.stop(STATION).session
+            assert known(caesura, session).state == "closed"
+        assert len(caesura.sessions(STATION)) == 5
+        arm.fail()
+
+
 def test_what_start_began_is_not_ended_by_the_button(router, service, caesura):
     arm = ArmWithButton()
     with ready_to_start(caesura, router.endpoint, arm, released_s=0.2) as standby:

@@ -395,13 +395,16 @@ class Standby:
         one = self._current
         if one is None or (stop.session is not None and stop.session != one.session):
             return self._stopped_before(stop)
-        if not one.is_open:
+        latest = time.monotonic() + STOP_S
+        if not one.answered.wait(OPEN_S):
             raise ProtocolError("overloaded", "the demonstration is just starting: stop it once it has begun")
+        if one.was_refused:
+            return self._stopped_before(stop)
         if not one.stop.is_set():
             one.success = stop.success
             one.stop.set()
             self._changed.set()
-        if not one.done.wait(STOP_S):
+        if not one.done.wait(latest - time.monotonic()):
             why = self.status.problem or "the source delivers nothing"
             raise ProtocolError("overloaded", f"the bridge keeps trying to store {one.session}: {why}")
         return BridgeAck(session=one.session, state=self.status.state)

@@ -61,6 +61,10 @@ class Budgets:
             return self._count_and_explain(station, ("messages", "bytes")[lacking], messages)
         return self.reject_work(station, messages)
 
+    def count_unread(self, station: str, use: Use, count: int) -> None:
+        """Count messages or commands that are dropped unread, after one was refused."""
+        self._count(station, use, count)
+
     def reject_command(self, station: str) -> ProtocolError | None:
         """Count a command; return why it is refused, or None."""
         if not self._commands.allows(station):

@@ -9,13 +9,16 @@ import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from queue import Empty, Queue
+from typing import Generic, TypeVar
 
 from caesura_protocol.codec import Encoded, encode_error
-from caesura_protocol.transport.inbox import IncomingQuery, ReceivedSample, TokenChange
+from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork, MemoryTransport
 from caesura_protocol.transport.network import Priority
 from caesura_service.server.network import NetworkSettings
-from caesura_service.server.transport import Incoming
+from caesura_service.server.transport import Channel, Incoming
+
+Received = TypeVar("Received")
 
 
 def in_memory(
@@ -40,14 +43,16 @@ class MemorySession:
         del priority  # one process, one order
         return MemoryPublisher(self._transport, key)
 
-    def declare_subscriber(self, key: str, capacity: int) -> MemorySubscriber:
+    def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
         """Subscribe to a key expression; where `capacity` messages wait, their senders wait too."""
-        channel: Queue[ReceivedSample] = Queue(capacity)
-        return MemorySubscriber(channel, self._transport.subscribe(key, CallbackInbox(channel.put)))
+        channel: Queue[Incoming] = Queue(capacity)
+        inbox = CallbackInbox(lambda sample: channel.put(Incoming(*sample)))
+        return MemoryChannel(channel, self._transport.subscribe(key, inbox))
 
-    def declare_queryable(self, key: str, handle: Callable[[IncomingQuery], None]) -> Declared:
-        """Pass every query on the key expression to `handle`."""
-        return Declared(self._transport.declare_queryable(key, CallbackInbox(handle)))
+    def declare_queryable(self, key: str, capacity: int) -> Channel[IncomingQuery]:
+        """Receive the queries on a key expression; where `capacity` of them wait, who asks waits too."""
+        channel: Queue[IncomingQuery] = Queue(capacity)
+        return MemoryChannel(channel, self._transport.declare_queryable(key, CallbackInbox(channel.put)))
 
     def request(
         self,
@@ -115,16 +120,16 @@ class MemoryPublisher:
         """Nothing is declared."""
 
 
-class MemorySubscriber(Declared):
-    """A subscriber whose channel is polled."""
+class MemoryChannel(Declared, Generic[Received]):
+    """The channel of a subscriber or a queryable."""
 
-    def __init__(self, channel: Queue[ReceivedSample], declaration: AbstractContextManager[None]) -> None:
+    def __init__(self, channel: Queue[Received], declaration: AbstractContextManager[None]) -> None:
         self._channel = channel
         super().__init__(declaration)
 
-    def try_recv(self) -> Incoming | None:
+    def try_recv(self) -> Received | None:
         """Return the oldest message; None where there is none."""
         try:
-            return Incoming(*self._channel.get_nowait())
+            return self._channel.get_nowait()
         except Empty:
             return None

@@ -53,6 +53,9 @@ logger = logging.getLogger(__name__)
 
 QUERIES = 256  # that may wait
 TICK_S = 0.1
+REFUSAL_RATE = Rate(
+    100.0, 200.0
+)  # of a station's commands that are refused with a reason; others end at once
 
 
 class QueryServer(BackgroundThread):
@@ -74,6 +77,7 @@ class QueryServer(BackgroundThread):
         self._stored = stored
         self._query_rate = RateLimit(questions)
         self._log_rate = RateLimit(LOG_RATE)
+        self._refusal_rate = RateLimit(REFUSAL_RATE)
         self.rejected_commands = 0  # commands that were refused because of an overload
         self._counting = threading.Lock()
         self._registry = registry
@@ -112,15 +116,28 @@ class QueryServer(BackgroundThread):
         own: dict[ErrorCode, int] = {"overloaded": self.rejected_commands} if self.rejected_commands else {}
         return {code: refused.get(code, 0) + own.get(code, 0) for code in {**refused, **own}}
 
-    def command(self, query: IncomingQuery) -> None:
-        """Enqueue a command for the worker; in an overload only where it opens no new session."""
+    def command(self, query: IncomingQuery) -> bool:
+        """Enqueue a command for the worker; in an overload only where it opens no new session.
+
+        Returns False where the station has used up its budget and REFUSAL_RATE has no further answer for it.
+        """
         station = source_of_key(query.key).station
         if (refusal := self._budgets.reject_command(station or UNKNOWN)) is not None:
+            if not self._refusal_rate.allows(station or UNKNOWN):
+                self.count_rejected(1)
+                query.drop()
+                return False
             self._reject_command(query, refusal)
         elif station is not None and self._work_queue.is_overloaded(*sources_of(station)):
             self._enqueue(self._admit_command, query)
         else:
             self._forward_command(CommandReceived(content_of_query(query), query))
+        return True
+
+    def count_rejected(self, count: int) -> None:
+        """Count commands that were refused."""
+        with self._counting:
+            self.rejected_commands += count
 
     def _enqueue_query(self, handle: Callable[[IncomingQuery], None], query: IncomingQuery) -> None:
         if self._query_rate.allows("every reader"):  # a query does not name its client
@@ -149,8 +166,7 @@ class QueryServer(BackgroundThread):
         if not self._opens_new_session(command.content):
             self._forward_command(command)
             return
-        with self._counting:
-            self.rejected_commands += 1
+        self.count_rejected(1)
         why = "more arrives than can be done: no new sessions until that is over, try again"
         with query:
             fill = round(self._work_queue.fill_ratio(), 2)
@@ -178,8 +194,7 @@ class QueryServer(BackgroundThread):
             self._reject_command(command.query, refusal)
 
     def _reject_command(self, query: IncomingQuery, refusal: ProtocolError) -> None:
-        with self._counting:
-            self.rejected_commands += 1
+        self.count_rejected(1)
         with query:
             reply_error(query, refusal)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Set
 
 from caesura_protocol.keys import station_key
 from caesura_protocol.transport.inbox import IncomingQuery
-from caesura_service.server.subscriber_poller import SubscriberPoller
+from caesura_service.server.channel_poller import ChannelPoller
 from caesura_service.server.transport import Declaration, Network
 
 ALL = "*"
@@ -20,12 +20,12 @@ class StationSubscriptions:
         self,
         network: Network,
         *,
-        samples: SubscriberPoller,
+        poller: ChannelPoller,
         control: Callable[[IncomingQuery], None],
         program: Callable[[IncomingQuery], None],
     ) -> None:
         self._network = network
-        self._samples, self._control, self._program = samples, control, program
+        self._poller, self._control, self._program = poller, control, program
         self._declared: dict[str, tuple[Declaration, ...]] = {}
         self._closed = False
         self._lock = threading.Lock()
@@ -45,14 +45,14 @@ class StationSubscriptions:
         self.set(frozenset())
 
     def _declare(self, station: str) -> tuple[Declaration, ...]:
-        network = self._network
-        self._samples.declare(network, station_key(station, "samples"))
+        network, poller = self._network, self._poller
+        poller.subscribe(network, station_key(station, "samples"))
         return (
-            network.declare_queryable(station_key(station, "control"), self._control),
-            network.declare_queryable(station_key(station, "program"), self._program),
+            poller.declare_queryable(network, station_key(station, "control"), self._control),
+            poller.declare_queryable(network, station_key(station, "program"), self._program),
         )
 
     def _undeclare(self, station: str) -> None:
-        self._samples.undeclare(station_key(station, "samples"))
+        self._poller.unsubscribe(station_key(station, "samples"))
         for entity in self._declared.pop(station):
             entity.undeclare()

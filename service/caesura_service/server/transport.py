@@ -6,7 +6,7 @@ Callbacks run in the network's threads, and only enqueue.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 from caesura_protocol.codec import Encoded
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
@@ -47,10 +47,13 @@ class Publisher(Declaration, Protocol):
         """Put a message; never waits. Raises NetworkError."""
 
 
-class Subscriber(Declaration, Protocol):
-    """A subscriber with a channel of its own."""
+Received_co = TypeVar("Received_co", covariant=True)
 
-    def try_recv(self) -> Incoming | None:
+
+class Channel(Declaration, Protocol[Received_co]):
+    """A subscriber's or a queryable's messages, until it is undeclared; what was received stays."""
+
+    def try_recv(self) -> Received_co | None:
         """Return the oldest message; None where there is none."""
 
 
@@ -63,11 +66,11 @@ class Network(Protocol):
     def declare_publisher(self, key: str, priority: Priority) -> Publisher:
         """Declare a publisher that drops what does not fit."""
 
-    def declare_subscriber(self, key: str, capacity: int) -> Subscriber:
+    def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
         """Subscribe to a key expression; where `capacity` messages wait, their senders wait too."""
 
-    def declare_queryable(self, key: str, handle: Callable[[IncomingQuery], None]) -> Declaration:
-        """Pass every query on the key expression to `handle`."""
+    def declare_queryable(self, key: str, capacity: int) -> Channel[IncomingQuery]:
+        """Receive the queries on a key expression; where `capacity` of them wait, who asks waits too."""
 
     def request(
         self,

@@ -1,12 +1,12 @@
 """The network of the server over Zenoh, the only importer of zenoh beside `network`.
 
-Callbacks run directly in the network's thread. In a thread for each declaration a close overtook the batches
-before it in one of six runs, and was refused and repeated.
+Samples and queries wait in channels until they are polled. Callbacks run directly in the network's thread.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 import zenoh
 
@@ -22,7 +22,10 @@ from caesura_protocol.transport.zenoh_transport import (
     reason,
     token_change,
 )
-from caesura_service.server.transport import Declaration, Incoming, NetworkError
+from caesura_service.server.transport import Channel, Declaration, Incoming, NetworkError
+
+Raw = TypeVar("Raw")
+Received = TypeVar("Received")
 
 
 class ZenohNetwork:
@@ -46,13 +49,15 @@ class ZenohNetwork:
             raise NetworkError(reason(error)) from error
         return ZenohPublisher(declared)
 
-    def declare_subscriber(self, key: str, capacity: int) -> ZenohSubscriber:
+    def declare_subscriber(self, key: str, capacity: int) -> Channel[Incoming]:
         """Subscribe to a key expression; Zenoh fills the channel without the interpreter."""
-        return ZenohSubscriber(self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(capacity)))
+        declared = self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(capacity))
+        return ZenohChannel(declared, declared.handler.try_recv, _incoming)
 
-    def declare_queryable(self, key: str, handle: Callable[[IncomingQuery], None]) -> Declaration:
-        """Pass every query on the key expression to `handle`."""
-        return self._session.declare_queryable(key, direct(lambda query: handle(ZenohQuestion(query))))
+    def declare_queryable(self, key: str, capacity: int) -> Channel[IncomingQuery]:
+        """Receive the queries on a key expression; Zenoh fills the channel without the interpreter."""
+        declared = self._session.declare_queryable(key, zenoh.handlers.FifoChannel(capacity))
+        return ZenohChannel(declared, declared.handler.try_recv, ZenohQuestion)
 
     def request(
         self,
@@ -121,23 +126,25 @@ class ZenohPublisher:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
-class ZenohSubscriber:
-    """A subscriber whose channel is polled."""
+class ZenohChannel(Generic[Raw, Received]):
+    """The channel of a subscriber or a queryable."""
 
-    def __init__(self, subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> None:
-        self._subscriber, self._receive = subscriber, subscriber.handler.try_recv
+    def __init__(
+        self, declared: Declaration, try_recv: Callable[[], Raw | None], read: Callable[[Raw], Received]
+    ) -> None:
+        self._declared, self._try_recv, self._read = declared, try_recv, read
 
-    def try_recv(self) -> Incoming | None:
+    def try_recv(self) -> Received | None:
         """Return the oldest message; None where there is none."""
         try:
-            sample = self._receive()
+            raw = self._try_recv()
         except zenoh.ZError:  # empty, and no longer declared
             return None
-        return None if sample is None else _incoming(sample)
+        return None if raw is None else self._read(raw)
 
     def undeclare(self) -> None:
-        """Unsubscribe; what was received can still be taken."""
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        """End the declaration; what was received can still be taken."""
+        self._declared.undeclare()
 
 
 def _incoming(sample: zenoh.Sample) -> Incoming:

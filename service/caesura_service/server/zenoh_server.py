@@ -1,7 +1,6 @@
 """The service on the network: its subscriptions, queryables, and its start and stop.
 
-Every callback of the network only enqueues: one that works would stop all reception. Samples are drained
-before a command, so that a close does not overtake the batches before it.
+Every callback only enqueues: one that works would stop all reception.
 
 At the start sessions are taken over, then subscribed to, then announced by the token, so that others release
 only what this instance has. Stopping goes the same way backwards, and closes the network session last: an
@@ -26,6 +25,7 @@ from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
 from caesura_service.server.batch_collector import BatchCollector
 from caesura_service.server.budgets import Budgets
+from caesura_service.server.channel_poller import ChannelPoller
 from caesura_service.server.inbound import (
     UNKNOWN,
     Arrival,
@@ -37,6 +37,7 @@ from caesura_service.server.inbound import (
 )
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
+from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer
@@ -46,7 +47,6 @@ from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.stored import StoredServer
-from caesura_service.server.subscriber_poller import SubscriberPoller
 from caesura_service.server.transport import Incoming, Network
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
@@ -99,7 +99,8 @@ class ZenohServer:
         self._collector = BatchCollector(
             registry.awaited, self._enqueue_samples, self._enqueue_batches, clock
         )
-        self._poller = SubscriberPoller(self._handle_samples, self._collector.release_overdue)
+        self._muted, self._muted_commands = MutedSources(), MutedSources()
+        self._poller = ChannelPoller(self._handle_samples, self._end_poll)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -111,7 +112,7 @@ class ZenohServer:
             stack.enter_context(self._samples)
             subscriptions = StationSubscriptions(
                 network,
-                samples=self._poller,
+                poller=self._poller,
                 control=self._handle_command,
                 program=self._queries.program,
             )
@@ -172,7 +173,7 @@ class ZenohServer:
             (session_key("*", "*", "samples"), self._samples.take),
             (key, self._queries.status),
         ):
-            stack.callback(network.declare_queryable(asked, callback).undeclare)
+            stack.callback(self._poller.declare_queryable(network, asked, callback).undeclare)
 
     def _announce(self, stack: ExitStack, network: Network) -> None:
         """Declare the own token, then watch those of others."""
@@ -183,19 +184,26 @@ class ZenohServer:
         self._queue.put_unbounded(Watching())
 
     def _handle_command(self, query: IncomingQuery) -> None:
-        self._poller.drain()  # samples put before the command are processed before it
-        if (station := source_of_key(query.key).station) is not None:
+        source, station = source_of_key(query.key)
+        if self._muted_commands.drops(source):
+            query.drop()
+            return
+        if station is not None:
             self._collector.release(station_key(station, "samples"))
-        self._queries.command(query)
+        if not self._queries.command(query):
+            self._muted_commands.mute(source)
 
     def _handle_samples(self, sample: Incoming) -> None:
         key, payload, encoding = sample
+        if self._muted.drops(key):
+            return
         if self._collector.hold(key, payload, encoding):
             return
         source, station = source_of_key(key)
         lane = station or UNKNOWN
         if (refusal := self.budgets.reject_put(lane, len(payload))) is not None:
             self._drop(source, refusal.message)
+            self._muted.mute(key)
             return
         self._collector.take(RawPayload.of(key, payload, encoding), source, station)
 
@@ -208,6 +216,17 @@ class ZenohServer:
             self._drop(source, refusal.message, count)
             return
         self._queue.offer(BatchesReceived(block, source, station), source, size, station, count=count)
+
+    def _end_poll(self) -> None:
+        """Release batches that have waited long enough; count what was dropped unread."""
+        self._collector.release_overdue()
+        for key, count in self._muted.pop_drops().items():
+            source, station = source_of_key(key)
+            self._queue.count_drop(source, count)
+            self.budgets.count_unread(station or UNKNOWN, "messages", count)
+        for source, count in self._muted_commands.pop_drops().items():
+            self.budgets.count_unread(source_of_key(source).station or UNKNOWN, "commands", count)
+            self._queries.count_rejected(count)
 
     def _drop(self, source: str, why: str, count: int = 1) -> None:
         """Count dropped messages and log them, throttled; the session requests them again."""

@@ -152,7 +152,13 @@ def test_a_command_to_all_stations_belongs_to_none(peer, wide, caplog):
 FORBIDDEN_MODULES = {"pickle", "marshal", "shelve", "dill", "yaml", "subprocess", "ctypes"}
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__"}
 # The rooms that handle what comes from the network, on either side.
-READS_NOTHING_SENT = ("changepoint", "numba_support", "commands", "prepare.py", "large_blocks.py")  # of the service
+READS_NOTHING_SENT = (
+    "changepoint",
+    "numba_support",
+    "commands",
+    "prepare.py",
+    "large_blocks.py",
+)  # of the service
 # Modules that start a process. Nothing that came over the network is its command or an argument:
 # `hints --exec` runs a person's command, with the hint in variables; `playback` plays uploads;
 # `simulation` runs a program from a file of its own, at one of two speeds.

@@ -5,17 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import closing
-from queue import SimpleQueue
 
 import pytest
 
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.memory import MemoryNetwork
+from caesura_service.server.channel_poller import CHANNEL, ChannelPoller
 from caesura_service.server.memory_network import MemorySession
 from caesura_service.server.network import NetworkSettings, join
-from caesura_service.server.subscriber_poller import CHANNEL, SubscriberPoller
 from caesura_service.server.transport import Incoming, Network
-from harness.peer import DEADLINE_S, Client, MemoryPeer, Peer
+from harness.peer import Client, MemoryPeer, Peer
 from harness.processes import eventually
 
 KEY, COMMANDS, BAD = "some/key", "some/commands", b"bad"
@@ -27,8 +26,8 @@ class Floor:
     def __init__(self, network: Network, peer: Client) -> None:
         self.network, self.peer = network, peer
         self.taken: list[bytes] = []
-        self.gathering = SubscriberPoller(self._take)
-        self.gathering.declare(network, KEY)
+        self.poller = ChannelPoller(self._take)
+        self.poller.subscribe(network, KEY)
 
     def put(self, *payloads: bytes) -> None:
         for payload in payloads:
@@ -57,42 +56,57 @@ def numbers(count: int) -> list[bytes]:
 
 
 def test_what_is_put_is_handed_over_in_order(floor):
-    with floor.gathering:
+    with floor.poller:
         floor.put(*numbers(3 * CHANNEL))
         eventually(lambda: len(floor.taken) == 3 * CHANNEL)
     assert floor.taken == numbers(3 * CHANNEL)
 
 
 def test_one_that_breaks_takes_nothing_else_along(floor):
-    with floor.gathering:
+    with floor.poller:
         floor.put(b"before", BAD, b"after")
         eventually(lambda: floor.taken == [b"before", b"after"])
 
 
 def test_a_command_finds_all_that_was_put_before_it(floor):
-    found: SimpleQueue[int] = SimpleQueue()
+    found: list[int] = []
 
     def command(query: IncomingQuery) -> None:
-        floor.gathering.drain()
         with query:
-            found.put(len(floor.taken))
+            found.append(len(floor.taken))
 
-    commands = floor.network.declare_queryable(COMMANDS, command)
-    for count in range(1, 101):
-        floor.put(b"sample")
-        floor.peer.get(COMMANDS)
-        assert found.get(timeout=DEADLINE_S) == count  # nobody looks beside: the thread does not run
+    commands = floor.poller.declare_queryable(floor.network, COMMANDS, command)
+    with floor.poller:
+        for count in range(1, 101):
+            floor.put(b"sample")
+            floor.peer.get(COMMANDS)
+            assert found[-1] == count
+    commands.undeclare()
+
+
+def test_a_query_that_breaks_takes_no_other_along(floor):
+    def command(query: IncomingQuery) -> None:
+        with query:
+            if query.content is None:
+                raise RuntimeError
+            query.reply(COMMANDS, query.content)
+
+    commands = floor.poller.declare_queryable(floor.network, COMMANDS, command)
+    with floor.poller:
+        assert not floor.peer.get(COMMANDS).replies
+        assert [one.payload for one in floor.peer.get(COMMANDS, b"fine", "zenoh/bytes").replies] == [b"fine"]
     commands.undeclare()
 
 
 def test_what_was_put_before_the_end_is_handed_over(floor):
     floor.put(*numbers(5))
     # An answer from behind the messages: they have arrived.
-    commands = floor.network.declare_queryable(COMMANDS, lambda query: query.drop())
-    floor.peer.get(COMMANDS)
+    commands = floor.poller.declare_queryable(floor.network, COMMANDS, lambda query: query.drop())
+    with floor.poller:
+        floor.peer.get(COMMANDS)
     commands.undeclare()
-    floor.gathering.undeclare(KEY)
+    floor.poller.unsubscribe(KEY)
     assert floor.taken == numbers(5)
     floor.put(b"later")
-    floor.gathering.drain()
+    floor.poller.poll()
     assert floor.taken == numbers(5)

@@ -13,10 +13,10 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
 
-# Three at a time, for tests wait for processes, browsers and clocks; each keeps to neighbouring tests, which share
+# Five at a time, for tests wait for processes, browsers and clocks; each keeps to neighbouring tests, which share
 # what they have simulated and started, until it takes over what another has not come to.
 test: $(TESTED)
-	$(BIN)/python -m pytest -n 3 --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n 5 --dist worksteal $(ARGS)
 
 check: $(TESTED)
 	$(BIN)/ruff check .

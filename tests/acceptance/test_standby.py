@@ -23,7 +23,9 @@ from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.standby import Standby
+from caesura_clients.cli import demonstrations
 from caesura_clients.cli.commands import register
+from caesura_clients.cli.demonstrations import STORING
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.messages import BridgeState, Description, SessionStatus
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
@@ -313,7 +315,8 @@ def test_a_session_is_described_when_it_is_over(router, service, caesura):
         assert known(caesura, session).description == expected
 
 
-def test_the_command_line_starts_stops_describes_and_shows(router, service, caesura):
+def test_the_command_line_starts_stops_describes_and_shows(router, service, caesura, monkeypatch):
+    monkeypatch.setattr(demonstrations, "PATIENCE_S", 0.0)
     app = typer.Typer()
     register(app)
 
@@ -327,7 +330,8 @@ def test_the_command_line_starts_stops_describes_and_shows(router, service, caes
         assert begun.stdout == f"{STATION}/{session} is being taught\n"
         again = run("start", STATION)
         assert (again.exit_code, "was started by Ann: stop it first" in again.stderr) == (1, True)
-        assert run("stop", STATION, "--success", "yes").stdout == f"{STATION}/{session} is over\n"
+        stopped = run("stop", STATION, "--success", "yes")
+        assert (stopped.stdout, stopped.stderr) == (f"{STATION}/{session} is over\n", f"{STORING}\n")
         assert run("stop", STATION).exit_code == 1, "so that a pedal starts then"
         changed = run("sessions", "describe", STATION, session, "--task", "wipe it", "--author", "Ann")
         assert changed.stdout == f"{STATION}/{session}: task changed\n"

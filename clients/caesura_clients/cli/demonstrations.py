@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Annotated, Literal, NamedTuple
@@ -17,6 +18,9 @@ from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, grouped, named, reported
 from caesura_clients.client import Caesura
 from caesura_protocol.messages import BridgeStatus, Description
+
+PATIENCE_S = 2.0
+STORING = "the service has not stored the whole demonstration yet: waiting, for 15 s at most"
 
 Said = Literal["yes", "no"]
 StationArgument = Annotated[str, typer.Argument(help="Teaching station.")]
@@ -66,9 +70,20 @@ def stop(
     stated = None if success is None else success == "yes"
     with reported():
         named(station)
-        with connected(endpoint, config) as caesura:
+        with connected(endpoint, config) as caesura, _stated_after(PATIENCE_S, STORING):
             ack = describing.stop(caesura.transport, station, session=session, success=stated)
     typer.echo(f"{station}/{ack.session} is over")
+
+
+@contextmanager
+def _stated_after(seconds: float, line: str) -> Iterator[None]:
+    """State a line on the error stream if the context lasts longer."""
+    timer = threading.Timer(seconds, typer.echo, (line,), {"err": True})
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @grouped

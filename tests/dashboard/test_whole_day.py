@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +27,7 @@ pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 SIZES = {"desktop": (1440, 900), "tablet": (820, 1180), "phone": (390, 844)}
 TAUGHT_S = 6.5  # [s] the hand has gone back and rests
+SHORT_S = 1.5
 INSERTED_S = 1.4  # [s] in the middle of the first movement
 AXES = ("x", "y", "z")
 # Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
@@ -158,14 +160,19 @@ def check_signals(page: Page, sent: Recording, count: int) -> None:
     page.locator(".plots").press("0")
     settled(page)
     drawn_as_sent(page, sent, 0.0, float(sent.t[count - 1]), every=False)
-    for _ in range(3):
+    start, end = shown_range(page)
+    for _ in range(math.ceil(math.log2((end - start) / SHORT_S))):  # each halves what is shown
         page.get_by_role("button", name="Zoom in").click()
     settled(page)
-    start, end = (
-        float(page.locator(".plots").get_attribute(f"data-{one}") or "nan") for one in ("from", "to")
-    )
-    assert end - start < 1.5
+    start, end = shown_range(page)
+    assert end - start < SHORT_S
     drawn_as_sent(page, sent, start, end, every=True)
+
+
+def shown_range(page: Page) -> tuple[float, float]:
+    """From and to where the plots show signals [s]."""
+    start, end = (page.locator(".plots").get_attribute(f"data-{one}") for one in ("from", "to"))
+    return float(start or "nan"), float(end or "nan")
 
 
 def drawn_as_sent(page: Page, sent: Recording, start: float, end: float, *, every: bool) -> None:

@@ -35,6 +35,7 @@ bench: $(TESTED)
 	$(BIN)/python tests/bench/step_cost.py --json dist/bench $(ARGS)
 	$(BIN)/python tests/bench/offline_cost.py --json dist/bench
 	$(BIN)/python tests/bench/growth.py --json dist/bench
+	$(BIN)/python tests/bench/refusal_cost.py --tries 2
 	$(BIN)/python tests/bench/start.py --json dist/bench
 	$(BIN)/python tests/bench/conditioning_cost.py --json dist/bench
 	$(BIN)/python tests/bench/batch_cost.py --json dist/bench

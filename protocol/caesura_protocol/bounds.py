@@ -2,7 +2,8 @@
 
 A byte can be an item of msgpack, and an item an object and a validation error: unchecked, a megabyte of them
 holds the interpreter for seconds and takes a gigabyte. So what a station can send has few items, and they are
-counted first, without unpacking them. Refusing such a message takes less than a millisecond and less than a
+counted first, without unpacking them. Bytes that are not binary are few as well, because one wide character
+makes a text four times as long. Refusing such a message takes less than a millisecond and less than a
 megabyte beside the payload, whatever it holds (`tests/bench/refusal_cost.py`).
 
 Results may be as long as a demonstration. They are unpacked once all of their bytes are known to be there,
@@ -52,6 +53,7 @@ PER_CONTAINER = 16  # [bytes] of a result, at least: a gap takes 30
 TEXT_BYTES = 1 << 13  # of a string, where items are counted
 _ARRAYS = frozenset({*range(0x90, 0xA0), 0xDC, 0xDD})  # first bytes, by the specification of msgpack
 _MAPS = frozenset({*range(0x80, 0x90), 0xDE, 0xDF})
+_BINS = frozenset({0xC4, 0xC5, 0xC6})
 
 
 class Bounds(NamedTuple):
@@ -61,6 +63,7 @@ class Bounds(NamedTuple):
     items: int | None = None  # containers, keys and values, at any depth; None: as many as fit
     array: int = MAX_GAPS  # items of one array or map, where items are counted
     uncounted: int = SHORT  # [bytes] up to which it is unpacked at once
+    header: int = MAX_WHOLE_BYTES  # [bytes] of what is not binary
 
 
 _BATCH_BYTES = HEADER_BYTES + 8 * MAX_BATCH_SAMPLES * MAX_COLUMNS
@@ -71,11 +74,11 @@ _LONG = Bounds(MAX_WHOLE_BYTES)
 #: Every type that is bounded by more than what a result may be.
 BOUNDS: Mapping[type[Message], Bounds] = {
     # The usual batch is not counted: with arrays of 64, what fits into 8 KiB takes less than a megabyte.
-    SampleBatch: Bounds(_BATCH_BYTES, 256, array=MAX_COLUMNS, uncounted=1 << 13),
+    SampleBatch: Bounds(_BATCH_BYTES, 256, array=MAX_COLUMNS, uncounted=1 << 13, header=HEADER_BYTES),
     **dict.fromkeys((Heartbeat, Open, Close, Edit, Preview, Describe, EditProgram, Control), _COMMAND),
     **dict.fromkeys((BridgeControl, BridgeAck, BridgeStatus), _COMMAND),
     Error: Bounds(1 << 16, 512),
-    Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64),
+    Piece: Bounds(HEADER_BYTES + PIECE_BYTES, 64, header=HEADER_BYTES),
     **dict.fromkeys((Ack, SessionStatus, ServiceStatus), _STATUS),
 }
 
@@ -92,7 +95,7 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
         raise ProtocolError("too_large", why, value=len(payload), limit=bounds.size)
     try:
         if len(payload) > bounds.uncounted:
-            _check_items(payload, bounds.items)
+            _check_items(payload, bounds)
         if bounds.items is None:
             return _unpacked_long(payload)
         return msgpack.unpackb(
@@ -103,6 +106,7 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
             max_map_len=bounds.array,
             max_str_len=TEXT_BYTES,
             max_ext_len=0,
+            ext_hook=_no_extension,
         )
     except (ValueError, IndexError, msgpack.UnpackException, RecursionError) as error:
         why = f"not msgpack: {str(error) or type(error).__name__}"
@@ -113,8 +117,19 @@ def _unpacked_long(payload: bytes) -> Any:
     """All that a result holds, which the payload has room for."""
     counting = _counting(SHORT + len(payload) // PER_CONTAINER)
     return msgpack.unpackb(
-        payload, use_list=False, strict_map_key=True, max_ext_len=0, list_hook=counting, object_hook=counting
+        payload,
+        use_list=False,
+        strict_map_key=True,
+        max_ext_len=0,
+        ext_hook=_no_extension,
+        list_hook=counting,
+        object_hook=counting,
     )
+
+
+def _no_extension(code: int, _: bytes) -> None:
+    """Refuse what no message has, empty or not: each would be an object that nothing counts."""
+    raise ProtocolError("malformed", "an extension", value=code)
 
 
 def _counting(limit: int) -> Callable[[Any], Any]:
@@ -129,7 +144,7 @@ def _counting(limit: int) -> Callable[[Any], Any]:
     return count_items
 
 
-def _check_items(payload: bytes, limit: int | None) -> None:
+def _check_items(payload: bytes, bounds: Bounds) -> None:
     """Go over all of a payload without making anything of it.
 
     Raises ProtocolError `malformed` at the header that claims too much; ValueError, IndexError or
@@ -138,19 +153,26 @@ def _check_items(payload: bytes, limit: int | None) -> None:
     size = len(payload)
     unpacker = msgpack.Unpacker(max_buffer_size=size, read_size=size)
     unpacker.feed(payload)
-    if limit is None:
+    if bounds.items is None:
         unpacker.skip()
         return
     left = items = 1
+    binary = 0
     while left:
-        head, more = payload[unpacker.tell()], 0
+        place = unpacker.tell()
+        head, more = payload[place], 0
         if head in _ARRAYS:
             more = unpacker.read_array_header()
         elif head in _MAPS:
             more = 2 * unpacker.read_map_header()
         else:
             unpacker.skip()
+        if head in _BINS:
+            binary += unpacker.tell() - place
         left += more - 1
         items += more
-        if items > limit:
-            raise ProtocolError("malformed", "too many items", value=items, limit=limit)
+        if items > bounds.items:
+            raise ProtocolError("malformed", "too many items", value=items, limit=bounds.items)
+    if size - binary > bounds.header:
+        why = "too many bytes that are not binary"
+        raise ProtocolError("too_large", why, value=size - binary, limit=bounds.header)

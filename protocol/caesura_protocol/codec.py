@@ -214,20 +214,36 @@ def unpack_samples(batch: SampleBatch) -> NDArray[np.float64]:
     Raises ProtocolError `malformed` where the size does not fit, the first column is not `t`, or a value
     is not finite (named with its row and column).
     """
-    matrix = matrix_of(batch)
-    if not math.isfinite(np.vdot(matrix, matrix)) and not np.isfinite(matrix).all():
-        row, column = np.argwhere(~np.isfinite(matrix))[0]
+    cells = cells_of(batch)
+    if not math.isfinite(np.vdot(cells, cells)):
+        check_finite(batch, cells)
+    times = _times_of(batch, cells)
+    if not math.isfinite(np.vdot(times, times)):
+        check_finite(batch, times[:, None])
+    return _matrix_of(cells, times)
+
+
+def check_finite(batch: SampleBatch, cells: NDArray[np.floating[Any]]) -> None:
+    """Raises ProtocolError `malformed` at the first of (n, columns) that is not finite."""
+    finite = np.isfinite(cells)
+    row, column = divmod(int(finite.argmin()), cells.shape[1])
+    if not finite[row, column]:
         raise ProtocolError(
             "malformed",
             f"sample {row} of batch {batch.seq}: {batch.columns[column]} is not finite",
-            value=str(matrix[row, column]),
+            value=str(cells[row, column]),
             expected="finite numbers",
         )
-    return matrix
 
 
 def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
     """Unpack as `unpack_samples` does, values unchecked. Raises ProtocolError likewise."""
+    cells = cells_of(batch)
+    return _matrix_of(cells, _times_of(batch, cells))
+
+
+def cells_of(batch: SampleBatch) -> NDArray[np.floating[Any]]:
+    """The numbers of a batch as they were sent, (n, columns), uncopied. Raises ProtocolError `malformed`."""
     if batch.columns[0] != "t":
         raise ProtocolError("malformed", "first column is not t", value=batch.columns[0], expected="t")
     cells = batch.n * len(batch.columns)
@@ -240,9 +256,19 @@ def matrix_of(batch: SampleBatch) -> NDArray[np.float64]:
             value=len(batch.samples),
             expected=[4 * cells, 8 * cells],
         )
-    matrix: NDArray[np.float64] = np.frombuffer(batch.samples, dtype).astype(np.float64)
-    matrix = matrix.reshape(batch.n, len(batch.columns))
-    matrix[:, 0] += batch.t0
+    return np.frombuffer(batch.samples, dtype).reshape(batch.n, len(batch.columns))
+
+
+def _times_of(batch: SampleBatch, cells: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Session time [s] of every sample."""
+    with np.errstate(over="ignore"):
+        times: NDArray[np.float64] = cells[:, 0].astype(np.float64) + batch.t0
+    return times
+
+
+def _matrix_of(cells: NDArray[np.floating[Any]], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = cells.astype(np.float64)
+    matrix[:, 0] = times
     return matrix
 
 
@@ -288,7 +314,8 @@ __all__ = [
     "Close",
     "Encoded",
     "PreEncoded",
-    "check_size",
+    "cells_of",
+    "check_finite",
     "decode",
     "decode_error",
     "encode",

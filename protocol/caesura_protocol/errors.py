@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import islice
+from numbers import Number
+from pathlib import PurePath
 from reprlib import Repr
 from typing import Any, Literal, get_args
 
@@ -69,18 +73,53 @@ def printable(text: str, most: int = MAX_SHOWN) -> str:
     return cut if cut.isprintable() else repr(cut)[1:-1][:most]
 
 
-_repr = Repr()  # which looks at a few items of a container, and no deeper than
-_repr.maxlevel = 2
+class _Glance(Repr):
+    """Looks at a few items of a container, and at the beginning of each. Of others: the type."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 2
+
+    def repr_bytes(self, value: bytes | bytearray | memoryview, level: int) -> str:
+        return repr(bytes(value[: self.maxstring]))[: self.maxstring]
+
+    repr_bytearray = repr_memoryview = repr_bytes
+
+    def repr_int(self, value: int, level: int) -> str:
+        return str(_shown_integer(value))
+
+    def repr_dict(self, value: Mapping[Any, Any], level: int) -> str:
+        """In its own order: the base class sorts all keys."""
+        if level <= 0 or not value:
+            return "{...}" if value else "{}"
+        pairs = [
+            f"{self.repr1(key, level - 1)}: {self.repr1(item, level - 1)}"
+            for key, item in islice(value.items(), self.maxdict)
+        ]
+        return f"{{{', '.join(pairs + ['...'] * (len(value) > self.maxdict))}}}"
+
+    def repr_instance(self, value: object, level: int) -> str:
+        if value is None or isinstance(value, Number | PurePath):
+            return super().repr_instance(value, level)
+        return f"<{type(value).__name__}>"
+
+
+_glance = _Glance()
+
+
+def _shown_integer(value: int) -> int | str:
+    """As it is, if msgpack has room for it."""
+    return value if -(1 << 63) <= value < 1 << 64 else f"an integer of {value.bit_length()} bits"
 
 
 def _glimpse(value: Any) -> Any:
     if isinstance(value, int):
-        return value if -(1 << 63) <= value < 1 << 64 else str(value)[:MAX_SHOWN]
+        return _shown_integer(value)
     if value is None or isinstance(value, float):
         return value
-    if isinstance(value, bytes):
+    if isinstance(value, bytes | bytearray | memoryview):
         return value[:32].hex()
-    return (value if isinstance(value, str) else _repr.repr(value))[:MAX_SHOWN]
+    return (value if isinstance(value, str) else _glance.repr(value))[:MAX_SHOWN]
 
 
 class CaesuraError(Exception):

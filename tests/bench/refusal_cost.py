@@ -2,7 +2,7 @@
 
     python tests/bench/refusal_cost.py [--types SampleBatch] [--sizes 8000] [--tries 5]
 
-Every type that a station can send, and every short one of the service, with 40 kinds of content in every
+Every type that a station can send, and every short one of the service, with 60 kinds of content in every
 field, from 400 bytes to 1 MiB. Prints the worst of each type; exits 1 where one takes longer than `--limit-s`
 or more than `--limit-mb`. A message that is accepted is counted too: its receiver has paid for it as well.
 """

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 import tracemalloc
 from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import NamedTuple
 
 import msgpack
+import numpy as np
 
-from caesura_protocol.codec import decode, encode_error, encoding_of
+from caesura_protocol.bounds import TEXT_BYTES
+from caesura_protocol.codec import decode, encode_error, encoding_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
+    MAX_BATCH_SAMPLES,
+    MAX_COLUMNS,
     MAX_MESSAGE_BYTES,
     Ack,
     BridgeAck,
@@ -53,6 +59,8 @@ FILLINGS: Mapping[str, bytes] = {
     "short bins": b"\xc4\x02ab",
     "arrays of 64": b"\xdc\x00\x40" + b"\x01" * 64,
     "arrays of 64 maps": b"\xdc\x00\x40" + b"\x80" * 64,
+    "empty extensions": b"\xc7\x00\x05",
+    "timestamps": b"\xd6\xff" + bytes(4),
 }
 NESTS: Mapping[str, bytes] = {
     "nested arrays": b"\x91",
@@ -62,7 +70,7 @@ NESTS: Mapping[str, bytes] = {
     "arrays that claim a million": b"\xdd\x00\x0f\x42\x40",
     "maps that claim 4000": b"\xde\x0f\xa0\xa1a",
 }
-SIZES = (400, 1000, 4000, 8000, 16_000, 60_000, 500_000, MAX_MESSAGE_BYTES - 100)
+SIZES = (400, 1000, 4000, 8000, 16_000, 30_000, 60_000, 500_000, 520_000, MAX_MESSAGE_BYTES - 100)
 
 
 def array_of(filling: bytes, size: int) -> bytes:
@@ -83,6 +91,34 @@ def message_with(fields: Mapping[str, object], name: str, value: bytes) -> bytes
     return bytes([0x80 + len(kept) + 1]) + packed + msgpack.packb(name) + value
 
 
+def bin_of(size: int) -> bytes:
+    """Binary data that takes so many bytes."""
+    return b"\xc6" + max(0, size - 5).to_bytes(4, "big") + bytes(max(0, size - 5))
+
+
+def text_of(size: int) -> bytes:
+    """A text that takes so many bytes, four times as many as an object: its last character is wide."""
+    text = ("x" * max(0, size - 9) + "\N{SMILING FACE WITH SUNGLASSES}").encode()
+    return b"\xdb" + len(text).to_bytes(4, "big") + text
+
+
+def long_values(size: int) -> Iterator[tuple[str, bytes]]:
+    """A few long values within a container: items do not count them."""
+    whole = bin_of(size)
+    yield f"a bin of {size} bytes within an array", b"\x91" + whole
+    yield f"a bin of {size} bytes within a map", b"\x81\xa1a" + whole
+    yield f"a bin of {size} bytes within two maps", b"\x81\xa1a\x81\xa1a" + whole
+    yield f"a bin of {size} bytes for a key", b"\x81" + whole + b"\x01"
+    yield f"an extension of {size} bytes", b"\x91\xc9" + size.to_bytes(4, "big") + b"\x05" + bytes(size)
+    yield f"six bins, {size} bytes", b"\x96" + 6 * bin_of(size // 6)
+    for count in (4, 15, 60):
+        part = min(size // count, TEXT_BYTES)
+        many = b"\xdc" + count.to_bytes(2, "big")
+        yield f"{count} texts of {part} bytes", many + count * text_of(part)
+        keys = b"".join(bin_of(size // count)[:-1] + bytes([number]) + b"\x01" for number in range(count))
+        yield f"{count} long keys, {size} bytes", b"\xde" + count.to_bytes(2, "big") + keys
+
+
 def heavy_values(sizes: tuple[int, ...] = SIZES) -> Iterator[tuple[str, bytes]]:
     """(what it is, a value of about that size) of every kind."""
     for size in sizes:
@@ -91,10 +127,21 @@ def heavy_values(sizes: tuple[int, ...] = SIZES) -> Iterator[tuple[str, bytes]]:
         for name, header in NESTS.items():
             for depth in (30, 500, 1000, 2000):
                 yield f"{size} bytes, {name}, {depth} deep", nest_of(header, size, depth)
-        text = ("x" * (size - 4) + "\N{SMILING FACE WITH SUNGLASSES}").encode()
-        yield f"a text of {size} bytes", b"\xdb" + len(text).to_bytes(4, "big") + text
-        yield f"a bin of {size} bytes", b"\xc6" + size.to_bytes(4, "big") + bytes(size)
+        yield f"a text of {size} bytes", text_of(size)
+        yield f"a bin of {size} bytes", bin_of(size)
+        yield from long_values(size)
         yield f"{size} bytes that are not there", b"\xc6\x00\x20\x00\x00" + bytes(size)
+
+
+def full_batches(*values: float) -> Iterator[tuple[str, bytes]]:
+    """(what it is, payload) of batches that are as large as they may be, and are refused once unpacked."""
+    columns = ["t", *(f"c{number}" for number in range(1, MAX_COLUMNS))]
+    head = {**HEAD, "n": MAX_BATCH_SAMPLES, "columns": columns}
+    for kind, value in product(("f4", "f8"), values):
+        samples = np.full((MAX_BATCH_SAMPLES, MAX_COLUMNS), value, kind).tobytes()
+        yield f"a full batch of {value}, {kind}", msgpack.packb({**head, "t0": 0.0, "samples": samples})
+    samples = np.full((MAX_BATCH_SAMPLES, MAX_COLUMNS), 1e308).tobytes()
+    yield "times beyond all numbers", msgpack.packb({**head, "t0": 1e308, "samples": samples})
 
 
 def heavy_messages(model: type[Message], sizes: tuple[int, ...] = SIZES) -> Iterator[tuple[str, bytes]]:
@@ -109,6 +156,8 @@ def heavy_messages(model: type[Message], sizes: tuple[int, ...] = SIZES) -> Iter
     }
     fields = whole.get(model, {"station": "cell-1"})
     places = [*fields, *(name for name in model.model_fields if name not in fields), "unheard-of"]
+    if model is SampleBatch:
+        yield from full_batches(math.nan, math.inf)
     for what, value in heavy_values(sizes):
         yield what, value
         for place in places:
@@ -127,15 +176,22 @@ class Cost(NamedTuple):
     refused: bool
 
 
-def read(payload: bytes, model: type[Message]) -> bool:
-    """Read it as whoever receives it does, and word the refusal; was it refused?"""
+def refusal_of(payload: bytes, model: type[Message]) -> ProtocolError | None:
+    """Read it as whoever receives it does, and word the refusal."""
     try:
-        decode(payload, encoding_of(model), model)
+        message = decode(payload, encoding_of(model), model)
+        if isinstance(message, SampleBatch):
+            unpack_samples(message)
     except ProtocolError as error:
         str(error)
         encode_error(error)
-        return True
-    return False
+        return error
+    return None
+
+
+def read(payload: bytes, model: type[Message]) -> bool:
+    """Was it refused?"""
+    return refusal_of(payload, model) is not None
 
 
 def cost_of(payload: bytes, model: type[Message], tries: int = 5) -> Cost:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.codec import matrix_of, unpack_samples
+from caesura_protocol.codec import cells_of, check_finite, matrix_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.plausibility import likely_time_unit
@@ -27,13 +29,13 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
         raise ProtocolError(
             "malformed", "columns differ from those of the opening", value=batch.columns, expected=columns
         )
+    cells = cells_of(batch)
+    is_small = np.vdot(cells, cells) <= limits.value**2 / 2  # as nearly always: no value is above it
+    if not is_small:
+        check_finite(batch, cells)
+        _check_values(batch, cells, limits)
     matrix = matrix_of(batch)
-    is_small = np.vdot(matrix, matrix) <= limits.value**2  # as nearly always: no value is above it
-    if not is_small:
-        matrix = unpack_samples(batch)  # raises where a value is no number
     _check_times(batch.seq, matrix[:, 0], limits)
-    if not is_small:
-        _check_values(batch, matrix, limits)
     return matrix
 
 
@@ -63,11 +65,16 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
         )
 
 
-def _check_values(batch: SampleBatch, matrix: NDArray[np.float64], limits: Limits) -> None:
-    """Squares of absurd values leave no digits for the others, and then no number."""
-    sizes = np.abs(matrix[:, 1:])
-    if sizes.max() > limits.value:
-        row, column = np.unravel_index(int(sizes.argmax()), sizes.shape)
-        where = f"sample {row} of batch {batch.seq}: {batch.columns[column + 1]}"
-        value = float(matrix[row, column + 1])
+def _check_values(batch: SampleBatch, cells: NDArray[np.floating[Any]], limits: Limits) -> None:
+    """Squares of absurd values leave no digits for the others, and then no number.
+
+    cells: (n, columns), of which nothing as large is made.
+    """
+    sizes = np.maximum(cells.max(axis=0), -cells.min(axis=0))
+    sizes[0] = 0.0  # time has its own limit
+    column = int(sizes.argmax())
+    if sizes[column] > limits.value:
+        row = int(np.abs(cells[:, column]).argmax())
+        where = f"sample {row} of batch {batch.seq}: {batch.columns[column]}"
+        value = float(cells[row, column])
         raise ProtocolError("malformed", f"{where} is absurd", value=value, limit=limits.value)

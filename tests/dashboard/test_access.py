@@ -8,6 +8,8 @@ import pytest
 
 from caesura_clients.dashboard import access
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware, Attempts
+from caesura_clients.dashboard.proxies import Proxies
+from caesura_protocol.errors import CaesuraError
 from dashboard.conftest import ran
 
 PASSWORD = "correct horse"
@@ -120,8 +122,9 @@ def patient():
     return guarded
 
 
-def log_in(guarded, password, peer):
-    return ask(guarded, "/login", method="POST", body=f"password={password}".encode(), peer=peer)[0]
+def log_in(guarded, password, peer, **headers):
+    body = f"password={password}".encode()
+    return ask(guarded, "/login", method="POST", body=body, peer=peer, **headers)[0]
 
 
 def test_wrong_passwords_of_one_address_do_not_delay_another(patient):
@@ -151,3 +154,115 @@ def test_addresses_that_wait_are_bounded_and_the_first_that_may_again_is_forgott
     for peer in ("a", "b", "a", "c"):
         attempts.wrong(peer)
     assert [bool(attempts.wait_s(peer)) for peer in "abc"] == [True, False, True]
+
+
+# --- behind a reverse proxy -------------------------------------------------------------------------------
+
+PROXY = "10.42.3.7"
+
+
+def behind(proxies, *, names=None):
+    guarded = AccessMiddleware(inner, names=names, password=PASSWORD, proxies=Proxies(proxies))
+    guarded._attempts = Attempts(Clock())
+    return guarded
+
+
+@pytest.mark.parametrize("peer", ["127.0.0.1", PROXY, "192.0.2.7"])
+def test_nobody_is_believed_about_addresses_unless_the_operator_has_named_the_proxy(patient, peer):
+    found = [log_in(patient, "wrong", peer, **{"x-forwarded-for": f"10.0.0.{n}"}) for n in range(10)]
+    assert found == [401] + 9 * [429]
+
+
+def test_what_a_visitor_puts_before_the_entry_of_the_proxy_does_not_count():
+    guarded = behind([PROXY])
+    found = [
+        log_in(guarded, "wrong", PROXY, **{"x-forwarded-for": f"10.0.0.{n}, 192.0.2.7"}) for n in range(5)
+    ]
+    assert found == [401] + 4 * [429]
+    assert log_in(guarded, "correct+horse", PROXY, **{"x-forwarded-for": "192.0.2.7, 192.0.2.8"}) == 303
+
+
+@pytest.mark.parametrize(
+    ("forwarded", "status"),
+    [
+        ("192.0.2.7, 10.42.9.9", 429),  # through two proxies
+        ("192.0.2.7:4711", 429),
+        ("::ffff:192.0.2.7", 429),
+        ("192.0.2.8, 10.42.9.9", 401),
+        ("[2001:db8::1]:443", 401),
+        ("unknown", 401),
+        ("", 401),
+    ],
+)
+def test_the_last_entry_that_is_no_proxy_is_who_asks(forwarded, status):
+    guarded = behind(["10.42.0.0/16"])
+    assert log_in(guarded, "wrong", PROXY, **{"x-forwarded-for": "192.0.2.7"}) == 401
+    assert log_in(guarded, "wrong", PROXY, **{"x-forwarded-for": forwarded}) == status
+
+
+def test_visitors_within_the_network_of_the_proxies_do_not_choose_their_address():
+    guarded = behind(["10.42.0.0/16"])
+    found = [
+        log_in(guarded, "wrong", PROXY, **{"x-forwarded-for": f"10.42.0.{n}, 10.42.8.8"}) for n in range(5)
+    ]
+    assert found == [401] + 4 * [429]
+
+
+def test_several_headers_are_one_list():
+    scope = {
+        "type": "http",
+        "client": (PROXY, 1),
+        "headers": [(b"x-forwarded-for", b"1.1.1.1"), (b"x-forwarded-for", b"192.0.2.7")],
+    }
+    assert Proxies([PROXY]).visited(scope)["client"][0] == "192.0.2.7"
+
+
+@pytest.mark.parametrize(
+    ("kind", "said", "scheme"),
+    [
+        ("http", "https", "https"),
+        ("websocket", "https", "wss"),
+        ("http", "http, https", "https"),
+        ("http", "x", "http"),
+    ],
+)
+def test_the_proxy_tells_whether_the_visitor_used_tls(kind, said, scheme):
+    plain = {"http": "http", "websocket": "ws"}[kind]
+    scope = {"type": kind, "scheme": plain, "headers": [(b"x-forwarded-proto", said.encode())]}
+    assert Proxies([PROXY]).visited({**scope, "client": (PROXY, 1)})["scheme"] == scheme
+    assert Proxies([PROXY]).visited({**scope, "client": ("192.0.2.7", 1)})["scheme"] == plain
+
+
+@pytest.mark.parametrize("named", ["0.0.0.0/0", "::/0", "*", "ingress", ""])
+def test_a_proxy_has_an_address_of_its_own(named):
+    with pytest.raises(CaesuraError, match="--proxy"):
+        Proxies([named])
+
+
+# --- many addresses ---------------------------------------------------------------------------------------
+
+
+def addresses(count):
+    return [f"198.51.{number // 250}.{number % 250}" for number in range(count)]
+
+
+def test_wrong_passwords_of_many_addresses_have_a_limit(patient):
+    found = [log_in(patient, "wrong", peer) for peer in addresses(300)]
+    assert found == access.WRONG_AT_ONCE * [401] + (300 - access.WRONG_AT_ONCE) * [429]
+    patient._attempts._clock.now += 10.0
+    found = [log_in(patient, "wrong", peer) for peer in addresses(1000)[300:]]
+    assert found.count(401) == 10 * access.WRONG_PER_S
+
+
+def test_forty_wrong_passwords_of_forty_addresses_delay_nobody(patient):
+    assert [log_in(patient, "wrong", peer) for peer in addresses(40)] == 40 * [401]
+    assert log_in(patient, "correct+horse", "192.0.2.8") == 303
+
+
+@pytest.mark.parametrize("peer", ["192.0.2.8", "2001:db8::8", "127.0.0.1", "::1", "::ffff:127.0.0.1"])
+def test_whoever_has_logged_in_before_and_this_machine_do_not_wait_for_others(patient, peer):
+    for known in ("192.0.2.8", "2001:db8::8"):
+        assert log_in(patient, "correct+horse", known) == 303
+    assert {log_in(patient, "wrong", address) for address in addresses(300)} == {401, 429}
+    assert log_in(patient, "correct+horse", peer) == 303
+    assert log_in(patient, "correct+horse", "192.0.2.9") == 429

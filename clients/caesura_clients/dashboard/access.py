@@ -4,6 +4,8 @@ Rule 1: pages of other sites must not reach it through an operator's browser. A 
 dashboard's host names (or DNS could be bent to it), and a socket or a form has to come from its own pages.
 Rule 2: with a password nothing but the login is answered without its cookie.
 Rule 3: a wrong password delays its own address and no other. Until then no password from there is compared.
+The connection says which address that is, or a proxy that the operator has named (`proxies.py`). Of all
+addresses together only so many wrong passwords are compared; who has logged in before waits for none of them.
 Rule 4: pages load from here and nowhere else; the browser holds that as well, by Content-Security-Policy.
 
 There is no TLS here. Where other machines look at it, a reverse proxy has to bring it, or the password can be
@@ -23,6 +25,8 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from caesura_clients.dashboard.proxies import Proxies, address_of
+
 Scope = MutableMapping[str, Any]
 Event = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Event]]
@@ -33,6 +37,8 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "caesura"
 LOGINS = 64  # that are remembered; the oldest has to log in again
 WRONG_S = 1.0  # after a wrong password its address waits so long
+WRONG_AT_ONCE = 100  # wrong passwords of all addresses that are compared
+WRONG_PER_S = 4.0  # and how soon further ones may be
 PEERS = 1024  # addresses that wait; beyond, the one whose wait ends first is forgotten
 IPV6_PREFIX = 64  # what one network gives to one subscriber counts as one address
 FORM_BYTES = 4096
@@ -55,15 +61,24 @@ input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-
 
 
 class Attempts:
-    """Which addresses wait after a wrong password, at most PEERS. clock: [s]."""
+    """Which addresses wait after a wrong password, at most PEERS. clock: [s].
+
+    An address waits WRONG_S after a wrong one of its own. Of all addresses WRONG_AT_ONCE wrong ones are
+    compared at once, then WRONG_PER_S. Beyond, all wait but this machine and who has logged in before.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._until: dict[str, float] = {}  # the earliest first, because every wait is equally long
+        self._known: deque[str] = deque(maxlen=LOGINS)
+        self._wrong = 0.0  # that count, at
+        self._counted = clock()
 
     def wait_s(self, peer: str) -> float:
         """How long the address has to wait [s]; 0 where it does not."""
-        return max(0.0, self._until.get(peer, 0.0) - self._clock())
+        own = max(0.0, self._until.get(peer, 0.0) - self._clock())
+        is_known = peer in LOOPBACK or peer in self._known
+        return own if is_known else max(own, self._wait_of_all_s())
 
     def wrong(self, peer: str) -> None:
         """The address gave a wrong password."""
@@ -71,15 +86,34 @@ class Attempts:
         self._until[peer] = self._clock() + WRONG_S
         while len(self._until) > PEERS:
             del self._until[next(iter(self._until))]
+        self._wrong = self._still_counted() + 1.0
+        self._counted = self._clock()
+
+    def right(self, peer: str) -> None:
+        """The address gave the right one."""
+        if peer not in self._known:
+            self._known.append(peer)
+
+    def _still_counted(self) -> float:
+        return max(0.0, self._wrong - WRONG_PER_S * (self._clock() - self._counted))
+
+    def _wait_of_all_s(self) -> float:
+        return max(0.0, self._still_counted() - (WRONG_AT_ONCE - 1)) / WRONG_PER_S
 
 
 class AccessMiddleware:
-    """ASGI middleware. names: hosts it may be asked as, None for any; password: None for none."""
+    """ASGI middleware. names: hosts it may be asked as, None for any; password: None for none.
 
-    def __init__(self, app: App, *, names: Iterable[str] | None, password: str | None) -> None:
+    proxies: those whose word on who asks is taken.
+    """
+
+    def __init__(
+        self, app: App, *, names: Iterable[str] | None, password: str | None, proxies: Proxies | None = None
+    ) -> None:
         self._app = app
         self._names = None if names is None else frozenset(name.lower() for name in names)
         self._password = password
+        self._proxies = proxies or Proxies()
         self._logins: deque[str] = deque(maxlen=LOGINS)
         self._attempts = Attempts()
 
@@ -88,6 +122,7 @@ class AccessMiddleware:
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
+        scope = self._proxies.visited(scope)
         headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
         try:
             why = self._refused(scope, headers)
@@ -122,13 +157,15 @@ class AccessMiddleware:
         peer = _peer(scope)
         wait_s = self._attempts.wait_s(peer)
         if wait_s:
-            said, again = "That was not the password. Wait a second.", f"{math.ceil(wait_s)}".encode()
+            said = f"A wrong password was given. Wait {math.ceil(wait_s)} s, then try again."
+            again = f"{math.ceil(wait_s)}".encode()
             await _answer(scope, send, 429, _LOGIN.format(said=said), (b"retry-after", again), html=True)
             return
         if not hmac.compare_digest(given.encode(), (self._password or "").encode()):
             self._attempts.wrong(peer)
             await _answer(scope, send, 401, _LOGIN.format(said="That is not the password."), html=True)
             return
+        self._attempts.right(peer)
         token = secrets.token_urlsafe(32)
         self._logins.append(token)
         cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/".encode()
@@ -136,13 +173,12 @@ class AccessMiddleware:
 
 
 def _peer(scope: Scope) -> str:
-    """The address that asks, without its port; of IPv6 its network. A proxy on this machine names it."""
+    """The address that asks, without its port; of IPv6 its network."""
     host = (scope.get("client") or ("",))[0]
-    try:
-        address = ipaddress.ip_address(host.partition("%")[0])
-    except ValueError:
+    address = address_of(host)
+    if address is None:
         return str(host)
-    if address.version == 4:
+    if address.version == 4 or address.is_loopback:
         return str(address)
     return str(ipaddress.ip_network((address, IPV6_PREFIX), strict=False))
 

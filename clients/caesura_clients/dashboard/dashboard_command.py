@@ -23,6 +23,10 @@ def dashboard(
     name: Annotated[
         list[str] | None, typer.Option(help="Host that a reverse proxy asks for; may be repeated.")
     ] = None,
+    proxy: Annotated[
+        list[str] | None,
+        typer.Option(help="Address or network of a reverse proxy that says who asks; may be repeated."),
+    ] = None,
     password_file: Annotated[
         Path | None,
         typer.Option(help="First line: the password to log in with.", exists=True, dir_okay=False),
@@ -47,12 +51,13 @@ def dashboard(
     from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
+    from caesura_clients.dashboard.proxies import Proxies  # noqa: PLC0415
     from caesura_clients.dashboard.recordings import RecordingDesk  # noqa: PLC0415
     from caesura_clients.dashboard.server import Address, check_free, serve  # noqa: PLC0415
     from caesura_clients.dashboard.simulation import Simulator  # noqa: PLC0415
 
     with reported():
-        address = Address(host, port, tuple(name or ()), _password(password_file))
+        address = Address(host, port, tuple(name or ()), _password(password_file), Proxies(proxy or ()))
         if not address.is_local and address.password is None and not insecure:
             raise CaesuraError(
                 f"--host {host}: other machines reach it, and any visitor could correct programs; add "

@@ -6,7 +6,7 @@ import asyncio
 import socket
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 from fastapi import HTTPException, Request, Response
@@ -23,6 +23,7 @@ from caesura_clients.dashboard.pages import lists, missing, overview, recordings
 from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
+from caesura_clients.dashboard.proxies import Proxies
 from caesura_clients.dashboard.signals import as_bytes
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
@@ -46,12 +47,17 @@ FAVICON = (
 
 @dataclass(frozen=True)
 class Address:
-    """Where it listens, and who may ask. names: further hosts that it is known as, by a proxy for example."""
+    """Where it listens, and who may ask.
+
+    names: further hosts that it is known as, by a proxy for example.
+    proxies: those whose word on who asks is taken.
+    """
 
     host: str = "127.0.0.1"
     port: int = 8080
     names: tuple[str, ...] = ()
     password: str | None = None
+    proxies: Proxies = field(default_factory=Proxies)
 
     @property
     def is_local(self) -> bool:
@@ -90,7 +96,9 @@ def serve(site: Site, address: Address) -> None:
 def run(address: Address) -> None:
     """Serve the pages that are declared, behind the guard, until the process is asked to end."""
     app.add_middleware(FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"))
-    app.add_middleware(AccessMiddleware, names=address.known_as, password=address.password)
+    app.add_middleware(
+        AccessMiddleware, names=address.known_as, password=address.password, proxies=address.proxies
+    )
     app.on_startup(lambda: setattr(core.sio.eio, "ping_timeout", STALL_S))
     app.on_startup(lambda: background_tasks.create(_announce(address), name="announce"))
     ui.run(
@@ -107,6 +115,7 @@ def run(address: Address) -> None:
         gzip_middleware_factory=None,  # see FileCompression
         message_history_length=0,
         reconnect_timeout=5.0,
+        proxy_headers=False,  # uvicorn believes whoever is on this machine: see Proxies
     )
 
 

@@ -168,7 +168,7 @@ def behind(proxies, *, names=None):
 
 
 @pytest.mark.parametrize("peer", ["127.0.0.1", PROXY, "192.0.2.7"])
-def test_nobody_is_believed_about_addresses_unless_the_operator_has_named_the_proxy(patient, peer):
+def test_forwarded_addresses_are_ignored_unless_the_operator_has_named_the_proxy(patient, peer):
     found = [log_in(patient, "wrong", peer, **{"x-forwarded-for": f"10.0.0.{n}"}) for n in range(10)]
     assert found == [401] + 9 * [429]
 
@@ -226,7 +226,7 @@ def test_several_headers_are_one_list():
         ("http", "x", "http"),
     ],
 )
-def test_the_proxy_tells_whether_the_visitor_used_tls(kind, said, scheme):
+def test_the_scheme_of_the_visitor_is_taken_from_a_named_proxy(kind, said, scheme):
     plain = {"http": "http", "websocket": "ws"}[kind]
     scope = {"type": kind, "scheme": plain, "headers": [(b"x-forwarded-proto", said.encode())]}
     assert Proxies([PROXY]).visited({**scope, "client": (PROXY, 1)})["scheme"] == scheme
@@ -254,13 +254,13 @@ def test_wrong_passwords_of_many_addresses_have_a_limit(patient):
     assert found.count(401) == 10 * access.WRONG_PER_S
 
 
-def test_forty_wrong_passwords_of_forty_addresses_delay_nobody(patient):
+def test_forty_wrong_passwords_of_forty_addresses_do_not_delay_the_right_one(patient):
     assert [log_in(patient, "wrong", peer) for peer in addresses(40)] == 40 * [401]
     assert log_in(patient, "correct+horse", "192.0.2.8") == 303
 
 
 @pytest.mark.parametrize("peer", ["192.0.2.8", "2001:db8::8", "127.0.0.1", "::1", "::ffff:127.0.0.1"])
-def test_whoever_has_logged_in_before_and_this_machine_do_not_wait_for_others(patient, peer):
+def test_addresses_that_have_logged_in_and_this_machine_do_not_wait_for_others(patient, peer):
     for known in ("192.0.2.8", "2001:db8::8"):
         assert log_in(patient, "correct+horse", known) == 303
     assert {log_in(patient, "wrong", address) for address in addresses(300)} == {401, 429}

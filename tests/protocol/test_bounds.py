@@ -167,7 +167,7 @@ def test_a_long_value_of_any_type_is_cut_before_it_is_written_out():
 @pytest.mark.parametrize(
     "place", [lambda one: one, lambda one: [one], lambda one: {"a": one}, lambda one: {one}]
 )
-def test_an_integer_that_nobody_could_write_out_is_named_by_its_length(place):
+def test_an_integer_that_is_too_long_to_write_out_is_named_by_its_length(place):
     error = ProtocolError("malformed", "no", value=place(1 << 100_000))
     assert "an integer of 100001 bits" in str(error)
     encode_error(error)

@@ -1,8 +1,8 @@
 """Which address asks, where reverse proxies stand in front.
 
-Anybody can write `X-Forwarded-For`. What it says counts only where the operator has named the proxies by
-address or network, and then from the right: each proxy appends whom it heard from, so the last entry that is
-none of them is the visitor, and all before it may be made up.
+Every client can write `X-Forwarded-For`. The header counts only where the operator has named the proxies by
+address or network, and then from the right: each proxy appends the address that connected to it. So the last
+entry that is none of them is the visitor, and all before it may be made up.
 """
 
 from __future__ import annotations

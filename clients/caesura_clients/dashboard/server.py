@@ -115,7 +115,7 @@ def run(address: Address) -> None:
         gzip_middleware_factory=None,  # see FileCompression
         message_history_length=0,
         reconnect_timeout=5.0,
-        proxy_headers=False,  # uvicorn believes whoever is on this machine: see Proxies
+        proxy_headers=False,  # uvicorn trusts all of this machine: see Proxies
     )
 
 

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# systemd-analyze verify of the units, in a temporary root with what they start; skipped where it is missing.
+# systemd-analyze verify of the units, in a temporary root with what they start, and systemd-analyze security against
+# the exposure that each has; skipped where it is missing.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 if ! command -v systemd-analyze >/dev/null; then
-  echo "skipped: systemd-analyze is not on this machine, the units of deploy/systemd were not verified" >&2
+  echo "skipped: systemd-analyze is not on this machine: units of deploy/systemd not verified, exposure not judged" >&2
   exit 0
 fi
 root=$(mktemp -d)
@@ -26,3 +27,20 @@ if ours=$(grep -E 'caesura' <<<"$complaints"); then
   echo "$ours" >&2
   exit 1
 fi
+
+# Tenths: 15 is 1.5 of 10. A bridge may use devices and realtime priorities.
+if ! systemd-analyze security --help | grep -q -- --threshold; then
+  echo "skipped: this systemd-analyze has no --threshold (systemd 250), the units' exposure was not judged" >&2
+  exit 0
+fi
+judge() {
+  local unit=$1 most=$2 said
+  if ! said=$(systemd-analyze security --offline=true --no-pager --threshold="$most" "$unit" 2>&1); then
+    grep -E '✗|Overall' <<<"$said" >&2 || echo "$said" >&2
+    echo "$unit: exposed more than $most tenths" >&2
+    exit 1
+  fi
+}
+judge "$units/caesura.service" 15
+judge "$units/caesura-dashboard.service" 15
+judge "$units/caesura-bridge@cell-1.service" 19

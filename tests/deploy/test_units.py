@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -41,3 +43,17 @@ def test_files_of_a_unit_are_closed_to_other_users(name):
     assert found["UMask"] == "0077"
     assert found.get("StateDirectoryMode", "0700") == "0700"
     assert ("StateDirectory" in found) == ("StateDirectoryMode" in found)
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze")
+def test_a_unit_that_is_more_exposed_is_found(tmp_path):
+    copied = tmp_path / "copy"
+    shutil.copytree(UNITS, copied / "deploy" / "systemd")
+    shutil.copytree(ROOT / "scripts", copied / "scripts", ignore=shutil.ignore_patterns("__pycache__"))
+    command = [str(copied / "scripts" / "lint_units.sh")]
+    assert subprocess.run(command, capture_output=True, text=True, check=False).returncode == 0
+    unit = copied / "deploy" / "systemd" / "caesura-bridge@.service"
+    unit.write_text(unit.read_text().replace("DynamicUser=yes", "User=root"))
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "exposed more than" in done.stderr

@@ -49,7 +49,7 @@ bench: $(TESTED)
 	$(BIN)/python tests/bench/service_load.py --instances 2
 
 faults: $(TESTED)
-	scripts/debian.sh faketime
+	scripts/debian.sh faketime gcc
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)
 
 mutations: $(TESTED)

@@ -4,7 +4,7 @@ A byte can be an item of msgpack, and an item an object and a validation error: 
 holds the interpreter for seconds and takes a gigabyte. So what a station can send has few items, and they are
 counted first, without unpacking them. Bytes that are not binary are few as well, because one wide character
 makes a text four times as long. Refusing such a message takes less than a millisecond and less than a
-megabyte beside the payload, whatever it holds (`tests/bench/refusal_cost.py`).
+megabyte beside the payload, for all that `tests/bench/refusal_cost.py` puts into it.
 
 Results may be as long as a demonstration. They are unpacked once all of their bytes are known to be there,
 because an array is allocated as its header claims; they hold no more containers than a sound one of their

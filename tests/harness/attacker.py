@@ -2,14 +2,17 @@
 
 `dense`: batches of 1000 samples that span a minute each, as fast as they go. `edits`: a session of an hour,
 and 200 edits of it a second, each with the revision that the one before it will have made. Prints `ready` as
-soon as its session is there; the attack lasts until it is killed.
+soon as its session is there; the attack lasts until it is ended, and it prints what it has counted then.
 """
 
 from __future__ import annotations
 
+import json
+import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -29,7 +32,7 @@ from caesura_protocol.messages import (
 )
 from harness.demonstrations import taught
 from harness.peer import Peer
-from harness.processes import Process
+from harness.processes import DEADLINE_S, Process
 
 STATION, SESSION = "hostile", "attack"
 EVERY_S = 0.059  # from one sample to the next: a batch spans a minute
@@ -39,13 +42,21 @@ PATIENCE_S = 60.0
 
 
 class Attacker(Process):
-    """The same, as a process to be started and killed."""
+    """The same, as a process to be started and ended."""
 
     def __init__(self, how: str, endpoint: str) -> None:
         super().__init__([sys.executable, "-m", "harness.attacker", how, endpoint])
 
+    def report(self) -> Counter[str]:
+        """End it; how much it did. Empty where it had ended before."""
+        assert self._process is not None
+        was_alive = self._process.poll() is None
+        self._process.terminate()
+        said, _ = self._process.communicate(timeout=DEADLINE_S)
+        return Counter(json.loads(said.splitlines()[-1])) if was_alive and said else Counter()
 
-def dense(peer: Peer) -> None:
+
+def dense(peer: Peer, done: Counter[str]) -> None:
     """Batches whose every sample is an observation and more."""
     columns, rng = ("t", "px", "py", "pz"), np.random.default_rng(0)
     t = EVERY_S * np.arange(MAX_BATCH_SAMPLES)
@@ -70,6 +81,7 @@ def dense(peer: Peer) -> None:
         payload, encoding = encode(batch(seq))
         peer.network.put(station_key(STATION, "samples"), payload, encoding=encoding)
         seq += 1
+        done["put"] = seq
         time.sleep(0.001)
 
 
@@ -82,7 +94,7 @@ def replay(query: zenoh.Query, batch: Callable[[int], SampleBatch]) -> None:
             query.reply(station_key(STATION, "replay"), payload, encoding=encoding)
 
 
-def edits(peer: Peer) -> None:
+def edits(peer: Peer, done: Counter[str]) -> None:
     """An hour is taught, in batches of a minute, and edited."""
     whole = taught(9, HOUR_S)
     columns = whole.columns
@@ -94,7 +106,7 @@ def edits(peer: Peer) -> None:
         peer.send(pack_samples(part, columns, session=SESSION, epoch=0, seq=seq), STATION)
     until_accepted(lambda: all_taken(peer.command(opening, STATION), len(parts)))
     print("ready", flush=True)
-    storm = Storm(peer)
+    storm = Storm(peer, done)
     began, made = time.monotonic(), 0
     while True:
         storm.edit()
@@ -123,8 +135,9 @@ def until_accepted(ask: Callable[[], object]) -> None:
 class Storm:
     """Edits that do not wait for an answer."""
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, done: Counter[str]) -> None:
         self._peer = peer
+        self._done = done
         self._revision = 0  # that the next edit will find, if all before it are carried out
         self._lock = threading.Lock()
 
@@ -132,6 +145,7 @@ class Storm:
         """One more."""
         with self._lock:
             revision, self._revision = self._revision, self._revision + 1
+            self._done["put"] += 1
         action = Insert(t=HOUR_S / 2 + 0.3 * (revision % 100))
         command = Edit(session=SESSION, revision=revision, author="attacker", action=action)
         payload, encoding = encode(Control(command=command))
@@ -147,12 +161,15 @@ class Storm:
         """A refusal tells which revision there is."""
         if reply.ok is not None:
             decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), Ack)
+            with self._lock:
+                self._done["accepted"] += 1
             return
         try:
             refusal = decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))
         except ProtocolError:
             return
         with self._lock:
+            self._done[refusal.code] += 1
             if refusal.code == "conflict" and isinstance(refusal.limit, int):
                 self._revision = refusal.limit
             elif refusal.code == "overloaded":
@@ -164,8 +181,13 @@ WAYS = {"dense": dense, "edits": edits}
 
 def main() -> None:
     how, endpoint = sys.argv[1:]
-    with Peer(endpoint) as peer:
-        WAYS[how](peer)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    done = Counter[str]()
+    try:
+        with Peer(endpoint) as peer:
+            WAYS[how](peer, done)
+    finally:
+        print(json.dumps(done), flush=True)
 
 
 if __name__ == "__main__":

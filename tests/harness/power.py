@@ -9,6 +9,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).with_name("synced.c")
 COMPILER = shutil.which("gcc") or shutil.which("cc")
+NO_COMPILER = "not run: there is no C compiler (scripts/debian.sh gcc)"
 
 
 class Power:

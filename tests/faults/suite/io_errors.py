@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from faults.suite.outcome import Row
-from harness.power import COMPILER, build, environment
+from harness.power import COMPILER, NO_COMPILER, build, environment
 
 SOURCE = Path(__file__).parents[2] / "harness" / "failing.c"
 MEMORY = Path("/dev/shm")  # a disk would be synced some ten thousand times
@@ -23,7 +23,7 @@ DEADLINE_S = 600.0
 def io_errors(directory: Path, stride: int = 1) -> Row:
     """stride: fail only every so many-th call."""
     if COMPILER is None:
-        return Row(0, 0, 0, 0, "–", None, "not run: there is no C compiler", met=True)
+        return Row(0, 0, 0, 0, "–", None, NO_COMPILER, met=False)
     library = directory / "failing.so"
     build(SOURCE, library)
     where = MEMORY if os.access(MEMORY, os.W_OK) else directory

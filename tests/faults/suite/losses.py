@@ -19,7 +19,7 @@ from caesura_protocol.messages import Ack, Edit, Insert, Open
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import CONNECT_S, SESSION, SETTINGS, STATIONS, Station, demonstration, reached
-from harness.power import COMPILER, Power
+from harness.power import COMPILER, NO_COMPILER, Power
 from harness.processes import Service, eventually
 
 LOSSES = 10
@@ -82,7 +82,7 @@ class Ledger:
 def power_loss(directory: Path, scale: Scale | None = None, losses: int = LOSSES) -> Row:
     """At a random moment of each part of the demonstrations."""
     if COMPILER is None:
-        return Row(0, 0, 0, 0, "–", None, "not run: there is no C compiler", met=True)
+        return Row(0, 0, 0, 0, "–", None, NO_COMPILER, met=False)
     scale = scale or Scale(FULL.stations, FULL.seconds, PACE)
     rng = random.Random(SEED)
     power, ledger = Power(directory / "journal", directory), Ledger()

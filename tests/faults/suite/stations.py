@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_clients.bridge.sources import Chunk
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.query import snapshot
 from caesura_protocol.codec import decode, unpack_samples
@@ -47,6 +48,18 @@ class LiveRobot(FileSource):
 
     can_wait = False
 
+    def __init__(self, recording: Recording, *, pace: float) -> None:
+        super().__init__(recording, pace=pace)
+        self.given: list[
+            tuple[float, float]
+        ] = []  # monotonic [s], time of the last sample [s], of each chunk
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Note when each is given."""
+        for chunk in super().chunks():
+            self.given.append((time.monotonic(), float(chunk[-1, 0])))
+            yield chunk
+
 
 @cache
 def demonstration(number: int, seconds: float = SECONDS) -> Recording:
@@ -72,6 +85,7 @@ class Station:
     seconds: float
     bridge: Bridge | None  # None: in another process
     end: Future[Ack]
+    robot: LiveRobot | None = None  # likewise
 
     @property
     def name(self) -> str:
@@ -155,7 +169,7 @@ def teaching(
             bridge = Bridge(transport, station_name(number), source, session=SESSION, settings=settings)
             stack.enter_context(bridge)
             bridge.wait_open(CONNECT_S)
-            stations.append(Station(number, seconds, bridge, pool.submit(bridge.run)))
+            stations.append(Station(number, seconds, bridge, pool.submit(bridge.run), source))
         yield stations
 
 

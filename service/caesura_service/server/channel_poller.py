@@ -114,7 +114,7 @@ def _received(channel: Channel[Received]) -> list[Received]:
 
 
 def _wait_s(most: int, idle_polls: int) -> float:
-    """Return how long [s] to wait after a poll: not at all in a flood, which would fill the channel meanwhile."""
+    """Return how long [s] to wait after a poll: not at all in a flood, which would fill the channel."""
     if most >= FLOOD:
         return 0.0
     return POLL_S if idle_polls < IDLE_AFTER else IDLE_POLL_S

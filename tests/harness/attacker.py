@@ -1,8 +1,10 @@
 """A station that does as much as it can, in a process of its own: `python -m harness.attacker HOW ENDPOINT`.
 
 `dense`: batches of 1000 samples that span a minute each, as fast as they go. `edits`: a session of an hour,
-and 200 edits of it a second, each with the revision that the one before it will have made. Prints `ready` as
-soon as its session is there; the attack lasts until it is ended, and it prints what it has counted then.
+and 200 edits of it a second, each with the revision that the one before it will have made. `queries`: such a
+session, and 1900 queries for its program a second. `tokens`: its token is declared and undeclared as fast as
+it goes. Prints `ready` as soon as its session is there; the attack lasts until it is ended, and it prints
+what it has counted then.
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ STATION, SESSION = "hostile", "attack"
 EVERY_S = 0.059  # from one sample to the next: a batch spans a minute
 HOUR_S = 3420.0
 EDITS_PER_S = 200.0
+QUERIES_PER_S = 1900.0
 PATIENCE_S = 60.0
 
 
@@ -94,8 +97,8 @@ def replay(query: zenoh.Query, batch: Callable[[int], SampleBatch]) -> None:
             query.reply(station_key(STATION, "replay"), payload, encoding=encoding)
 
 
-def edits(peer: Peer, done: Counter[str]) -> None:
-    """An hour is taught, in batches of a minute, and edited."""
+def hour(peer: Peer) -> None:
+    """An hour is taught, in batches of a minute."""
     whole = taught(9, HOUR_S)
     columns = whole.columns
     rows = whole.matrix()[:: round(EVERY_S * 200.0)]
@@ -106,12 +109,44 @@ def edits(peer: Peer, done: Counter[str]) -> None:
         peer.send(pack_samples(part, columns, session=SESSION, epoch=0, seq=seq), STATION)
     until_accepted(lambda: all_taken(peer.command(opening, STATION), len(parts)))
     print("ready", flush=True)
-    storm = Storm(peer, done)
+
+
+def again_and_again(act: Callable[[], object], per_s: float) -> None:
+    """Never returns."""
     began, made = time.monotonic(), 0
     while True:
-        storm.edit()
+        act()
         made += 1
-        time.sleep(max(0.0, began + made / EDITS_PER_S - time.monotonic()))
+        time.sleep(max(0.0, began + made / per_s - time.monotonic()))
+
+
+def edits(peer: Peer, done: Counter[str]) -> None:
+    """An hour is edited."""
+    hour(peer)
+    again_and_again(Storm(peer, done).edit, EDITS_PER_S)
+
+
+def queries(peer: Peer, done: Counter[str]) -> None:
+    """The program of an hour is asked for. A query that ends without an answer counts as put alone."""
+    hour(peer)
+    key = station_key(STATION, "program")
+
+    def count(reply: zenoh.Reply) -> None:
+        done["answered" if reply.ok is not None else "refused"] += 1
+
+    def ask() -> None:
+        done["put"] += 1
+        peer.network.get(key, zenoh.handlers.Callback(count, indirect=False), timeout=PATIENCE_S)
+
+    again_and_again(ask, QUERIES_PER_S)
+
+
+def tokens(peer: Peer, done: Counter[str]) -> None:
+    """Its token comes and goes."""
+    print("ready", flush=True)
+    while True:
+        peer.network.liveliness().declare_token(station_key(STATION, "alive")).undeclare()
+        done["put"] += 1
 
 
 def all_taken(ack: Ack, batches: int) -> None:
@@ -176,7 +211,7 @@ class Storm:
                 self._revision -= 1
 
 
-WAYS = {"dense": dense, "edits": edits}
+WAYS = {"dense": dense, "edits": edits, "queries": queries, "tokens": tokens}
 
 
 def main() -> None:

@@ -51,6 +51,7 @@ from caesura_protocol.messages import (
     WrenchReport,
 )
 from caesura_service.publishing.session_state import SessionCounters
+from caesura_service.server.budgets import USES
 from harness.heavy import (
     BOUNDED,
     FILLINGS,
@@ -294,7 +295,7 @@ def test_an_array_is_not_allocated_on_the_word_of_its_header(header, size):
 
 def test_a_status_that_lists_as_many_stations_as_it_may_is_read():
     most = Budget(per_s=5000.5, at_once=1e4, used=9999.99, refused=1 << 52)
-    uses = dict.fromkeys(("work", "messages", "bytes", "commands", "previews"), most)
+    uses = dict.fromkeys(USES, most)
     budgets = tuple(StationBudgets(station=f"{n:0>64}", **uses) for n in range(MAX_BUDGETS))
     status = SERVICE.model_copy(update={"budgets": budgets, "refused": dict.fromkeys(ERROR_CODES, 1)})
     assert decode(*encode(status), ServiceStatus) == status

@@ -67,6 +67,8 @@ class StationBudgets(Message):
     bytes: Budget  # of these
     commands: Budget
     previews: Budget | None = None  # [s] of the worker's time, not among `work`; None: an older service
+    queries: Budget | None = None  # for its sessions and its program, of any reader; None: an older service
+    tokens: Budget | None = None  # changes of its liveliness token; None: an older service
 
 
 class SessionStatus(Result):

@@ -15,6 +15,10 @@ class SessionIndex:
 
     sessions: Mapping[str, tuple[Session, ...]]  # by station, newest last
 
+    def of_station(self, station: str) -> SessionIndex:
+        """Return the index of one station's sessions alone."""
+        return SessionIndex({station: held} if (held := self.sessions.get(station)) else {})
+
     def all_states(self) -> tuple[SessionState, ...]:
         """Return the state of every session."""
         return tuple(session.state for sessions in self.sessions.values() for session in sessions)

@@ -1,9 +1,9 @@
 """Budgets of each station: what it may use of an instance, what it used, and the refusals that follow.
 
-Work, which is the worker's time, messages and bytes that a station puts, commands, and the work on previews
-have a budget each; the rates are in `rates`. Previews are questions of readers: their work is not charged to
-the station's samples and commands. Stations are distinguished by name; keys that name no station count as
-one. Any thread may ask.
+Work, which is the worker's time, messages and bytes that a station puts, commands, the work on previews,
+queries and changes of the token have a budget each; the rates are in `rates`. Previews and queries are
+questions of readers: they are not charged to the station's samples and commands. Stations are distinguished
+by name; keys that name no station count as one. Any thread may ask.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from caesura_protocol.messages import MAX_BUDGETS, Budget, StationBudgets
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.token_bucket import SENDERS, Rate, RateLimit
 
-Use = Literal["work", "messages", "bytes", "commands", "previews"]
+Use = Literal["work", "messages", "bytes", "commands", "previews", "queries", "tokens"]
 USES: tuple[Use, ...] = get_args(Use)
 UNITS: dict[Use, str] = {
     "work": "s of the worker's time",
@@ -28,6 +28,8 @@ UNITS: dict[Use, str] = {
     "bytes": "bytes",
     "commands": "commands",
     "previews": "s of the worker's time",
+    "queries": "queries",
+    "tokens": "changes of the token",
 }
 CACHE_S = 0.25  # how long the list of stations is cached
 FULL = 1.0
@@ -39,15 +41,19 @@ class Budgets:
     def __init__(self, rates: RateLimits, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._put = RateLimit(rates.samples, rates.bytes, clock=clock)
-        self._commands = RateLimit(rates.commands, clock=clock)
-        self._work = RateLimit(rates.work, clock=clock)
-        self._previews = RateLimit(rates.previews, clock=clock)
         self._rates: dict[Use, Rate] = {
             "work": rates.work,
             "messages": rates.samples,
             "bytes": rates.bytes,
             "commands": rates.commands,
             "previews": rates.previews,
+            "queries": rates.queries,
+            "tokens": rates.tokens,
+        }
+        self._limits = {
+            use: RateLimit(rate, clock=clock)
+            for use, rate in self._rates.items()
+            if use not in {"messages", "bytes"}
         }
         self._refused: dict[str, dict[Use, int]] = {}  # the last refused station is last
         self._busiest: tuple[StationBudgets, ...] = ()
@@ -61,15 +67,29 @@ class Budgets:
             return self._count_and_explain(station, ("messages", "bytes")[lacking], messages)
         return self.reject_work(station, messages)
 
-    def count_unread(self, station: str, use: Use, count: int) -> None:
-        """Count messages or commands that are dropped unread, after one was refused."""
+    def count_refused(self, station: str, use: Use, count: int = 1) -> None:
+        """Count what is held back without a look at the budget, such as what is dropped unread."""
         self._count(station, use, count)
 
     def reject_command(self, station: str) -> ProtocolError | None:
         """Count a command; return why it is refused, or None."""
-        if not self._commands.allows(station):
+        if not self._limits["commands"].allows(station):
             return self._count_and_explain(station, "commands")
         return self.reject_work(station)
+
+    def reject_query(self, station: str) -> ProtocolError | None:
+        """Count a query for what a station has; return why it is refused, or None."""
+        return (
+            None if self._limits["queries"].allows(station) else self._count_and_explain(station, "queries")
+        )
+
+    def tokens_exhausted(self, station: str) -> bool:
+        """Return whether a change of a station's token has to wait; counts nothing."""
+        return self._limits["tokens"].is_spent(station)
+
+    def charge_token(self, station: str) -> None:
+        """Charge a station for a change of its token."""
+        self._limits["tokens"].charge(station, 1.0)
 
     def reject_work(self, station: str, messages: int = 1) -> ProtocolError | None:
         """Count messages that are refused because the work is used up; return why, or None."""
@@ -79,19 +99,20 @@ class Budgets:
 
     def work_exhausted(self, station: str) -> ProtocolError | None:
         """Return why a message that causes work is refused now, or None; counts nothing."""
-        return self._error(station, "work") if self._work.is_spent(station) else None
+        return self._error(station, "work") if self._limits["work"].is_spent(station) else None
 
     def charge_work(self, station: str, seconds: float) -> None:
         """Charge a station for the worker's time [s]."""
-        self._work.charge(station, seconds)
+        self._limits["work"].charge(station, seconds)
 
     def reject_preview(self, station: str) -> ProtocolError | None:
         """Count a preview that is refused because its budget is used up; return why, or None."""
-        return self._count_and_explain(station, "previews") if self._previews.is_spent(station) else None
+        spent = self._limits["previews"].is_spent(station)
+        return self._count_and_explain(station, "previews") if spent else None
 
     def charge_preview(self, station: str, seconds: float) -> None:
         """Charge a station's budget of previews for the worker's time [s]."""
-        self._previews.charge(station, seconds)
+        self._limits["previews"].charge(station, seconds)
 
     def budgets_of(self, station: str) -> StationBudgets:
         """Return the budgets of one station, as of now."""
@@ -108,7 +129,7 @@ class Budgets:
         """Return the at most MAX_BUDGETS stations nearest to a limit or with refusals; cached for CACHE_S."""
         now = self._clock()
         if now >= self._busiest_until_s:
-            limits = self._put, self._commands, self._work, self._previews
+            limits = self._put, *self._limits.values()
             known = {name for limit in limits for name in limit.senders()}
             with self._lock:
                 known |= self._refused.keys()
@@ -119,15 +140,8 @@ class Budgets:
 
     def _used(self, station: str) -> dict[Use, float]:
         messages, size = self._put.used(station)
-        (commands,), (work,) = self._commands.used(station), self._work.used(station)
-        (previews,) = self._previews.used(station)
-        return {
-            "work": work,
-            "messages": messages,
-            "bytes": size,
-            "commands": commands,
-            "previews": previews,
-        }
+        single = {use: limit.used(station)[0] for use, limit in self._limits.items()}
+        return {**single, "messages": messages, "bytes": size}
 
     def _share(self, station: str) -> float:
         """Return the used share of the fullest budget; a station with refusals comes first."""
@@ -151,8 +165,9 @@ class Budgets:
         if used == 0.0:  # a name that finds no room among those with a budget of their own
             why = f"{SENDERS} other stations send: station {station} has to wait; try again"
             return ProtocolError("overloaded", why, value=station, limit=SENDERS)
+        sender = f"station {station}" if is_name(station) else "what names no station"
         why = (
-            f"station {station} has used up its budget of {use}: {used:.4g} of {at_once:g} "
+            f"{sender} has used up its budget of {use}: {used:.4g} of {at_once:g} "
             f"{UNITS[use]}, of which {per_s:g} come back every second; try again"
         )
         return ProtocolError("overloaded", why, value=float(f"{used:.4g}"), limit=at_once)

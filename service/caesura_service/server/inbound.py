@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, Self
 
 from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import parse_station_key, station_key
+from caesura_protocol.keys import ROOT, is_name, parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
@@ -18,6 +18,8 @@ from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.token_bucket import SENDERS
 
 UNKNOWN = "?"  # the station of keys that name none
+NETWORK = ""  # the lane of what no station causes: other instances, the own link
+STATUS = "/status"  # the lane of queries for the status of services; no station's name
 OCTETS = "application/octet-stream"
 MAX_TEXT = 500  # characters of a key or an encoding; those of Caesura are shorter
 
@@ -119,6 +121,11 @@ class LivelinessChanged:
     name: str
     alive: bool
 
+    @property
+    def lane(self) -> str:
+        """The lane in which it is enqueued: its station's, or that of the network."""
+        return self.name if self.kind == "station" else NETWORK
+
 
 @dataclass(frozen=True, slots=True)
 class RouterLinkChanged:
@@ -167,15 +174,30 @@ class SourceId(NamedTuple):
 def source_of_key(key: str) -> SourceId:
     """Return the source of messages on a key.
 
-    >>> sender_of("caesura/v1/station/cell-1/samples")
+    >>> source_of_key("caesura/v1/station/cell-1/samples")
     SourceId(source='caesura/v1/station/cell-1/samples', station='cell-1')
-    >>> sender_of("caesura/v1/station/../samples")
+    >>> source_of_key("caesura/v1/station/../samples")
     SourceId(source='?', station=None)
     """
     try:
         return SourceId(key, parse_station_key(key)[0])
     except ProtocolError:
         return SourceId(UNKNOWN, None)
+
+
+def lane_of_query(key: str) -> str:
+    """Return the lane of a query for what a station has; the key may hold wildcards.
+
+    >>> lane_of_query("caesura/v1/station/cell-1/program"), lane_of_query("caesura/v1/session/a/*/samples")
+    ('cell-1', 'a')
+    >>> lane_of_query("caesura/v1/session/*/s1/snapshot"), lane_of_query("caesura/v1/service/*/status")
+    ('?', '/status')
+    """
+    kind, _, rest = key.removeprefix(f"{ROOT}/").partition("/")
+    name = rest.partition("/")[0]
+    if kind == "service":
+        return STATUS
+    return name if kind in {"station", "session"} and is_name(name) else UNKNOWN
 
 
 def station_of(source: str) -> str:

@@ -1,18 +1,22 @@
-"""Liveliness tokens of services and stations, and the instance's own link to the router."""
+"""Liveliness tokens of services and stations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections import Counter
+from collections.abc import Sequence
+from itertools import islice
 from typing import NamedTuple
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_service_key, parse_station_key, service_key, station_key
 from caesura_protocol.transport.inbox import TokenChange
-from caesura_service.server.inbound import LivelinessChanged, RouterLinkChanged
-from caesura_service.server.transport import Network
+from caesura_service.server.budgets import Budgets
+from caesura_service.server.inbound import Arrival, LivelinessChanged
+from caesura_service.server.transport import TOKENS, Channel, Network
+from caesura_service.server.work_queue import WorkQueue
 
 SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
+HELD = 4096  # tokens whose last change waits
 
 
 class LiveTokens(NamedTuple):
@@ -32,27 +36,53 @@ def query_live_tokens(network: Network) -> LiveTokens:
     )
 
 
-def watch_tokens(
-    network: Network, report: Callable[[LivelinessChanged | RouterLinkChanged], object], *, client: bool
-) -> ExitStack:
-    """Report live peers, arrivals and departures, and for a client the loss and return of its router.
+class TokenChanges:
+    """Enqueues changes of tokens for the worker, those of a station in its lane and within its budget.
 
-    Close what is returned to end it.
+    Of a token that may not be enqueued yet the last change is held, and the ones before it are dropped.
     """
-    stack = ExitStack()
 
-    def report_token(change: TokenChange) -> None:
-        if (presence := _parse_token(*change)) is not None:
-            report(presence)
+    def __init__(self, queue: WorkQueue[Arrival], budgets: Budgets) -> None:
+        self._queue, self._budgets = queue, budgets
+        self._channels: dict[str, Channel[TokenChange]] = {}
+        self._held: dict[str, LivelinessChanged] = {}  # by key
 
-    def report_link(up: bool) -> None:
-        report(RouterLinkChanged(up))
+    def watch(self, network: Network, key: str) -> None:
+        """Watch the tokens of a key expression; those that are there come first. Any thread may call it."""
+        if key not in self._channels:
+            self._channels[key] = network.watch_liveliness(key)
 
-    if client:
-        stack.callback(network.watch_link(report_link).undeclare)
-    for key in (SERVICES, STATIONS):
-        stack.callback(network.watch_liveliness(key, report_token).undeclare)
-    return stack
+    def unwatch(self, key: str) -> None:
+        """End a watch, if there is one. Any thread may call it."""
+        if (channel := self._channels.pop(key, None)) is not None:
+            channel.undeclare()
+
+    def poll(self) -> None:
+        """Take what has come, and enqueue what the budgets have room for. One thread at a time calls it."""
+        for channel in tuple(self._channels.values()):
+            if changes := tuple(islice(iter(channel.try_recv, None), TOKENS)):
+                self._hold(changes)
+        if self._held:
+            self._held = {key: one for key, one in self._held.items() if not self._enqueue(one)}
+
+    def _hold(self, changes: Sequence[TokenChange]) -> None:
+        """Hold the last change of each token; count the others where the budget is used up."""
+        counts = Counter(change.key for change in changes)
+        for key, alive in dict(changes).items():
+            presence = _parse_token(key, alive)
+            if presence is None or (key not in self._held and len(self._held) >= HELD):
+                continue
+            overtaken = counts[key] - (key not in self._held)
+            if overtaken and self._budgets.tokens_exhausted(presence.lane):
+                self._budgets.count_refused(presence.lane, "tokens", overtaken)
+            self._held[key] = presence
+
+    def _enqueue(self, change: LivelinessChanged) -> bool:
+        if self._budgets.tokens_exhausted(change.lane) or not self._queue.put_command(change, change.lane):
+            return False
+        if change.kind == "station":
+            self._budgets.charge_token(change.name)
+        return True
 
 
 def _parse_token(key: str, alive: bool) -> LivelinessChanged | None:

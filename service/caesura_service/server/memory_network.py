@@ -16,7 +16,7 @@ from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork, MemoryTransport
 from caesura_protocol.transport.network import Priority
 from caesura_service.server.network import NetworkSettings
-from caesura_service.server.transport import Channel, Incoming
+from caesura_service.server.transport import TOKENS, Channel, Incoming
 
 Received = TypeVar("Received")
 
@@ -85,9 +85,10 @@ class MemorySession:
         """Declare a liveliness token."""
         return Declared(self._transport.declare_token(key))
 
-    def watch_liveliness(self, key: str, report: Callable[[TokenChange], None]) -> Declared:
-        """Report every token that is there, comes or goes."""
-        return Declared(self._transport.watch_liveliness(key, CallbackInbox(report)))
+    def watch_liveliness(self, key: str) -> Channel[TokenChange]:
+        """Receive every token that is there, comes or goes; where TOKENS wait, their senders wait too."""
+        channel: Queue[TokenChange] = Queue(TOKENS)
+        return MemoryChannel(channel, self._transport.watch_liveliness(key, CallbackInbox(channel.put)))
 
     def watch_link(self, report: Callable[[bool], None]) -> Declared:
         """Report nothing: there is no router."""

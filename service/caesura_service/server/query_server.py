@@ -2,7 +2,9 @@
 
 They are answered from immutable states in a thread of its own, so that queries never delay the work and a
 busy worker never delays an answer. One reply for each session or station that the query's key matches.
-Queries wait in a bounded queue; past it they are refused as `overloaded`.
+Queries wait in a queue as the worker has one: whose turn it is follows from the measured time of the answers,
+with a lane for each station that a key names, one for all keys that name none, and one for the status. A long
+answer stops after each reply. What finds no room in the queue is refused as `overloaded`.
 
 While a station, or the service, is overloaded its commands pass through here: what would open a new session
 is refused at once; every other command goes to the worker.
@@ -12,22 +14,25 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import (
     INFERRED_PROGRAM,
     StoredPage,
+    is_name,
     parse_station_key,
     parse_stored_parameters,
     service_key,
     session_key,
     station_key,
 )
-from caesura_protocol.messages import Control, Open, Program, ServiceStatus, Snapshot
+from caesura_protocol.messages import Control, Message, Open, Program, ServiceStatus, Snapshot
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
+from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.publishing.session_state import (
     SessionState,
     inferred_program_of,
@@ -51,11 +56,10 @@ from caesura_service.token_bucket import LOG_RATE, Rate, RateLimit
 
 logger = logging.getLogger(__name__)
 
-QUERIES = 256  # that may wait
+QUERIES = 1024  # that may wait; a quarter of them in one lane
 TICK_S = 0.1
-REFUSAL_RATE = Rate(
-    100.0, 200.0
-)  # of a station's commands that are refused with a reason; others end at once
+# Of a station's commands and queries that are refused with a reason; others end at once.
+REFUSAL_RATE = Rate(100.0, 200.0)
 
 
 class QueryServer(BackgroundThread):
@@ -67,15 +71,10 @@ class QueryServer(BackgroundThread):
         work: WorkQueue[Arrival],
         status: Callable[[], ServiceStatus],
         budgets: Budgets,
-        questions: Rate,
-        stored: Callable[[IncomingQuery, StoredPage], None],
+        stored: Callable[[IncomingQuery, str, StoredPage], bool],
     ) -> None:
-        """work: the worker's queue; questions: the rate of queries, of all readers together.
-
-        stored: takes a query for stored sessions.
-        """
+        """work: the worker's queue; stored: takes a query for stored sessions, with its lane."""
         self._stored = stored
-        self._query_rate = RateLimit(questions)
         self._log_rate = RateLimit(LOG_RATE)
         self._refusal_rate = RateLimit(REFUSAL_RATE)
         self.rejected_commands = 0  # commands that were refused because of an overload
@@ -83,33 +82,33 @@ class QueryServer(BackgroundThread):
         self._registry = registry
         self._work_queue, self._budgets = work, budgets
         self._status = status
-        self._queue: WorkQueue[tuple[Callable[[IncomingQuery], None], IncomingQuery]] = WorkQueue(
-            QueueSettings(capacity=QUERIES, shares=1)
+        self._queue: WorkQueue[tuple[IncomingQuery, Iterator[None]]] = WorkQueue(
+            QueueSettings(capacity=QUERIES)
         )
         super().__init__("caesura-answers", self._queue.wake)
 
-    def snapshot(self, query: IncomingQuery) -> None:
-        """Enqueue a query for sessions: those that are held, or a page of those that are stored."""
+    def snapshot(self, query: IncomingQuery, lane: str) -> bool:
+        """Enqueue a query for sessions: those that are held, or a page of those that are stored.
+
+        Returns False where too many of the lane wait, as `program` and `status` do.
+        """
         try:
             page = parse_stored_parameters(query.parameters)
         except ProtocolError as error:
             with query:
                 reply_error(query, error)
-            return
-        if page is None:
-            self._enqueue_query(self._answer_snapshot, query)
-        elif self._query_rate.allows("every reader"):
-            self._stored(query, page)
-        else:
-            _reply_overloaded(query, "too many questions a second", self._query_rate.rates[0].per_s)
+            return True
+        if page is not None:
+            return self._stored(query, lane, page)
+        return self._queue.offer((query, self._answer_snapshot(query, lane)), lane)
 
-    def program(self, query: IncomingQuery) -> None:
+    def program(self, query: IncomingQuery, lane: str) -> bool:
         """Enqueue a query for stations' programs."""
-        self._enqueue_query(self._answer_program, query)
+        return self._queue.offer((query, self._answer_program(query, lane)), lane)
 
-    def status(self, query: IncomingQuery) -> None:
+    def status(self, query: IncomingQuery, lane: str) -> bool:
         """Enqueue a query for the service's status."""
-        self._enqueue_query(self._answer_status, query)
+        return self._queue.offer((query, self._answer_status(query)), lane)
 
     def add_rejections(self, refused: Mapping[ErrorCode, int]) -> dict[ErrorCode, int]:
         """Return the refusals of the registry plus those of this server."""
@@ -122,57 +121,60 @@ class QueryServer(BackgroundThread):
         Returns False where the station has used up its budget and REFUSAL_RATE has no further answer for it.
         """
         station = source_of_key(query.key).station
-        if (refusal := self._budgets.reject_command(station or UNKNOWN)) is not None:
-            if not self._refusal_rate.allows(station or UNKNOWN):
-                self.count_rejected(1)
-                query.drop()
-                return False
-            self._reject_command(query, refusal)
-        elif station is not None and self._work_queue.is_overloaded(*sources_of(station)):
-            self._enqueue(self._admit_command, query)
-        else:
+        lane = station or UNKNOWN
+        if (refusal := self._budgets.reject_command(lane)) is not None:
+            self.count_rejected(1)
+            return self.refuse(query, lane, refusal)
+        if station is None or not self._work_queue.is_overloaded(*sources_of(station)):
             self._forward_command(CommandReceived(content_of_query(query), query))
+        elif not self._queue.offer((query, self._admit_command(query)), lane):
+            self._reject_command(query, too_many_waiting(lane))
         return True
+
+    def refuse(self, query: IncomingQuery, lane: str, refusal: ProtocolError) -> bool:
+        """End a query of a lane, within REFUSAL_RATE with the reason; return whether it was."""
+        is_explained = self._refusal_rate.allows(lane)
+        with query:
+            if is_explained:
+                reply_error(query, refusal)
+        return is_explained
 
     def count_rejected(self, count: int) -> None:
         """Count commands that were refused."""
         with self._counting:
             self.rejected_commands += count
 
-    def _enqueue_query(self, handle: Callable[[IncomingQuery], None], query: IncomingQuery) -> None:
-        if self._query_rate.allows("every reader"):  # a query does not name its client
-            self._enqueue(handle, query)
-        else:
-            _reply_overloaded(query, "too many questions a second", self._query_rate.rates[0].per_s)
-
-    def _enqueue(self, handle: Callable[[IncomingQuery], None], query: IncomingQuery) -> None:
-        if not self._queue.offer((handle, query), "queries"):
-            _reply_overloaded(query, "too many questions are waiting", self._queue.capacity)
-
     def _run(self) -> None:
         while not self._stopped.is_set():
             if (queued := self._queue.get(TICK_S)) is None:
                 continue
-            handle, query = queued
-            try:
-                handle(query)
-            except Exception:
-                if self._log_rate.allows("any"):
-                    logger.exception("a question was not answered")
-                query.drop()
+            began = time.perf_counter()
+            if self._has_more(*queued):
+                self._queue.put_back(queued)
+            self._queue.charge(time.perf_counter() - began)
 
-    def _admit_command(self, query: IncomingQuery) -> None:
+    def _has_more(self, query: IncomingQuery, answer: Iterator[None]) -> bool:
+        """Send some of an answer; return whether there is more of it."""
+        try:
+            next(answer)
+        except StopIteration:
+            return False
+        except Exception:
+            if self._log_rate.allows("any"):
+                logger.exception("a question was not answered")
+            query.drop()
+            return False
+        return True
+
+    def _admit_command(self, query: IncomingQuery) -> Iterator[None]:
         command = CommandReceived(content_of_query(query), query)
-        if not self._opens_new_session(command.content):
+        if self._opens_new_session(command.content):
+            why = "more arrives than can be done: no new sessions until that is over, try again"
+            fill, limit = round(self._work_queue.fill_ratio(), 2), self._work_queue.overloaded_at
+            self._reject_command(query, ProtocolError("overloaded", why, value=fill, limit=limit))
+        else:
             self._forward_command(command)
-            return
-        self.count_rejected(1)
-        why = "more arrives than can be done: no new sessions until that is over, try again"
-        with query:
-            fill = round(self._work_queue.fill_ratio(), 2)
-            reply_error(
-                query, ProtocolError("overloaded", why, value=fill, limit=self._work_queue.overloaded_at)
-            )
+        yield from ()
 
     def _opens_new_session(self, content: RawPayload) -> bool:
         """Whether the command opens a session that is not in memory; False where it cannot be read."""
@@ -198,13 +200,14 @@ class QueryServer(BackgroundThread):
         with query:
             reply_error(query, refusal)
 
-    def _answer_snapshot(self, query: IncomingQuery) -> None:
-        with query:
-            for state in self._registry.index.all_states():
-                key = session_key(state.station, state.session, "snapshot")
-                if query.matches(key):
-                    program = inferred_program_of(state) if query.parameters == INFERRED_PROGRAM else None
-                    reply_message(query, key, self._snapshot(state, program))
+    def _answer_snapshot(self, query: IncomingQuery, lane: str) -> Iterator[None]:
+        def snapshot(state: SessionState) -> Snapshot:
+            program = inferred_program_of(state) if query.parameters == INFERRED_PROGRAM else None
+            return self._snapshot(state, program)
+
+        states = self._index_of(lane).all_states()
+        keyed = ((session_key(one.station, one.session, "snapshot"), one) for one in states)
+        yield from _replies(query, keyed, snapshot)
 
     def _snapshot(self, state: SessionState, program: Program | None) -> Snapshot:
         snapshot = snapshot_of(state, program)
@@ -212,19 +215,36 @@ class QueryServer(BackgroundThread):
             update={"status": with_load(snapshot.status, self._work_queue, self._budgets)}
         )
 
-    def _answer_program(self, query: IncomingQuery) -> None:
-        with query:
-            for state in self._registry.index.newest_states():
-                key = station_key(state.station, "program")
-                if query.matches(key):
-                    reply_message(query, key, program_of(state))
+    def _answer_program(self, query: IncomingQuery, lane: str) -> Iterator[None]:
+        states = self._index_of(lane).newest_states()
+        yield from _replies(query, ((station_key(one.station, "program"), one) for one in states), program_of)
 
-    def _answer_status(self, query: IncomingQuery) -> None:
+    def _answer_status(self, query: IncomingQuery) -> Iterator[None]:
         with query:
             status = self._status()
             reply_message(query, service_key(status.instance, "status"), status)
+        yield from ()
+
+    def _index_of(self, lane: str) -> SessionIndex:
+        index = self._registry.index
+        return index if lane == UNKNOWN else index.of_station(lane)
 
 
-def _reply_overloaded(query: IncomingQuery, why: str, limit: float) -> None:
+def _replies(
+    query: IncomingQuery,
+    states: Iterable[tuple[str, SessionState]],
+    message_of: Callable[[SessionState], Message],
+) -> Iterator[None]:
+    """Reply with a message of each state whose key matches; stop after each one but the last."""
     with query:
-        reply_error(query, ProtocolError("overloaded", why, limit=limit))
+        found = [(key, state) for key, state in states if query.matches(key)]
+        for remaining, (key, state) in zip(reversed(range(len(found))), found, strict=True):
+            reply_message(query, key, message_of(state))
+            if remaining:
+                yield
+
+
+def too_many_waiting(lane: str) -> ProtocolError:
+    """Return the refusal of a query for which its lane has no room."""
+    sender = lane if is_name(lane) else "what names no station"
+    return ProtocolError("overloaded", f"too many queries of {sender} are waiting: try again")

@@ -7,7 +7,7 @@ as fast as flow control lets it sends a window of 64 every 20 ms, 3200 (measured
 service asks for, do not count. Work: a robot of 1 kHz takes a fiftieth of the worker's time, an hour of a
 recording that is sent as fast as it goes twenty seconds of it, an edit of an hour a second or two; here
 replays and edits count. Commands: a bridge that is held up asks 50 times a second. Questions: 1000 readers
-who ask for everything twice a second.
+who ask for everything twice a second. Tokens: a link that is lost and restored every second.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from caesura_service.token_bucket import Rate
 SAMPLE_RATE = Rate(5000.0, 10_000.0)  # messages of a station
 BYTE_RATE = Rate(16e6, 32e6)  # bytes of them
 COMMAND_RATE = Rate(500.0, 1000.0)  # of a station
-QUERY_RATE = Rate(2000.0, 4000.0)  # to the instance
+QUERY_RATE = Rate(2000.0, 4000.0)  # that name a station; those that name none; those for the status
+TOKEN_RATE = Rate(2.0, 20.0)  # changes of a station's token
 WORK_RATE = Rate(0.5, 60.0)  # [s] of the worker's time, for a station
 PREVIEW_RATE = Rate(0.25, 30.0)  # [s] of the worker's time, for previews of a station's sessions
 
@@ -32,5 +33,6 @@ class RateLimits:
     bytes: Rate = BYTE_RATE
     commands: Rate = COMMAND_RATE
     queries: Rate = QUERY_RATE
+    tokens: Rate = TOKEN_RATE
     work: Rate = WORK_RATE
     previews: Rate = PREVIEW_RATE

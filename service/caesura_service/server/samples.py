@@ -24,7 +24,7 @@ from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.result_publisher import reply_error, reply_message
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
-from caesura_service.token_bucket import LOG_RATE, Rate, RateLimit
+from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 
@@ -36,32 +36,26 @@ LOOK_S = 1.0  # between two looks for sessions that have ended
 class SampleServer(BackgroundThread):
     """Answers while the context lasts."""
 
-    def __init__(
-        self, reader: SampleReader, index: Callable[[], SessionIndex], queries: Rate, owner: Owner
-    ) -> None:
-        """index: the sessions of this instance; queries: how many are answered, of all readers together."""
+    def __init__(self, reader: SampleReader, index: Callable[[], SessionIndex], owner: Owner) -> None:
+        """index: the sessions of this instance."""
         self._owner = owner
         self._reader, self._index, self._clock = reader, index, time.monotonic
         self._open: set[Key] = set()  # at the last look
         self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
         self._looks_at = 0.0  # [s]
-        self._query_rate, self._log_rate = RateLimit(queries), RateLimit(LOG_RATE)
+        self._log_rate = RateLimit(LOG_RATE)
         self._queue: WorkQueue[tuple[IncomingQuery, str, str]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-samples", self._queue.wake)
 
-    def take(self, query: IncomingQuery) -> None:
-        """Enqueue a query. Called by the network's threads."""
+    def take(self, query: IncomingQuery, lane: str) -> bool:
+        """Enqueue a query; return False where too many of the lane wait. Called by the network's threads."""
         try:
             station, session, _ = parse_session_key(query.key)
         except ProtocolError as error:  # a wildcard: of all sessions it would be too much
             with query:
                 reply_error(query, error)
-            return
-        if not self._query_rate.allows("every reader") or not self._queue.offer(
-            (query, station, session), station
-        ):
-            with query:
-                reply_error(query, ProtocolError("overloaded", "too many queries for samples", limit=QUERIES))
+            return True
+        return self._queue.offer((query, station, session), lane)
 
     def _run(self) -> None:
         while not self._stopped.is_set():

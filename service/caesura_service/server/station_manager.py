@@ -45,6 +45,7 @@ class StationManager:
         self._membership = Membership(me)
         self._members = frozenset({me})
         self._bridges: set[str] = set()  # stations with a token
+        self._has_new_bridge = False  # whose station is to be assigned
         self._owned: Set[str] = frozenset()
         self._queue: dict[str, bool] = {}  # stations to take over; also where no record is missing?
         self._takeover: tuple[str, Generator[list[Output], None, None]] | None = None
@@ -102,21 +103,21 @@ class StationManager:
             case LivelinessChanged("station", name, True) if name not in self._bridges:
                 if len(self._bridges) < STATIONS:
                     self._bridges.add(name)
-                    self._reassign(now)
+                    self._has_new_bridge = True
             case LivelinessChanged("station", name, False):
                 self._bridges.discard(name)  # whose sessions may go on
         self._next_change_s = self._membership.next_change_s(now)
 
     def idle_s(self) -> float:
         """Return how long [s] no step is due unless an event arrives."""
-        if self._queue or self._takeover:
+        if self._queue or self._takeover or self._has_new_bridge:
             return 0.0
         return max(0.0, min([self._next_change_s, *self._polls_s]) - self._clock())
 
     def step(self) -> list[Output]:
         """Do the next step of a takeover that is due; return its outputs."""
         now = self._clock()
-        if now >= self._next_change_s:
+        if self._has_new_bridge or now >= self._next_change_s:
             self._next_change_s = self._membership.next_change_s(now)
             self._reassign(now)
         if self._polls_s and now >= self._polls_s[0]:
@@ -144,6 +145,7 @@ class StationManager:
 
     def _reassign(self, now: float, *, renew: bool = False) -> None:
         """Release stations of others, take the own ones. renew: also take again those already owned."""
+        self._has_new_bridge = False
         before, self._members = self._members, self._membership.members(now)
         if before != self._members:
             logger.info("instances: %s", ", ".join(sorted(self._members)))
@@ -151,6 +153,8 @@ class StationManager:
             return  # a bridge whose station is served already
         served = self._assigned_stations()
         owned = self._known_stations() if served is None else served
+        if served is None:
+            self._bridges.clear()  # whose tokens are not watched meanwhile
         fresh = owned if renew else owned - self._owned
         for station in self._registry.held_stations() & fresh:  # are there at once
             self._schedule_takeover(station)

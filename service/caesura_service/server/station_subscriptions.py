@@ -1,4 +1,7 @@
-"""Subscriptions and queryables of stations: all by one expression, or some by name."""
+"""Subscriptions and queryables of stations: all by one expression, or some by name.
+
+Tokens of stations are watched only where some are declared by name: who has all needs to know of none.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from collections.abc import Callable, Set
 from caesura_protocol.keys import station_key
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.server.channel_poller import ChannelPoller
+from caesura_service.server.live_tokens import STATIONS, TokenChanges
 from caesura_service.server.transport import Declaration, Network
 
 ALL = "*"
@@ -23,9 +27,10 @@ class StationSubscriptions:
         poller: ChannelPoller,
         control: Callable[[IncomingQuery], None],
         program: Callable[[IncomingQuery], None],
+        tokens: TokenChanges,
     ) -> None:
         self._network = network
-        self._poller, self._control, self._program = poller, control, program
+        self._poller, self._control, self._program, self._tokens = poller, control, program, tokens
         self._declared: dict[str, tuple[Declaration, ...]] = {}
         self._closed = False
         self._lock = threading.Lock()
@@ -33,6 +38,10 @@ class StationSubscriptions:
     def set(self, stations: Set[str] | None) -> None:
         """Declare these stations, None for all. New ones come first, so that none is undeclared meanwhile."""
         with self._lock:
+            if stations is None or self._closed:
+                self._tokens.unwatch(STATIONS)
+            else:
+                self._tokens.watch(self._network, STATIONS)
             wanted = set() if self._closed else {ALL} if stations is None else stations
             for station in wanted - self._declared.keys():
                 self._declared[station] = self._declare(station)

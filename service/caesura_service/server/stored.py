@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import StoredPage, session_key
@@ -16,7 +17,7 @@ from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 
-QUERIES = 16  # that may wait
+QUERIES = 64  # that may wait; a quarter of them in one lane
 TICK_S = 0.1
 
 
@@ -25,26 +26,24 @@ class StoredServer(BackgroundThread):
 
     def __init__(self, stored: StoredSessions) -> None:
         self._stored, self._log_rate = stored, RateLimit(LOG_RATE)
-        self._queue: WorkQueue[tuple[IncomingQuery, StoredPage]] = WorkQueue(
-            QueueSettings(capacity=QUERIES, shares=1)
-        )
+        self._queue: WorkQueue[tuple[IncomingQuery, StoredPage]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-stored", self._queue.wake)
 
-    def take(self, query: IncomingQuery, wanted: StoredPage) -> None:
-        """Enqueue a query."""
-        if not self._queue.offer((query, wanted), "queries"):
-            with query:
-                why = "too many queries for stored sessions are waiting"
-                reply_error(query, ProtocolError("overloaded", why, limit=QUERIES))
+    def take(self, query: IncomingQuery, lane: str, wanted: StoredPage) -> bool:
+        """Enqueue a query; return False where too many of the lane wait."""
+        return self._queue.offer((query, wanted), lane)
 
     def _run(self) -> None:
         while not self._stopped.is_set():
-            if (found := self._queue.get(TICK_S)) is not None:
-                try:
-                    self._answer(*found)
-                except Exception:
-                    if self._log_rate.allows("any"):
-                        logger.exception("a query for stored sessions was not answered")
+            if (found := self._queue.get(TICK_S)) is None:
+                continue
+            began = time.perf_counter()
+            try:
+                self._answer(*found)
+            except Exception:
+                if self._log_rate.allows("any"):
+                    logger.exception("a query for stored sessions was not answered")
+            self._queue.charge(time.perf_counter() - began)
 
     def _answer(self, query: IncomingQuery, wanted: StoredPage) -> None:
         with query:

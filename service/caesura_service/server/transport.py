@@ -12,6 +12,8 @@ from caesura_protocol.codec import Encoded
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.network import Priority
 
+TOKENS = 1 << 16  # changes of tokens that wait; a router fills the channel before it can be polled
+
 
 class NetworkError(Exception):
     """The network could not be joined, or was left."""
@@ -92,8 +94,8 @@ class Network(Protocol):
     def declare_token(self, key: str) -> Declaration:
         """Declare a liveliness token."""
 
-    def watch_liveliness(self, key: str, report: Callable[[TokenChange], None]) -> Declaration:
-        """Report every token that is there, comes or goes."""
+    def watch_liveliness(self, key: str) -> Channel[TokenChange]:
+        """Receive every token that is there, comes or goes; where TOKENS wait, their senders wait too."""
 
     def watch_link(self, report: Callable[[bool], None]) -> Declaration:
         """Report whether a link to a router was restored (True) or lost."""

@@ -35,6 +35,7 @@ from caesura_service.publishing.events import (
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
+    NETWORK,
     UNKNOWN,
     Arrival,
     BatchesReceived,
@@ -61,7 +62,7 @@ StationArrival = SamplesReceived | BatchesReceived | ReplayFinished | CommandRec
 
 TICK_S = 0.1  # between two looks at what is still missing
 AT_ONCE = 16  # arrivals before a look at everything else, unless there is something else to do
-EVENTS = LivelinessChanged, RouterLinkChanged, Watching  # of the network, not of a station
+EVENTS = LivelinessChanged, RouterLinkChanged, Watching  # of the network
 TAKEOVER = "/taking"  # the lane in which stations are taken over; no station's name
 
 
@@ -117,18 +118,16 @@ class Worker(BackgroundThread):
         for _ in range(most):
             if (arrival := self._queue.get(patience_s)) is None:
                 return
-            began = time.perf_counter()
+            began, lane, done = time.perf_counter(), _lane_of(arrival), True
             if isinstance(arrival, EVENTS):
                 self._run_guarded(self._station_manager.handle_event, arrival)
-                self._queue.charge(time.perf_counter() - began)
             else:
-                lane = _lane_of(arrival)
                 done = self._run_slice(arrival, lane)
-                if not done:
-                    self._queue.put_back(Unfinished(lane))
-                self._charge(lane, time.perf_counter() - began)
-                if done:
-                    self._previewing.discard(lane)
+            if not done:
+                self._queue.put_back(Unfinished(lane))
+            self._charge(lane, time.perf_counter() - began)
+            if done:
+                self._previewing.discard(lane)
             if self._chores or not len(self._queue):
                 return
 
@@ -292,15 +291,17 @@ def _log_key(*given: object) -> str:
     return ""
 
 
-def _lane_of(arrival: StationArrival | Unfinished) -> str:
+def _lane_of(arrival: Arrival) -> str:
     """Return the lane in which an arrival was enqueued."""
     match arrival:
         case BatchesReceived(_, _, station):
             return station
         case SamplesReceived(_, station):
             return station or UNKNOWN
-        case Unfinished(lane):
-            return lane
+        case Unfinished() | LivelinessChanged():
+            return arrival.lane
+        case RouterLinkChanged() | Watching():
+            return NETWORK
         case ReplayFinished(replay):
             return replay.request.station
         case CommandReceived(content):

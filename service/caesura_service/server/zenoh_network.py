@@ -22,7 +22,7 @@ from caesura_protocol.transport.zenoh_transport import (
     reason,
     token_change,
 )
-from caesura_service.server.transport import Channel, Declaration, Incoming, NetworkError
+from caesura_service.server.transport import TOKENS, Channel, Declaration, Incoming, NetworkError
 
 Raw = TypeVar("Raw")
 Received = TypeVar("Received")
@@ -90,17 +90,20 @@ class ZenohNetwork:
 
     def list_tokens(self, key: str) -> tuple[str, ...]:
         """Return the keys of live tokens. Once tokens are watched, the answer may be partial."""
-        replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
+        waiting: zenoh.handlers.FifoChannel[zenoh.Reply]
+        waiting = zenoh.handlers.FifoChannel(TOKENS)  # a router fills it before it is read
+        replies = self._session.liveliness().get(key, waiting, timeout=QUERY_TIMEOUT_S)
         return tuple(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
     def declare_token(self, key: str) -> Declaration:
         """Declare a liveliness token."""
         return self._session.liveliness().declare_token(key)
 
-    def watch_liveliness(self, key: str, report: Callable[[TokenChange], None]) -> Declaration:
-        """Report every token that is there, comes or goes."""
-        handler = direct(lambda sample: report(token_change(sample)))
-        return self._session.liveliness().declare_subscriber(key, handler, history=True)
+    def watch_liveliness(self, key: str) -> Channel[TokenChange]:
+        """Receive every token that is there, comes or goes; filled as those of `declare_subscriber`."""
+        waiting: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(TOKENS)
+        declared = self._session.liveliness().declare_subscriber(key, waiting, history=True)
+        return ZenohChannel(declared, declared.handler.try_recv, token_change)
 
     def watch_link(self, report: Callable[[bool], None]) -> Declaration:
         """Report whether the link to the router was restored (True) or lost."""

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -31,16 +32,18 @@ from caesura_service.server.inbound import (
     Arrival,
     BatchesReceived,
     RawPayload,
+    RouterLinkChanged,
     SamplesReceived,
     Watching,
+    lane_of_query,
     source_of_key,
 )
 from caesura_service.server.lanes import Lanes
-from caesura_service.server.live_tokens import query_live_tokens, watch_tokens
+from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join
 from caesura_service.server.overload_monitor import OverloadMonitor
-from caesura_service.server.query_server import QueryServer
+from caesura_service.server.query_server import QueryServer, too_many_waiting
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
 from caesura_service.server.samples import SampleServer
@@ -92,14 +95,13 @@ class ZenohServer:
         self.budgets = Budgets(rates)
         self._log_rate = RateLimit(LOG_RATE)
         self._stored = StoredServer(registry.stored)
-        self._queries = QueryServer(
-            registry, self._queue, self.status, self.budgets, rates.queries, self._stored.take
-        )
-        self._samples = SampleServer(samples, lambda: registry.index, rates.queries, owner)
+        self._queries = QueryServer(registry, self._queue, self.status, self.budgets, self._stored.take)
+        self._samples = SampleServer(samples, lambda: registry.index, owner)
         self._collector = BatchCollector(
             registry.awaited, self._enqueue_samples, self._enqueue_batches, clock
         )
-        self._muted, self._muted_commands = MutedSources(), MutedSources()
+        self._muted, self._muted_commands, self._muted_queries = (MutedSources() for _ in range(3))
+        self._tokens = TokenChanges(self._queue, self.budgets)
         self._poller = ChannelPoller(self._handle_samples, self._end_poll)
         self._stack = ExitStack()
 
@@ -114,7 +116,8 @@ class ZenohServer:
                 network,
                 poller=self._poller,
                 control=self._handle_command,
-                program=self._queries.program,
+                program=partial(self._handle_query, self._queries.program),
+                tokens=self._tokens,
             )
             station_manager = StationManager(
                 self._registry, self._owner.instance, subscriptions.set, self._clock
@@ -168,20 +171,26 @@ class ZenohServer:
         key = service_key(self._owner.instance, "status")
         announced = publisher_of(network, key)
         stack.enter_context(OverloadMonitor(self._queue, lambda: put(announced, self.status())))
-        for asked, callback in (
+        for asked, take in (
             (session_key("*", "*", "snapshot"), self._queries.snapshot),
             (session_key("*", "*", "samples"), self._samples.take),
             (key, self._queries.status),
         ):
-            stack.callback(self._poller.declare_queryable(network, asked, callback).undeclare)
+            handle = partial(self._handle_query, take)
+            stack.callback(self._poller.declare_queryable(network, asked, handle).undeclare)
 
     def _announce(self, stack: ExitStack, network: Network) -> None:
         """Declare the own token, then watch those of others."""
         token = network.declare_token(service_key(self._owner.instance, "alive"))
         stack.callback(token.undeclare)
-        client = self._settings.connect is not None
-        stack.enter_context(watch_tokens(network, self._queue.put, client=client))
+        if self._settings.connect is not None:
+            stack.callback(network.watch_link(self._handle_link).undeclare)
+        self._tokens.watch(network, SERVICES)
+        stack.callback(self._tokens.unwatch, SERVICES)
         self._queue.put_unbounded(Watching())
+
+    def _handle_link(self, up: bool) -> None:
+        self._queue.put_unbounded(RouterLinkChanged(up))
 
     def _handle_command(self, query: IncomingQuery) -> None:
         source, station = source_of_key(query.key)
@@ -192,6 +201,22 @@ class ZenohServer:
             self._collector.release(station_key(station, "samples"))
         if not self._queries.command(query):
             self._muted_commands.mute(source)
+
+    def _handle_query(self, take: Callable[[IncomingQuery, str], bool], query: IncomingQuery) -> None:
+        """Enqueue a query for what stations have within the budget of its lane, or refuse it.
+
+        take: enqueues it; returns False where too many of the lane wait.
+        """
+        lane = lane_of_query(query.key)
+        if self._muted_queries.drops(lane):
+            query.drop()
+            return
+        refusal = self.budgets.reject_query(lane)
+        if refusal is None and not take(query, lane):
+            self.budgets.count_refused(lane, "queries")
+            refusal = too_many_waiting(lane)
+        if refusal is not None and not self._queries.refuse(query, lane, refusal):
+            self._muted_queries.mute(lane)
 
     def _handle_samples(self, sample: Incoming) -> None:
         key, payload, encoding = sample
@@ -218,15 +243,18 @@ class ZenohServer:
         self._queue.offer(BatchesReceived(block, source, station), source, size, station, count=count)
 
     def _end_poll(self) -> None:
-        """Release batches that have waited long enough; count what was dropped unread."""
+        """Release batches that have waited long enough, and tokens; count what was dropped unread."""
         self._collector.release_overdue()
+        self._tokens.poll()
         for key, count in self._muted.pop_drops().items():
             source, station = source_of_key(key)
             self._queue.count_drop(source, count)
-            self.budgets.count_unread(station or UNKNOWN, "messages", count)
+            self.budgets.count_refused(station or UNKNOWN, "messages", count)
         for source, count in self._muted_commands.pop_drops().items():
-            self.budgets.count_unread(source_of_key(source).station or UNKNOWN, "commands", count)
+            self.budgets.count_refused(source_of_key(source).station or UNKNOWN, "commands", count)
             self._queries.count_rejected(count)
+        for lane, count in self._muted_queries.pop_drops().items():
+            self.budgets.count_refused(lane, "queries", count)
 
     def _drop(self, source: str, why: str, count: int = 1) -> None:
         """Count dropped messages and log them, throttled; the session requests them again."""

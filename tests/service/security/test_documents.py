@@ -43,7 +43,8 @@ def test_the_limits_on_the_page_are_those_of_the_code():
     for what, rate in (
         ("messages of a station", rates.samples),
         ("commands of a station", rates.commands),
-        ("questions to an instance", rates.queries),
+        ("questions about a station", rates.queries),
+        ("changes of a station's token", rates.tokens),
     ):
         per_s, burst = (part.split()[0].replace(",", "") for part in row(what).split(", "))
         assert (float(per_s), float(burst)) == rate

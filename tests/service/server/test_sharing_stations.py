@@ -123,6 +123,19 @@ def test_a_bridge_that_comes_is_served_by_the_one_whose_station_it_is(floor, pee
         assert holds(west, *WESTS[:2])
 
 
+def test_a_bridge_that_came_while_one_instance_was_alone_is_served_once_there_are_two_again(floor, peer):
+    with floor.serving("east") as east, ExitStack() as stack:
+        for easts, wests in zip(EASTS[:2], WESTS[:2], strict=True):
+            for station in (easts, wests):
+                stack.enter_context(bridge_at(peer, station))
+            with floor.serving("west") as west:
+                eventually(lambda n=easts: n in (east.registry.ownership.served or ()))
+                assert opens(peer, easts).state == opens(peer, wests).state == "open"
+                eventually(lambda n=easts: n in east.registry.index.sessions)
+                eventually(lambda west=west, n=wests: n in west.registry.index.sessions)
+            eventually(lambda: east.registry.ownership.served is None)
+
+
 def test_without_a_directory_in_common_the_bridges_ring_is_what_there_is(floor, peer, tmp_path):
     station = WESTS[0]
     sent = batches(20)

@@ -3,8 +3,8 @@
 `dense`: batches of 1000 samples that span a minute each, as fast as they go. `edits`: a session of an hour,
 and 200 edits of it a second, each with the revision that the one before it will have made. `queries`: such a
 session, and 1900 queries for its program a second. `tokens`: its token is declared and undeclared as fast as
-it goes. Prints `ready` as soon as its session is there; the attack lasts until it is ended, and it prints
-what it has counted then.
+it goes. `messages`: heartbeats; `commands`: closes of a session that is not there. Prints `ready` as soon as
+its session is there; the attack lasts until it is ended, and it prints what it has counted then.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ from caesura_protocol.keys import parse_replay_parameters, station_key
 from caesura_protocol.messages import (
     MAX_BATCH_SAMPLES,
     Ack,
+    Close,
     Control,
     Edit,
+    Heartbeat,
     Insert,
     Open,
     SampleBatch,
@@ -41,7 +43,9 @@ EVERY_S = 0.059  # from one sample to the next: a batch spans a minute
 HOUR_S = 3420.0
 EDITS_PER_S = 200.0
 QUERIES_PER_S = 1900.0
+MESSAGES_PER_S, COMMANDS_PER_S = 20_000.0, 5_000.0
 PATIENCE_S = 60.0
+SHORT = Open(session=SESSION, columns=("t", "px", "py", "pz"), wrench_source="none")
 
 
 class Attacker(Process):
@@ -211,7 +215,40 @@ class Storm:
                 self._revision -= 1
 
 
-WAYS = {"dense": dense, "edits": edits, "queries": queries, "tokens": tokens}
+def messages(peer: Peer, done: Counter[str]) -> None:
+    """Heartbeats of a session, whose messages are as short as any."""
+    until_accepted(lambda: peer.command(SHORT, STATION))
+    payload, encoding = encode(Heartbeat(session=SESSION, epoch=0, seq=0))
+    print("ready", flush=True)
+
+    def put() -> None:
+        peer.network.put(station_key(STATION, "samples"), payload, encoding=encoding)
+        done["put"] += 1
+
+    again_and_again(put, MESSAGES_PER_S)
+
+
+def commands(peer: Peer, done: Counter[str]) -> None:
+    """Closes of a session that is not there."""
+    payload, encoding = encode(Control(command=Close(session="none", last_seq=3)))
+    key, ignored = station_key(STATION, "control"), zenoh.handlers.Callback(lambda _: None, indirect=False)
+    print("ready", flush=True)
+
+    def ask() -> None:
+        peer.network.get(key, ignored, payload=payload, encoding=encoding, timeout=PATIENCE_S)
+        done["put"] += 1
+
+    again_and_again(ask, COMMANDS_PER_S)
+
+
+WAYS = {
+    "dense": dense,
+    "edits": edits,
+    "queries": queries,
+    "tokens": tokens,
+    "messages": messages,
+    "commands": commands,
+}
 
 
 def main() -> None:

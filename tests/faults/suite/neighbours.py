@@ -34,6 +34,8 @@ LEAST: Mapping[str, Mapping[str, int]] = {
     "edits": {"put": 2000, "accepted": 1, "overloaded": 1000},
     "queries": {"put": 20000, "answered": 100},
     "tokens": {"put": 50000},
+    "messages": {"put": 100_000},
+    "commands": {"put": 25_000},
 }
 EVERY_S = 0.25  # between two queries about one of the seven
 ANSWER_S = 1.0  # that an answer takes at most

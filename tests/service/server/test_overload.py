@@ -205,9 +205,9 @@ def test_a_key_that_names_no_station_overloads_and_hurts_no_other(service, peer,
     peer.until_service(
         lambda status: status.overloaded and status.queue + status.messages + status.dropped >= 61
     )
+    eventually(lambda: "overloaded by station ?" in caplog.text)
     gate.set()
     peer.until_service(lambda status: not status.overloaded and status.queue == 0)
     for made in SENT[1:15]:
         peer.send(made)
     assert peer.until_closed(14).next_seq == 15
-    eventually(lambda: "overloaded by station ?" in caplog.text)

@@ -48,11 +48,9 @@ class LiveRobot(FileSource):
 
     can_wait = False
 
-    def __init__(self, recording: Recording, *, pace: float) -> None:
+    def __init__(self, recording: Recording, *, pace: float = 1.0) -> None:
         super().__init__(recording, pace=pace)
-        self.given: list[
-            tuple[float, float]
-        ] = []  # monotonic [s], time of the last sample [s], of each chunk
+        self.given: list[tuple[float, float]] = []  # of each chunk: monotonic [s], its last sample's time [s]
 
     def chunks(self) -> Iterator[Chunk]:
         """Note when each is given."""

@@ -1,4 +1,4 @@
-"""The login of a running dashboard: nobody chooses the address that waits."""
+"""The login of a running dashboard: no visitor chooses the address that waits."""
 
 from __future__ import annotations
 

@@ -177,7 +177,7 @@ class Cost(NamedTuple):
 
 
 def refusal_of(payload: bytes, model: type[Message]) -> ProtocolError | None:
-    """Read it as whoever receives it does, and word the refusal."""
+    """Read it as its receiver does, and word the refusal."""
     try:
         message = decode(payload, encoding_of(model), model)
         if isinstance(message, SampleBatch):

@@ -67,10 +67,6 @@ class Budgets:
             return self._count_and_explain(station, ("messages", "bytes")[lacking], messages)
         return self.reject_work(station, messages)
 
-    def count_refused(self, station: str, use: Use, count: int = 1) -> None:
-        """Count what is held back without a look at the budget, such as what is dropped unread."""
-        self._count(station, use, count)
-
     def reject_command(self, station: str) -> ProtocolError | None:
         """Count a command; return why it is refused, or None."""
         if not self._limits["commands"].allows(station):
@@ -94,7 +90,7 @@ class Budgets:
     def reject_work(self, station: str, messages: int = 1) -> ProtocolError | None:
         """Count messages that are refused because the work is used up; return why, or None."""
         if (refusal := self.work_exhausted(station)) is not None:
-            self._count(station, "work", messages)
+            self.count_refused(station, "work", messages)
         return refusal
 
     def work_exhausted(self, station: str) -> ProtocolError | None:
@@ -149,10 +145,11 @@ class Budgets:
         return max(shares) + (FULL if station in self._refused else 0.0)
 
     def _count_and_explain(self, station: str, use: Use, times: int = 1) -> ProtocolError:
-        self._count(station, use, times)
+        self.count_refused(station, use, times)
         return self._error(station, use)
 
-    def _count(self, station: str, use: Use, times: int = 1) -> None:
+    def count_refused(self, station: str, use: Use, times: int = 1) -> None:
+        """Count what is held back; also without a look at the budget, such as what is dropped unread."""
         with self._lock:
             counts = self._refused.pop(station, {})
             self._refused[station] = {**counts, use: counts.get(use, 0) + times}

@@ -13,12 +13,12 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from itertools import chain, islice
+from itertools import chain
 from typing import TypeVar
 
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.transport import Channel, Declaration, Incoming, Network
+from caesura_service.server.transport import Channel, Declaration, Incoming, Network, received
 from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
@@ -70,9 +70,9 @@ class ChannelPoller(BackgroundThread):
         """Pass on what was received; return the most messages of one channel. Any thread may call it."""
         with self._turn:
             asked = [
-                (answer, _received(channel)) for channel, answer in tuple(self._queryables.values())
+                (answer, received(channel, CHANNEL)) for channel, answer in tuple(self._queryables.values())
             ]  # before the samples: those that were put before a query are in their channel by now
-            put = [_received(channel) for channel in tuple(self._subscribed.values())]
+            put = [received(channel, CHANNEL) for channel in tuple(self._subscribed.values())]
             for sample in chain(*put):
                 self._pass_on(self._handle, sample)
             for answer, queries in asked:
@@ -81,9 +81,9 @@ class ChannelPoller(BackgroundThread):
         counts = [*map(len, put), *(len(queries) for _, queries in asked)]
         return max(counts, default=0)
 
-    def _pass_on(self, handle: Callable[[Received], None], received: Received) -> None:
+    def _pass_on(self, handle: Callable[[Received], None], item: Received) -> None:
         try:
-            handle(received)
+            handle(item)
         except Exception:
             if self._log_rate.allows("any"):
                 logger.exception("a message was lost to an error of the service")
@@ -106,11 +106,6 @@ class PolledQueryable:
     def undeclare(self) -> None:
         """End it, after passing on what was received."""
         self._poller.undeclare_queryable(self._key)
-
-
-def _received(channel: Channel[Received]) -> list[Received]:
-    """Take what has been received, CHANNEL at most: a station that never stops keeps no other waiting."""
-    return list(islice(iter(channel.try_recv, None), CHANNEL))
 
 
 def _wait_s(most: int, idle_polls: int) -> float:

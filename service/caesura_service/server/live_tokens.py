@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import islice
 from typing import NamedTuple
 
 from caesura_protocol.errors import ProtocolError
@@ -12,7 +11,7 @@ from caesura_protocol.keys import parse_service_key, parse_station_key, service_
 from caesura_protocol.transport.inbox import TokenChange
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, LivelinessChanged
-from caesura_service.server.transport import TOKENS, Channel, Network
+from caesura_service.server.transport import TOKENS, Channel, Network, received
 from caesura_service.server.work_queue import WorkQueue
 
 SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")
@@ -60,7 +59,7 @@ class TokenChanges:
     def poll(self) -> None:
         """Take what has come, and enqueue what the budgets have room for. One thread at a time calls it."""
         for channel in tuple(self._channels.values()):
-            if changes := tuple(islice(iter(channel.try_recv, None), TOKENS)):
+            if changes := received(channel, TOKENS):
                 self._hold(changes)
         if self._held:
             self._held = {key: one for key, one in self._held.items() if not self._enqueue(one)}

@@ -6,6 +6,7 @@ Callbacks run in the network's threads, and only enqueue.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import islice
 from typing import NamedTuple, Protocol, TypeVar
 
 from caesura_protocol.codec import Encoded
@@ -49,6 +50,7 @@ class Publisher(Declaration, Protocol):
         """Put a message; never waits. Raises NetworkError."""
 
 
+Received = TypeVar("Received")
 Received_co = TypeVar("Received_co", covariant=True)
 
 
@@ -57,6 +59,11 @@ class Channel(Declaration, Protocol[Received_co]):
 
     def try_recv(self) -> Received_co | None:
         """Return the oldest message; None where there is none."""
+
+
+def received(channel: Channel[Received], most: int) -> list[Received]:
+    """Take what a channel has received, at most so much: who never stops keeps no other channel waiting."""
+    return list(islice(iter(channel.try_recv, None), most))
 
 
 class Network(Protocol):

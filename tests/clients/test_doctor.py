@@ -597,7 +597,18 @@ def test_something_that_is_no_router_is_distinguished_from_nothing():
     assert code == 1
     assert "✓ endpoint" in text
     assert "✗ session " in text
-    assert "does not let us in" in text
+    assert "accepts connections and does not answer" in text
+    assert "→ look at its process, or check the port" in text
+
+
+def test_a_file_that_cannot_be_read_is_what_has_to_be_corrected(tmp_path):
+    """Something listens there, and the router was suspected."""
+    (tmp_path / "client.json5").write_text("{bad")
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
+        code, text = run("--connect", endpoint, "--zenoh-config", str(tmp_path / "client.json5"))
+    assert code == 1
+    assert "→ correct the file of --zenoh-config" in text
 
 
 def test_what_stands_between_us_and_a_router_is_reported_with_its_remedy():

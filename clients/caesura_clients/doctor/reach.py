@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 
 from caesura_clients.doctor.findings import CheckResult, graded
-from caesura_protocol.errors import AccessDenied, CaesuraError
+from caesura_protocol.errors import AccessDenied, CaesuraError, Unreachable
 from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
@@ -44,9 +44,12 @@ def check_endpoint(endpoint: str) -> CheckResult:
 def no_session(error: CaesuraError) -> CheckResult:
     """Something listens, and Zenoh gets no session. What the error advises is the remedy."""
     where, _, why = str(error).partition(_REFUSED)
+    if not isinstance(error, Unreachable):
+        return CheckResult("bad", "session", str(error), "correct the file of --zenoh-config, or --connect")
     if not isinstance(error, AccessDenied) or not why:
+        found, _, remedy = str(error).partition("; ")
         return CheckResult(
-            "bad", "session", str(error), "something listens there: is it the router, and is it well?"
+            "bad", "session", found, remedy or "something listens there: is it the router, and is it well?"
         )
     found, _, remedy = why.partition(": ")
     return CheckResult(

@@ -1,11 +1,14 @@
 """Diagnoses why a router refuses a connection, because Zenoh states only that it could not connect.
 
 So the same is tried once more with plain sockets: is there anything, does it speak TLS, what does it say of
-our certificate, what do we say of its own. Asked once an attempt has failed; takes up to two seconds.
+our certificate, what do we say of its own, does it answer as a router. Asked once an attempt has failed; it
+takes up to four seconds. Only an answer shows that waiting will not help: the system accepts connections
+for a process that hangs, too.
 """
 
 from __future__ import annotations
 
+import os
 import socket
 import ssl
 from base64 import b64decode
@@ -21,6 +24,12 @@ Read = Callable[[str], Any]  # of a configuration, by path; None where there is 
 TIMEOUT_S = 1.0
 VERDICT_S = 0.5  # for a router to turn a certificate down, which TLS 1.3 does after the handshake
 _CHECKED_PROTOCOLS = ("tcp", "tls")
+_NO_TLS = "it does not speak TLS: write tcp/"
+
+# Zenoh's transport messages: two bytes of length, then a byte whose last five bits are the kind.
+_INIT, _CLOSE, _KIND_BITS = 0x01, 0x03, 0x1F
+_VERSION, _CLIENT_WITH_ID_OF_16 = 0x09, 0xF2
+_UNEXPLAINED = 0  # reason of a Close: a router with passwords closes so where none comes
 
 # What is wrong and what would do, by what TLS says.
 _FOREIGN_AUTHORITY = "is not of {} authority: take the file from where the router's was made"
@@ -42,8 +51,23 @@ _PEER_CERTIFICATE_REMEDIES: tuple[tuple[str, str], ...] = (
 )
 
 
-class _NoRoomError(Exception):
-    """The router closes the connection before anything is said, as Zenoh does with one too many."""
+class _WaitingHelpsError(Exception):
+    """The listener gives no session now. what: it does; why: and what to do."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(what, why)
+        self.what, self.why = what, why
+
+
+def _no_room() -> _WaitingHelpsError:
+    """Zenoh closes a connection too many before anything is said."""
+    full = ": more connections wait there, or are open, than it takes; try again"
+    return _WaitingHelpsError("closes every connection at once", full)
+
+
+def _silent() -> _WaitingHelpsError:
+    why = ": the router hangs or is overloaded, or it is no router; look at its process, or check the port"
+    return _WaitingHelpsError("accepts connections and does not answer", why)
 
 
 def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None) -> Unreachable:
@@ -62,51 +86,85 @@ def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None
         return Unreachable(f"no router at {endpoint}{tried}; is the service running?")
     except socket.gaierror:
         return Unreachable(f"no router at {endpoint}{tried}: there is no host {host}; check the name")
-    except _NoRoomError:
-        full = "more connections wait there, or are open, than it takes"
-        return Unreachable(f"{endpoint} closes every connection at once{tried}: {full}; try again")
+    except _WaitingHelpsError as error:
+        return Unreachable(f"{endpoint} {error.what}{tried}{error.why}")
     except OSError as error:
         return Unreachable(f"no router at {endpoint}{tried}: {error.strerror or error}; check the network")
     return AccessDenied(f"{endpoint} does not let us in: {said}")
 
 
 def _check_listener(protocol: str, host: str, port: int, read: Read) -> str:
-    """Return why a listening router gives no session. Raises OSError where no process listens."""
+    """Return why a listening process gives no session. Raises OSError where none listens."""
     with socket.create_connection((host, port), TIMEOUT_S) as plain:
         if protocol == "tls":
             found = _tls_verdict(plain, host, read)
         else:
             _check_not_closed(plain)
             found = "it speaks TLS: write tls/" if _speaks_tls(plain) else None
-    return found or _password_remedy(read)
+    if found not in {None, _NO_TLS}:
+        return found
+    with socket.create_connection((host, port), TIMEOUT_S) as plain:
+        verdict = _greeting_verdict(plain, read, is_right_protocol=found is None)
+    return verdict or _NO_TLS
+
+
+def _greeting_verdict(link: socket.socket, read: Read, *, is_right_protocol: bool = True) -> str | None:
+    """Greet as a client of Zenoh; return why there is no session, None for a router of another protocol.
+
+    Raises _WaitingHelpsError without an answer, and where the router begins a session.
+    """
+    name = os.urandom(12) + b"\r\n\r\n"  # a server that reads lines answers as well
+    greeting = bytes((_INIT, _VERSION, _CLIENT_WITH_ID_OF_16)) + name
+    link.settimeout(TIMEOUT_S)
+    try:
+        link.sendall(len(greeting).to_bytes(2, "little") + greeting)
+        answer = link.recv(64)
+    except ssl.SSLError as error:
+        if not isinstance(error, ssl.SSLEOFError):
+            raise
+        answer = b""
+    except OSError:
+        answer = b""
+    if not answer:
+        raise _silent()
+    kind = answer[2] & _KIND_BITS if len(answer) > 3 else None
+    if kind not in {_INIT, _CLOSE}:
+        return f"it is no Zenoh router, and answers {answer[:16]!r}: check the port"
+    if not is_right_protocol:
+        return None
+    if kind == _INIT:
+        raise _WaitingHelpsError("answers, and gave no session in time", "; try again")
+    if answer[3] != _UNEXPLAINED:
+        return f"it closes Zenoh's greeting with reason {answer[3]}: is its Zenoh of another version?"
+    return _password_remedy(read)
 
 
 def _check_not_closed(link: socket.socket) -> None:
-    """Raises _NoRoomError where it is closed already; one that is content waits for the first message."""
+    """Raises _WaitingHelpsError where it is closed already; else a router waits for the first message."""
     link.settimeout(VERDICT_S)
     try:
         if not link.recv(1, socket.MSG_PEEK):
-            raise _NoRoomError
+            raise _no_room()
     except TimeoutError:
         link.settimeout(TIMEOUT_S)
 
 
 def _tls_verdict(plain: socket.socket, host: str, read: Read) -> str | None:
-    """Return which certificate is refused, and why; None where both are accepted."""
+    """Return which certificate is refused, and why; else what the router answers to a greeting."""
     try:
         context = _context(read)
     except (OSError, ValueError) as error:
         return f"the certificate or key in --zenoh-config cannot be read: {error}"
     try:
         with context.wrap_socket(plain, server_hostname=host) as link:
-            return _alert_after_handshake(link)
+            return _alert_after_handshake(link) or _greeting_verdict(link, read)
     except ssl.SSLCertVerificationError as error:
         said = error.verify_message.lower()
         return next(text for word, text in _PEER_CERTIFICATE_REMEDIES if word in said)
     except ssl.SSLError as error:
         return _alert(error)
-    except OSError:
-        return "it does not speak TLS: write tcp/"
+    except OSError:  # silence too: a router that hangs, or one that waits for the rest of a long message
+        return _NO_TLS
 
 
 def _alert_after_handshake(link: ssl.SSLSocket) -> str | None:
@@ -114,7 +172,7 @@ def _alert_after_handshake(link: ssl.SSLSocket) -> str | None:
     link.settimeout(VERDICT_S)
     try:
         if not link.recv(1):
-            raise _NoRoomError
+            raise _no_room()
     except ssl.SSLError as error:
         return _alert(error)
     except OSError:
@@ -125,7 +183,7 @@ def _alert_after_handshake(link: ssl.SSLSocket) -> str | None:
 def _alert(error: ssl.SSLError) -> str:
     reason = error.reason or ""
     if reason in {"WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING"}:
-        return "it does not speak TLS: write tcp/"
+        return _NO_TLS
     known = (text for word, text in _OWN_CERTIFICATE_REMEDIES.items() if reason.endswith(word))
     return next(known, f"TLS fails: {reason or error}")
 
@@ -171,5 +229,5 @@ def _speaks_tls(plain: socket.socket) -> bool:
 def _password_remedy(read: Read) -> str:
     user = read("transport/auth/usrpwd/user")
     if user:
-        return f"it does not know user {user!r}, or by another password; or it is no Zenoh router"
+        return f"it does not know user {user!r}, or by another password: check --zenoh-config"
     return "it demands a user and a password: --zenoh-config with a file of `caesura certs --passwords`"

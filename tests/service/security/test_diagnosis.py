@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from socketserver import BaseRequestHandler, ThreadingTCPServer
 
 import pytest
 from typer.testing import CliRunner
@@ -128,10 +129,53 @@ def test_where_nothing_listens_waiting_may_help():
         connect("tcp/nowhere.invalid:7447", timeout_s=0.0)
 
 
-def test_something_that_listens_and_says_nothing(tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        endpoint = f"tls/127.0.0.1:{silent.getsockname()[1]}"
-        assert "it does not speak TLS" in refused(tmp_path, endpoint, client())
+@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+def test_a_router_that_hangs_is_waited_for(tmp_path, protocol):
+    """It was said to demand a user and a password, or to speak no TLS. A bridge that started then ended."""
+    (tmp_path / "client.json5").write_text(client())
+    file = tmp_path / "client.json5" if protocol == "tls" else None
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # the system accepts, and no process reads
+        endpoint = f"{protocol}/127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(Unreachable, match="accepts connections and does not answer") as error:
+            connect(endpoint, config_file=file, timeout_s=0.0)
+    assert not isinstance(error.value, AccessDenied)
+
+
+class BadRequest(BaseRequestHandler):
+    """What a web server says to whatever is no request."""
+
+    def handle(self) -> None:
+        if self.request.recv(4096):
+            self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+
+@contextmanager
+def web_server() -> Iterator[int]:
+    with ThreadingTCPServer(("127.0.0.1", 0), BadRequest) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
+        thread.start()
+        try:
+            yield server.server_address[1]
+        finally:
+            server.shutdown()
+            thread.join(30.0)
+
+
+@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+def test_what_answers_and_is_no_router_is_called_so(tmp_path, protocol):
+    """A web server was said to demand a user and a password."""
+    with web_server() as port:
+        text = client() if protocol == "tls" else None
+        said = refused(tmp_path, f"{protocol}/127.0.0.1:{port}", text)
+    assert "it is no Zenoh router, and answers b'HTTP/1.1" in said
+
+
+def test_a_router_that_answers_again_is_tried_again():
+    with RouterNetwork() as plain:
+        found = diagnose_connection(f"tcp/127.0.0.1:{plain.port}", lambda _: None)
+    assert not isinstance(found, AccessDenied)
+    assert "answers, and gave no session in time; try again" in str(found)
 
 
 def test_a_bridge_does_not_wait_for_what_waiting_will_not_change(port, tmp_path, monkeypatch):

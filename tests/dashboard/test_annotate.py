@@ -107,6 +107,26 @@ def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Vi
     ]
 
 
+def test_what_was_not_saved_at_the_end_is_in_a_file(
+    file: Path, visitor: Visitor, capfd: pytest.CaptureFixture[str]
+):
+    """Ctrl-C ended with the marks, and without a word."""
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "q")
+        expect(page.locator(".selection")).to_contain_text("1 changepoints, not saved")
+        press(page, "Home", "2", "Shift+ArrowRight", "c", "2")
+        expect(page.locator(".message")).to_contain_text(
+            "motion from 0.00 to 1.00 s, over 1 major changepoint"
+        )
+        tool.end()
+    draft = file.with_name("guided.ann.json.unsaved")
+    assert f"not saved: the marks are in {draft}" in capfd.readouterr().err
+    assert [point.t for point in read_annotation(draft).points] == [0.005, 1.0]
+    with running(Annotate(file)):
+        assert f"note: {draft} was not saved" in capfd.readouterr().err
+
+
 def test_an_existing_annotation_is_continued(file: Path, annotation: Path, visitor: Visitor):
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)

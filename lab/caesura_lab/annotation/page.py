@@ -16,9 +16,10 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.server import Address, run
-from caesura_lab.annotation.editing import AnnotationEditor
+from caesura_lab.annotation.editing import AnnotationEditor, Document
 from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation
+from caesura_lab.annotations import KINDS
 from caesura_protocol.errors import CaesuraError
 
 ASSETS = "/assets"
@@ -49,7 +50,11 @@ class AnnotationSession(NamedTuple):
             self.editor.undo()
             return "undone"
         self.editor.edit(command, t)
-        return f"{command} at {t:.3f} s"
+        return (
+            f"{command} from {_extent(self.editor.document, t)}"
+            if command in KINDS
+            else f"{command} at {t:.3f} s"
+        )
 
     def state(self, message: str = "", *, failed: bool = False) -> dict[str, Any]:
         """Return what the browser shows of the annotation."""
@@ -62,6 +67,21 @@ class AnnotationSession(NamedTuple):
             "message": message,
             "failed": failed,
         }
+
+
+def _extent(document: Document, t: float) -> str:
+    """State which part has the class at t [s], and which changepoints lie within it."""
+    segment = next(one for one in document["segments"] if one["t0"] <= t <= one["t1"])
+    within = [
+        point
+        for point in document["changepoints"]
+        if point["level"] == "major" and segment["t0"] < point["t"] < segment["t1"]
+    ]
+    extent = f"{segment['t0']:.2f} to {segment['t1']:.2f} s"
+    if not within:
+        return extent
+    many = "changepoint" if len(within) == 1 else "changepoints"
+    return f"{extent}, over {len(within)} major {many}: remove the class (0) to divide it there"
 
 
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):

@@ -7,11 +7,13 @@ import json
 import os
 import re
 import tempfile
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from caesura_lab.annotation.editing import Document
-from caesura_lab.annotations import read_annotation, truth_of
+from caesura_lab.annotations import RecordingSource, TruthError, read_annotation, truth_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
 
@@ -20,29 +22,58 @@ _WINDOW = re.compile(r"(\"window\": \[)\s*([^\]]*?)\s*\]")
 
 
 def open_annotation(path: Path, recording: Recording, source: Path, annotator: str) -> Document:
-    """Read the annotation at path, or begin one. Raises TruthError where there is one that cannot be read."""
+    """Read the annotation at path, or begin one.
+
+    Raises TruthError where there is one that cannot be read, or that was made for another recording.
+    """
     if not path.exists():
         return new_annotation(recording, source, annotator)
-    read_annotation(path)
+    truth = read_annotation(path)
+    if truth.source is not None and source.is_file():
+        _check_recording(path, truth.source, source)
     document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return {"segments": [], **document}
 
 
+def _check_recording(path: Path, annotated: RecordingSource, source: Path) -> None:
+    found = _sha256(source)
+    if found != annotated.sha256:
+        raise TruthError(
+            f"{path}: made for {annotated.file} with SHA-256 {annotated.sha256}, and {source.name} has "
+            f"{found}; begin another with --out FILE.ann.json, or move this one away"
+        )
+
+
+def _sha256(source: Path) -> str:
+    return hashlib.sha256(source.read_bytes()).hexdigest()
+
+
 def new_annotation(recording: Recording, source: Path, annotator: str) -> Document:
-    """Return an annotation of the whole recording without any point. source: the recording's file."""
-    hashed = {"sha256": hashlib.sha256(source.read_bytes()).hexdigest()} if source.is_file() else {}
+    """Return an annotation of the whole recording without any point.
+
+    source: the recording's file, or a bag's directory, which has no hash.
+    """
+    hashed = {"recording": {"file": source.name, "sha256": _sha256(source)}} if source.is_file() else {}
     return {
         "file": source.name,
         "window": [round(float(recording.t.min()), 3), round(float(recording.t.max()), 3)],
         "wrench_source": recording.wrench_source,
-        "hand_on_robot": "unknown",
-        "hand_force_in_wrench": recording.wrench_source not in {"flange_sensor", "none"},
+        "hand_on_robot": recording.hand_on_robot,
+        "hand_force_in_wrench": _hand_in_wrench(recording),
         "changepoints": [],
         "segments": [],
         "annotator": annotator,
         "note": "",
-        "recording": {"file": source.name, **hashed},
+        **hashed,
     }
+
+
+def _hand_in_wrench(recording: Recording) -> bool | None:
+    """Return whether the force contains the guiding hand; None where the source is not stated."""
+    if recording.wrench_source == "joint_torque_estimate":
+        return recording.hand_on_robot != "no"
+    stated = {"flange_sensor": False, "none": False, "flange_sensor_with_hand": True}
+    return stated.get(recording.wrench_source or "")
 
 
 def save_annotation(document: Document, path: Path) -> None:
@@ -56,6 +87,24 @@ def save_annotation(document: Document, path: Path) -> None:
         _write(path, as_text(document))
     except OSError as error:
         raise SourceError(f"cannot write {path}: {error.strerror}") from error
+
+
+def save_draft(document: Document, path: Path) -> Path:
+    """Write an annotation that was not saved to a new file beside path, and return it.
+
+    Raises SourceError where it cannot be written.
+    """
+    draft = next(one for one in drafts(path) if not one.exists())
+    try:
+        _write(draft, as_text(document))
+    except OSError as error:
+        raise SourceError(f"cannot write {draft}: {error.strerror}") from error
+    return draft
+
+
+def drafts(path: Path) -> Iterator[Path]:
+    """The files that drafts of the annotation at path are written to, without end."""
+    return (path.with_name(f"{path.name}.unsaved{'' if n == 1 else f'-{n}'}") for n in count(1))
 
 
 def as_text(document: Document) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import getpass
 import signal
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +31,10 @@ def annotate(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The annotation.", show_default="beside the recording")
     ] = None,
-    annotator: Annotated[str, typer.Option(help="Who annotates; for a new annotation.")] = "A",
+    annotator: Annotated[
+        str | None,
+        typer.Option(envvar="CAESURA_AUTHOR", help="Of a new annotation; by default the login's."),
+    ] = None,
     port: Annotated[
         int, typer.Option(min=1, max=65535, metavar="N", help="Port to listen on.")
     ] = DEFAULT_PORT,
@@ -45,7 +50,7 @@ def annotate(
     from caesura_lab.annotation.editing import AnnotationEditor  # noqa: PLC0415
     from caesura_lab.annotation.page import AnnotationSession, serve  # noqa: PLC0415
     from caesura_lab.annotation.signals import plotted_signals  # noqa: PLC0415
-    from caesura_lab.annotation.storage import open_annotation  # noqa: PLC0415
+    from caesura_lab.annotation.storage import drafts, open_annotation, save_draft  # noqa: PLC0415
 
     with reported():
         address = Address(port=port)  # loopback: an annotation is no service
@@ -60,10 +65,16 @@ def annotate(
             mapping=mapping,
         )
         path = truth_file(file) if out is None else out
-        editor = AnnotationEditor(open_annotation(path, recording, file, annotator))
+        document = open_annotation(path, recording, file, annotator or getpass.getuser())
+        for draft in takewhile(Path.exists, drafts(path)):
+            typer.echo(f"note: {draft} was not saved; rename it to {path} to go on with it", err=True)
+        editor = AnnotationEditor(document)
         signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C
         with suppress(KeyboardInterrupt):
             serve(AnnotationSession(file.name, path, editor, plotted_signals(recording)), address)
+        if not editor.is_saved:
+            draft = save_draft(editor.document, path)
+            typer.echo(f"not saved: the marks are in {draft}; rename it to {path} to keep them", err=True)
 
 
 def _interrupt(_number: int, _frame: object) -> None:

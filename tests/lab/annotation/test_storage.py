@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from caesura_lab.annotation.editing import AnnotationEditor
-from caesura_lab.annotation.storage import new_annotation, open_annotation, save_annotation
+from caesura_lab.annotation.storage import new_annotation, open_annotation, save_annotation, save_draft
 from caesura_lab.annotations import TruthError, read_annotation
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
@@ -35,6 +36,42 @@ def test_a_new_annotation_names_its_recording_and_takes_all_of_it(file: Path):
         "file": "x.npz",
         "sha256": hashlib.sha256(file.read_bytes()).hexdigest(),
     }
+
+
+def test_what_the_recording_states_of_the_hand_is_kept(file: Path):
+    """`unknown` took its place."""
+    recording = replace(load_recording(file), hand_on_robot="no")
+    document = new_annotation(recording, file, "A")
+    assert (document["hand_on_robot"], document["hand_force_in_wrench"]) == ("no", False)
+    unstated = new_annotation(replace(recording, wrench_source=None), file, "A")
+    assert unstated["hand_force_in_wrench"] is None
+
+
+def test_a_bag_is_annotated_and_saved(file: Path, tmp_path: Path):
+    """A directory has no SHA-256, and without one nothing could be saved."""
+    (tmp_path / "bag").mkdir()
+    editor = AnnotationEditor(new_annotation(load_recording(file), tmp_path / "bag", "A"))
+    editor.edit("start", 0.5)
+    save_annotation(editor.document, tmp_path / "bag.ann.json")
+    assert read_annotation(tmp_path / "bag.ann.json").source is None
+
+
+def test_the_annotation_of_another_recording_is_not_opened(file: Path):
+    """x.csv beside x.npz: marks were set on the one and saved as those of the other."""
+    path = file.with_name("x.ann.json")
+    save_annotation(new_annotation(load_recording(file), file, "A"), path)
+    table = file.with_suffix(".csv")
+    table.write_text("t,px,py,pz\n0,0,0,0\n")
+    with pytest.raises(TruthError, match=r"made for x\.npz with SHA-256 .* x\.csv has .* --out"):
+        open_annotation(path, load_recording(file), table, "A")
+
+
+def test_a_draft_replaces_no_file(file: Path):
+    path = file.with_name("x.ann.json")
+    written = [save_draft(new_annotation(load_recording(file), file, each), path) for each in "AB"]
+    assert [one.name for one in written] == ["x.ann.json.unsaved", "x.ann.json.unsaved-2"]
+    assert [json.loads(one.read_text())["annotator"] for one in written] == ["A", "B"]
+    assert not path.exists()
 
 
 def test_what_is_saved_is_what_the_judge_reads(file: Path):

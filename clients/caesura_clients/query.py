@@ -1,7 +1,11 @@
-"""Queries to the service. No answer means absent or forbidden; liveliness then shows which."""
+"""Queries to the service. No answer means absent, forbidden, or held back by the budget of the station.
+
+Liveliness and the service's status then show which.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -33,8 +37,11 @@ from caesura_protocol.messages import (
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, IncompleteAnswerError, QueryReplies, Transport
 
 M = TypeVar("M", bound=Message)
+Found = TypeVar("Found")
 
 QUERY_ATTEMPTS = 3  # times at most
+HELD_ATTEMPTS = 5  # of a query that may have been held back
+HELD_WAIT_S = 0.3  # between them; the service renews its list of budgets more often
 SAMPLES_TIMEOUT_S = 20.0  # of a query for samples: the first one reads the whole session
 
 
@@ -98,7 +105,9 @@ def snapshot(
     Unreachable.
     """
     name = session or _current_session(transport, station)
-    found = snapshots(transport, station, name or "*", inferred=inferred)
+    found = _unless_held_back(
+        transport, station, lambda: snapshots(transport, station, name or "*", inferred=inferred)
+    )
     if not found:
         raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
     # Without a program the newest session is an open one, or else the last by name.
@@ -110,7 +119,7 @@ def program(transport: Transport, station: str) -> Program:
 
     Raises NotFound, which names what there is, or Unreachable.
     """
-    found = find_program(transport, station)
+    found = _unless_held_back(transport, station, lambda: find_program(transport, station))
     if found is None:
         raise _not_found(transport, f"station {station!r} has no program")
     return found
@@ -135,7 +144,7 @@ def samples(
         found = _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=timeout_s)
         if found:
             return max(found, key=lambda one: one.epoch)
-        if not snapshots(transport, station, session):
+        if not _unless_held_back(transport, station, lambda: snapshots(transport, station, session)):
             break
     raise _not_found(transport, f"no samples of session {station}/{session}")
 
@@ -204,7 +213,7 @@ def find_program(transport: Transport, station: str) -> Program | None:
 
 def _current_session(transport: Transport, station: str) -> str | None:
     """The session that the service takes for the station's current one."""
-    program = find_program(transport, station)
+    program = _unless_held_back(transport, station, lambda: find_program(transport, station))
     return None if program is None else program.session
 
 
@@ -260,6 +269,35 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     if spoilt is not None and not found:
         raise spoilt
     return found
+
+
+def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:
+    """Return what `ask` finds; ask again where it finds nothing while the station's queries are held back.
+
+    Beyond a station's budget the service explains some refusals, and drops other queries without an answer.
+    Raises ProtocolError `overloaded` where it still holds them back.
+    """
+    before = held = 0
+    for _ in range(HELD_ATTEMPTS):
+        if found := ask():
+            return found
+        before, held = held, _held_back(transport, station)
+        if held == before:
+            return found
+        time.sleep(HELD_WAIT_S)
+    raise ProtocolError(
+        "overloaded",
+        f"the service holds back queries of station {station}, {held} since it started, so what it has is "
+        "not known: look for a script that asks in a loop, and try again",
+        value=held,
+    )
+
+
+def _held_back(transport: Transport, station: str) -> int:
+    """How many queries of a station the service has held back; 0 where it states none."""
+    stated = _query_all(transport, service_key("*", "status"), ServiceStatus)
+    budgets = (one.queries for status in stated for one in status.budgets if one.station == station)
+    return sum(budget.refused for budget in budgets if budget is not None)
 
 
 def _require_service(transport: Transport) -> None:

@@ -9,7 +9,7 @@ from caesura_clients.query import QUERY_ATTEMPTS, SAMPLES_TIMEOUT_S, current_ses
 from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
-from caesura_protocol.messages import Program, RecordedSamples, ServiceStatus
+from caesura_protocol.messages import Budget, Program, RecordedSamples, ServiceStatus, StationBudgets
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, QueryReplies, unanswered
 from clients.answering import Answering
 from clients.examples import example, snapshot
@@ -89,6 +89,31 @@ def test_what_is_absent_is_said_together_with_what_there_is(caesura, service, ne
         assert caesura.stations() == ["cell-8"]
     with pytest.raises(NotFound, match="no session nothing"):
         caesura.snapshot("cell-7", "nothing")
+
+
+@pytest.mark.parametrize("dropped", [2, 1000])
+def test_a_session_whose_queries_are_held_back_is_not_called_absent(caesura, service, monkeypatch, dropped):
+    """The service drops most queries beyond a budget, and `sessions show` said that there is no session."""
+    known = snapshot(0, station="cell-1")
+    service.snapshots = [known]
+    monkeypatch.setattr("caesura_clients.query.HELD_WAIT_S", 0.0)
+    status, query, held = example(ServiceStatus), caesura.transport.query, []
+
+    def dropping(asked, *arguments, **options):
+        if "/cell-1/" in asked and len(held) < dropped:
+            held.append(asked)
+            budgets = example(StationBudgets).model_copy(
+                update={"station": "cell-1", "queries": Budget(per_s=1, at_once=1, used=1, refused=len(held))}
+            )
+            stated = status.model_copy(update={"budgets": (budgets,)})
+            service.answers[service_key(status.instance, "status")] = encode(stated)
+            return QueryReplies((), ())
+        return query(asked, *arguments, **options)
+
+    monkeypatch.setattr(caesura.transport, "query", dropping)
+    expected = pytest.raises(ProtocolError, match="holds back queries of station cell-1, 5 since it started")
+    with expected if dropped > QUERY_ATTEMPTS else nullcontext():
+        assert caesura.snapshot("cell-1", known.status.session) == known
 
 
 def test_a_lost_answer_with_samples_is_not_waited_for_as_long_as_a_slow_one(caesura, service, monkeypatch):

@@ -144,7 +144,7 @@ def test_bridge_reports_what_was_refused(played):
     assert result.exit_code == 1
     assert result.stdout == "cell-2/mine closed, 5 batches\n"
     line = result.stderr.splitlines()[-1]
-    for word in ("cell-2/mine: 640 refused (last: not a map)", "3 of 100 samples dropped", "1 gaps, 0.25 s"):
+    for word in ("cell-2/mine: 640 refused (last: not a map)", "3 of 100 samples dropped", "1 gap, 0.25 s"):
         assert word in line
 
 
@@ -293,7 +293,7 @@ def test_watch_marks_what_may_still_change(caesura, service):
     assert "0.50 kg ± 0.06" in result.stdout
     assert "5.0 N" in result.stdout
     assert "12500 samples in 625 batches" in result.stdout
-    assert "1 gaps, 0.25 s" in result.stdout
+    assert "1 gap, 0.25 s" in result.stdout
     assert "1 refused (last: not a map)" in result.stdout
 
 
@@ -303,7 +303,7 @@ def test_watch_says_that_the_service_is_overloaded_and_what_was_lost(caesura, se
     service.snapshots = [whole.model_copy(update={"status": status})]
     shown = " ".join(caesura("watch", "--once").stdout.split())
     assert "the service is overloaded · 7 messages dropped and asked for again" in shown
-    assert "1 gaps, 0.25 s, 2 batches lost" in shown
+    assert "1 gap, 0.25 s, 2 batches lost" in shown
     service.snapshots = [whole]
     assert "overloaded" not in caesura("watch", "--once").stdout
 

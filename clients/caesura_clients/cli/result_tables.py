@@ -245,9 +245,13 @@ def _why(refusal: Refusal) -> str:
 
 def _gaps(status: SessionStatus) -> str:
     lost = f", {status.lost} batches lost" if status.lost else ""
-    least = "at least " if status.gaps_before else ""
+    at_end = any(
+        gap.t0 == gap.tn for gap in status.gaps
+    )  # nothing came behind it, so its length is not known
+    least = "at least " if status.gaps_before or at_end else ""
     count = status.gaps_before + len(status.gaps)
-    return f"{count} gaps, {least}{sum(gap.tn - gap.t0 for gap in status.gaps):.2f} s{lost}"
+    lasted_s = sum(gap.tn - gap.t0 for gap in status.gaps)
+    return f"{count} {'gap' if count == 1 else 'gaps'}, {least}{lasted_s:.2f} s{lost}"
 
 
 def description_line(description: Description) -> str:

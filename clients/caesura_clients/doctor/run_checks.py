@@ -12,8 +12,9 @@ from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, probe_network
 from caesura_clients.doctor.reach import check_endpoint, no_session
 from caesura_protocol.errors import CaesuraError, Unreachable
+from caesura_protocol.formats.sample_checks import check_clock, check_time_steps
 from caesura_protocol.messages import WRENCH_SOURCES
-from caesura_protocol.recording import ASSUMED_ORDER, Recording
+from caesura_protocol.recording import ASSUMED_ORDER, Recording, RecordingError
 from caesura_protocol.sample_limits import TARE_S
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
@@ -84,15 +85,29 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
     for assumed in recording.assumed:
         compared = " " + COMPARED if assumed == ASSUMED_ORDER and "q" in recording.signals else ""
         yield graded("reading", assumed + compared)
-    for caution in recording.cautions:
-        yield CheckResult("warn", "reading", caution, "look at the values, and at what wrote them")
-    yield from signal.check_rate(recording)
+    if (refused := _refused_clock(recording)) is not None:
+        yield refused  # no sample is left out of a file that is refused, and its rate means nothing
+    else:
+        for caution in recording.cautions:
+            yield CheckResult("warn", "reading", caution, "look at the values, and at what wrote them")
+        yield from signal.check_rate(recording)
     yield signal.check_signals(recording)
     yield from _check_wrench(recording)
     yield from signal.check_noise(recording)
     force = recording.signals.get("force")
     start = recording.t <= recording.t[0] + TARE_S
     yield from signal.check_bias(None if force is None else np.asarray(force[start].mean(axis=0)))
+
+
+def _refused_clock(recording: Recording) -> CheckResult | None:
+    """Why `segment` and `bridge` refuse the times of a recording; None where they take them."""
+    try:
+        check_time_steps(recording)
+        check_clock(recording)
+    except RecordingError as error:
+        found, _, remedy = str(error).removeprefix(f"{recording.name}: ").partition("; ")
+        return CheckResult("bad", "clock", found, f"{remedy}: the file is refused as it is")
+    return None
 
 
 def _check_wrench(recording: Recording) -> Iterator[CheckResult]:

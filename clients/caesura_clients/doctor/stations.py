@@ -208,16 +208,24 @@ def _longest_run(numbers: Sequence[int]) -> Sequence[int]:
     return [int(number) for number in max(runs, key=len)]
 
 
+GAP_CAUSES = {
+    "evicted": "evicted: the samples were refused, were lost with their bridge, or the service was away for "
+    "longer than the bridge's ring",
+    "source": "source: the robot's samples paused",
+}
+
+
 def _check_losses(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
     missing = _missing(status)
     if status.gaps:
         lost_s = sum(gap.tn - gap.t0 for gap in status.gaps)
         reasons = sorted({gap.reason for gap in status.gaps})
-        remedy = (
-            "evicted: the service was away for longer than the bridge's ring; source: the robot's samples "
-            "paused. The program is less sure there: teach it again"
-        )
-        found = f"{len(status.gaps)} of {lost_s:.2f} s in all ({', '.join(reasons)})"
+        remedy = f"{'; '.join(GAP_CAUSES[reason] for reason in reasons)}. Teach that part again"
+        unknown = sum(gap.t0 == gap.tn for gap in status.gaps)
+        known = len(status.gaps) - unknown
+        parts = [f"{known} of {lost_s:.2f} s in all"] * (known > 0)
+        parts += [f"{unknown} at the beginning or end, of unknown length"] * (unknown > 0)
+        found = f"{', '.join(parts)} ({', '.join(reasons)})"
         yield CheckResult("warn", "gaps", found, remedy)
     elif missing is None:
         yield graded("gaps", "none")

@@ -51,9 +51,8 @@ class Gaps:
         named = ", ".join(_named(gap, began) for gap in sorted(self._longest, key=lambda one: one.t0))
         rest = len(self.all) - len(self._longest)
         more = f" and {rest} shorter ones, {fixed(self._total_s, 2)} s in all" if rest else ""
-        return (
-            f"Not observed: {named}{more}. What was taught then is missing, and apps beside it are less sure."
-        )
+        unsure = ", and apps beside it are less sure" if self._total_s > 0.0 else "; how much is not known"
+        return f"Not observed: {named}{more}. What was taught then is missing{unsure}."
 
 
 def _named(gap: Gap, began: float) -> str:

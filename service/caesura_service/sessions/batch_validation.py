@@ -58,11 +58,17 @@ def _check_times(seq: int, times: NDArray[np.float64], limits: Limits) -> None:
     if reach > limits.time_s:
         raise ProtocolError("malformed", f"time in batch {seq} is absurd", value=reach, limit=limits.time_s)
     if high - low > limits.batch_span_s:
-        likely = likely_time_unit(times)
-        guess = "" if likely is None else f": its times are probably in {likely}"
-        raise ProtocolError(
-            "malformed", f"batch {seq} lasts too long{guess}", value=high - low, limit=limits.batch_span_s
-        )
+        why = f"batch {seq} lasts too long{_likely_cause(times, limits)}"
+        raise ProtocolError("malformed", why, value=high - low, limit=limits.batch_span_s)
+
+
+def _likely_cause(times: NDArray[np.float64], limits: Limits) -> str:
+    """State what explains the times [s] of a batch that spans too much, and what to do; else nothing."""
+    if (likely := likely_time_unit(times)) is not None:
+        return f": its times are probably in {likely}"
+    if float(np.abs(np.diff(times)).max()) > limits.batch_span_s:
+        return ": the robot's clock was set within it; end this session and begin another"
+    return ""
 
 
 def _check_values(batch: SampleBatch, cells: NDArray[np.floating[Any]], limits: Limits) -> None:

@@ -147,8 +147,9 @@ class Resampler:
             if (steps > limit).any():
                 i = int(np.argmax(steps > limit))
                 raise ValueError(
-                    f"sample {i}: time {verb} from {highest[i]:.6g} s to {times[i]:.6g} s, "
-                    f"expected within {limit:g} s"
+                    f"sample {i}: time {verb} by {steps[i]:.7g} s, from {highest[i]:.13g} s to "
+                    f"{times[i]:.13g} s, expected within {limit:g} s: the robot's clock was set; end this "
+                    "session and begin another"
                 )
 
     def _joined(self, waiting: Sequence[Array]) -> Array:

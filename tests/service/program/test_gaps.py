@@ -76,6 +76,14 @@ def test_the_note_names_every_gap_with_its_reason():
     )
 
 
+def test_a_gap_of_unknown_length_makes_no_app_less_sure_and_is_not_said_to():
+    """The clock of a robot was set, all later samples were refused, and the apps were as sure as before."""
+    assert gap_note([gap(4.0, 4.0, reason="evicted")], 0.0) == (
+        "Not observed: after 4.00 s (samples were lost). What was taught then is missing; "
+        "how much is not known."
+    )
+
+
 def test_of_many_gaps_the_longest_are_named_in_their_order_and_the_others_counted():
     gaps = [gap(float(t), t + 0.1 * (1 + t % 7)) for t in range(20)]
     note = gap_note(gaps, 0.0)

@@ -361,7 +361,7 @@ CUT = batch(1, samples=b"\0" * 12)
         (NAN, "not finite"),
         (ABSURD, "absurd"),
         (FAR, "px is absurd"),
-        (LASTING, "lasts too long"),
+        (LASTING, "lasts too long: the robot's clock was set within it; end this session and begin another"),
         (OTHER_COLUMNS, "columns differ"),
         (CUT, "do not fit"),
         (IMPOSSIBLE, "what a robot can send"),

@@ -160,6 +160,15 @@ def test_times_of_day_are_shown_from_the_start_and_written_as_they_are(tmp_path:
         assert f"{one['t0'] - start:.2f}" in done.output
 
 
+def test_a_name_in_brackets_is_no_markup(tmp_path: Path):
+    """A bag's note named "a mapping with  names others", and a file `x[/].npz` ended the command."""
+    t = np.arange(300) / 100.0
+    done = caesura("segment", recording(tmp_path / "x[red].npz", t, **{"[topics]": t}))
+    assert done.exit_code == 0
+    assert "x[red].npz (default)" in done.stdout
+    assert "ignored [topics]" in done.stdout
+
+
 def test_without_a_wrench_no_force_is_shown(tmp_path: Path):
     done = caesura("segment", recording(tmp_path / "nowrench.npz", np.arange(0.0, 3.0, 0.001)))
     assert done.exit_code == 0, done.output

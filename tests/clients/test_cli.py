@@ -414,11 +414,14 @@ def test_a_session_is_shown_with_its_phases(caesura, service):
     whole = snapshot(0, "motion", "contact", session="s1")
     phases = tuple(
         example(Phase).model_copy(update={"first_segment": i, "last_segment": i, "name": name})
-        for i, name in enumerate(("reach", "wipe the table"))
+        for i, name in enumerate(("[/reach]", "wipe the [red] table"))
     )
     shown = whole.segments.model_copy(update={"phases": phases})
     service.snapshots = [whole.model_copy(update={"segments": shown})]
-    assert "wipe the table" in caesura("sessions", "show", "s1", "--station", "cell-1").stdout
+    # A name like [/reach] ended the command, and what looks like a colour was left out.
+    words = caesura("sessions", "show", "s1", "--station", "cell-1").stdout
+    assert "[/reach]" in words
+    assert "wipe the [red] table" in words
 
 
 def test_a_session_with_a_name_of_its_own_is_shown_without_its_station(caesura, service):

@@ -110,7 +110,7 @@ def phases_table(phases: Sequence[Phase], title: str, clock: SessionClock = NO_O
             app_number(index),
             clock.shown(phase.t0),
             f"{mark}{clock.shown(phase.tn)}",
-            f"{mark}{phase_name(phase)}",
+            Text(f"{mark}{phase_name(phase)}"),  # what an operator typed is no markup
             _numbers(phase.first_segment, phase.last_segment),
             f"{phase.probability:.2f}",
             style=STYLE_OF_CERTAINTY[phase.certainty],

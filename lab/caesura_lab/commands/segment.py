@@ -11,7 +11,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console, Group
+from rich.markup import escape
 from rich.progress import Progress
+from rich.text import Text
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.recording_questions import Answered, ask_about
@@ -98,7 +100,7 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
     """Its segments, with a bar on the way. Raises SourceError where there is nothing to segment."""
     announce_compilation()
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(recording.name, total=recording.t.size)
+        task = progress.add_task(escape(recording.name), total=recording.t.size)
         try:
             view = segment_recording(
                 recording,
@@ -139,17 +141,18 @@ def _write(path: Path, view: PipelineView, warnings: Sequence[str]) -> None:
 
 def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequence[str]) -> Group:
     clock = clock_of(view.segments)
+    lines = (*doubtful_apps(view.apps), view.wrench.note, *warnings, *_warnings(recording, view, clock))
     return Group(
         *clock_lines(clock),
         segments_table(
-            view.segments, f"{recording.name} ({preset})", clock, measured=measures_force(view.wrench)
+            view.segments,
+            f"{escape(recording.name)} ({preset})",
+            clock,
+            measured=measures_force(view.wrench),
         ),
         *([phases_table(view.phases, "phases", clock)] if len(view.phases) > 1 else []),
         apps_table(view.apps, "task program", clock),
-        *doubtful_apps(view.apps),
-        view.wrench.note,
-        *warnings,
-        *_warnings(recording, view, clock),
+        *map(Text, lines),
     )
 
 

@@ -67,6 +67,21 @@ def test_the_check_compares_widths_with_the_gripper():
     assert "app 5 (move gripper): gripper width 80 mm, expected 0 to 5" in tight
 
 
+def test_the_check_names_what_is_assumed_where_no_width_is_stated():
+    """An inserted `move gripper` opened the fingers as far as they go, and the check found nothing."""
+    unstated = [
+        app.model_copy(update={"gripper_width": None}) if app.kind in {"grasp", "gripper_move"} else app
+        for app in pick_and_place()
+    ]
+    words = {
+        name: " ".join(map(str, check(unstated, Cell(Safety()), gripper=gripper(name)).findings))
+        for name in ("franka_hand", "suction")
+    }
+    assert "app 2 (grasp): no gripper width is stated: 0 mm is assumed, and the" in words["franka_hand"]
+    assert "is stated: the fingers open to 80 mm, as far as they go; change its" in words["franka_hand"]
+    assert "no gripper width" not in words["suction"]
+
+
 def test_the_check_names_a_force_that_the_gripper_does_not_have():
     (strong,) = found("franka_hand", Safety(grasp_force_n=90.0))
     assert strong.startswith("error: program: the fingers' force 90 N: a Franka Hand has at most 70 N")

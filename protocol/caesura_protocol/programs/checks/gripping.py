@@ -9,10 +9,15 @@ from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.robots import GripperDescription
 
+ASSUMED = {
+    "gripper_move": "the fingers open to {widest_mm:g} mm, as far as they go",
+    "grasp": "0 mm is assumed, and the fingers close until they hold",
+}
+
 
 def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> list[Finding]:
     """Find what a gripper cannot do. Widths of fingers are a matter of `value_findings`."""
-    return [*_settings(safety, gripper), *_widths(apps, gripper)]
+    return [*_settings(safety, gripper), *_widths(apps, gripper), *_unstated_widths(apps, safety, gripper)]
 
 
 def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
@@ -35,3 +40,15 @@ def _widths(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Findin
             if app.gripper_width:
                 reason = f"gripper width {1000 * app.gripper_width:g} mm: a {gripper.title} has no width"
                 yield Finding("warning", index, app.kind, reason, app.gripper_width, 0.0)
+
+
+def _unstated_widths(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
+    """Scripts and the simulated robot assume a width where none was taught, such as with a closed flag."""
+    if gripper.kind == "suction" or gripper.interface == "digital_output":
+        return
+    widest = safety.gripper_width_m
+    for index, app in enumerate(apps):
+        if app.gripper_width is None and app.kind in ASSUMED:
+            assumed = ASSUMED[app.kind].format(widest_mm=1000 * widest)
+            reason = f"no gripper width is stated: {assumed}; change its width"
+            yield Finding("warning", index, app.kind, reason, None, widest)

@@ -162,7 +162,7 @@ svg.way{min-width:0;stroke-width:1.3;color:var(--ink)}
 .way .tool{stroke:var(--blue);stroke-width:1;opacity:.7}
 .way .scale{stroke:var(--faint);fill:none;stroke-width:1}
 table{border-collapse:collapse;font-size:.875rem;font-variant-numeric:tabular-nums;white-space:nowrap;width:100%}
-th{border-bottom:1.5px solid var(--ink);vertical-align:bottom}
+th{border-bottom:1.5px solid var(--ink);vertical-align:bottom;white-space:normal}
 th span{color:var(--faint);font-weight:400}
 td{border-bottom:1px solid var(--line)}
 th,td{padding:.3rem .6rem;text-align:right}

@@ -67,14 +67,18 @@ APP_COLUMNS = (
     TableColumn("of segments", words=True),
 )
 SEGMENT_NOTE = (
-    "Base frame. x y z: flange at the segment's end. Fx Fy Fz: the environment on the robot there, tared. "
-    "P(start): that the segment starts there, give or take a sample. P(kind): of this kind, given the "
-    "boundaries. Log odds: of the kind over the runner-up, natural logarithm. ~ what may still change."
+    "Base frame. x y z: flange at the segment's end. Fx Fy Fz: the force on the robot there; below stands "
+    "whether it is tared, and whether the hand may be in it. Load: ± its standard deviation. P(start): that "
+    "the segment starts there, give or take a sample. P(kind): of this kind, given the boundaries. Log odds: "
+    "of the kind over the runner-up, natural logarithm; below 0 the runner-up fits this part better, and the "
+    "best segmentation as a whole has the kind shown. ~ what may still change."
 )
 NOTHING = ("", "", "")
 APP_NOTE = (
-    "Base frame. x y z: where to. Path: its length, and how many via points it has. Fx Fy Fz: what the "
-    "robot exerts, after the limit. Opening: of the fingers."
+    "Base frame. x y z: where to. Path: its length, by how much it turns, and how many via points it has. "
+    "Fx Fy Fz: what the robot exerts, after the limit; size: of that force. Load: ± its standard deviation. "
+    "Opening: of the fingers. Confidence: P(kind) times the P(start) of the less certain boundary, times the "
+    "share of the time that was observed."
 )
 
 
@@ -121,7 +125,7 @@ def _segment(index: int, one: Segment, start_probability: float | None, *, measu
         "" if start_probability is None else f"{start_probability:.2f}",
         f"{one.probability:.2f}",
         one.runner_up or "",
-        "" if one.runner_up is None else f"{one.log_odds:.1f}",
+        "" if one.runner_up is None else _signed(one.log_odds, 1),
     )
 
 

@@ -11,7 +11,16 @@ import pytest
 from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.report.from_start import from_start
 from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
-from caesura_lab.report.tables import notes, program_table, ranges, segments_table
+from caesura_lab.report.tables import (
+    APP_COLUMNS,
+    APP_NOTE,
+    SEGMENT_COLUMNS,
+    SEGMENT_NOTE,
+    notes,
+    program_table,
+    ranges,
+    segments_table,
+)
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import batches, opening_of, views
@@ -184,3 +193,14 @@ def test_times_of_day_are_shown_from_the_start(recording: Recording, content: Re
 def truth_of(content: ReportData, later_s: float) -> Truth:
     points = tuple(TrueChangepoint(one.t + later_s, 0.1) for one in content.view.changepoints)
     return Truth("bag", (later_s, later_s + 10.0), points, (TrueSegment(later_s, later_s + 1.0, "motion"),))
+
+
+@pytest.mark.parametrize(
+    ("columns", "note"), [(SEGMENT_COLUMNS, SEGMENT_NOTE), (APP_COLUMNS, APP_NOTE)], ids=["segments", "apps"]
+)
+def test_every_number_of_a_table_is_explained_below_it(columns, note):
+    """Confidence, size, ± and a negative log odds were not."""
+    plain = {"#", "kind", "app", "from", "to", "lasts", "runner-up", "of segments"}
+    named = {column.name for column in columns} - plain
+    assert {name for name in named if name.lower() not in note.lower()} == set()
+    assert "±" in note

@@ -158,6 +158,15 @@ def test_a_table_longer_than_a_page_goes_on_on_the_next(content: ReportData):
     assert "Segments, continued" in shown
 
 
+def test_notes_go_on_on_the_next_page(content: ReportData):
+    """They were written below the edge of the paper, where a table had filled it."""
+    said = tuple(f"note {number}" for number in range(60))
+    pages = list(table_pages(replace(content, notes=said), (segments_table(content.view),)))
+    texts = [text for page in pages for text in page.texts]
+    assert set(said) <= {text.get_text() for text in texts}
+    assert min(text.get_position()[1] for text in texts) > 0.0
+
+
 def test_a_long_recording_is_shown_whole_and_then_in_legible_parts(content: ReportData):
     longer = replace(content, signals=replace(content.signals, t=12.0 * content.signals.t))
     whole, *parts = windows(longer)

@@ -19,6 +19,7 @@ FIRST, LAST = 0.925, 0.06  # where rows may stand on the page
 SIZE = 8.5  # [pt]
 PADDING = 2.0  # letters between columns
 NOTE_LETTERS = 175
+NOTE_LINE, EDGE = 0.019, 0.02  # heights, shares of the page
 
 
 def table_pages(content: ReportData, tables: Sequence[Table]) -> Iterator[Figure]:
@@ -39,6 +40,9 @@ def table_pages(content: ReportData, tables: Sequence[Table]) -> Iterator[Figure
             figure, top = style.page(content, f"{table.title}, continued"), FIRST
         top = _note(figure, _draw(figure, rest, table, top), table.note) - GAP
     for note in notes(content.view, content.notes):
+        if _note_end(top + GAP / 2, note) < EDGE:
+            yield figure
+            figure, top = style.page(content, "Notes"), FIRST
         top = _note(figure, top + GAP / 2, note) - GAP / 2
     yield figure
 
@@ -110,5 +114,10 @@ def _note(figure: Figure, top: float, note: str) -> float:
     """A paragraph below a table; returns where it ends."""
     for line in textwrap.wrap(note, NOTE_LETTERS):
         figure.text(style.LEFT, top - 0.008, line, va="top", fontsize=7.5, color=style.FAINT)
-        top -= 0.019
+        top -= NOTE_LINE
     return top
+
+
+def _note_end(top: float, note: str) -> float:
+    """Return where a paragraph that begins at this height ends."""
+    return top - NOTE_LINE * len(textwrap.wrap(note, NOTE_LETTERS))

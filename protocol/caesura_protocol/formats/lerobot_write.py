@@ -252,7 +252,7 @@ def _info(episodes: Sequence[Episode], frames: int, tasks: int, *, language: boo
     features |= {"language_persistent": LANGUAGE} if language else {}
     return {
         "codebase_version": VERSION,
-        "robot_type": None,  # a session does not state it
+        "robot_type": _robot_type(episodes),
         "total_episodes": len(episodes),
         "total_frames": frames,
         "total_tasks": tasks,
@@ -265,6 +265,12 @@ def _info(episodes: Sequence[Episode], frames: int, tasks: int, *, language: boo
         "video_path": None,
         "features": features,
     }
+
+
+def _robot_type(episodes: Sequence[Episode]) -> str | None:
+    """Return the robot of all episodes; None where one states none, or another."""
+    stated = {episode.source.recording.setting.robot for episode in episodes}
+    return stated.pop() if len(stated) == 1 else None
 
 
 def _feature(spec: FeatureSpec) -> dict[str, Any]:

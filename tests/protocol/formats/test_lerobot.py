@@ -21,6 +21,7 @@ from caesura_protocol.formats import lerobot_write
 from caesura_protocol.formats.episode_frames import EpisodeError, EpisodeSource, episodes_of
 from caesura_protocol.formats.lerobot_write import write_lerobot
 from caesura_protocol.messages import Gap
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
 from harness.demonstrations import guided
@@ -298,3 +299,18 @@ def test_lerobots_own_loader_reads_it(root, dataset, tmp_path):
     assert found["succeeded"] == [0, 2]
     np.testing.assert_allclose(found["wrench"], frames["observation.wrench"][160], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found["mean"], dataset.column("observation.wrench").mean(0), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("robots", "expected"),
+    [(("panda", "panda"), "panda"), (("panda", "ur5e"), None), (("panda", None), None), ((None, None), None)],
+)
+def test_the_robot_is_that_of_all_sessions(sources, tmp_path, robots, expected):
+    """Sessions state it, and the dataset had none."""
+    stated = [
+        replace(one, recording=replace(one.recording, setting=CellSettings(robot=robot)))
+        for one, robot in zip(sources, robots, strict=False)
+    ]
+    write_lerobot(tmp_path / "demos", episodes_of(stated))
+    info = json.loads((tmp_path / "demos/meta/info.json").read_text())
+    assert info["robot_type"] == expected

@@ -16,6 +16,7 @@ class LazyCommand(TyperCommand):
     """A command of which the name and the place are known; `load` imports the rest."""
 
     place: ClassVar[str]
+    takes_numbers: ClassVar[bool]
 
     def _summary(self) -> str:
         """Return its line in a list of commands."""
@@ -29,7 +30,8 @@ class LazyCommand(TyperCommand):
     def load(self) -> Any:
         """Import the command, with its options."""
         alone = typer.Typer(add_completion=False)
-        alone.command(self.name)(resolve_name(self.place))
+        settings = {"ignore_unknown_options": True} if self.takes_numbers else {}
+        alone.command(self.name, context_settings=settings)(resolve_name(self.place))
         return typer.main.get_command(alone)
 
     def make_context(self, *args: Any, **options: Any) -> Any:
@@ -37,9 +39,14 @@ class LazyCommand(TyperCommand):
         return self.load().make_context(*args, **options)
 
 
-def add_command(app: typer.Typer, name: str, place: str) -> None:
-    """Add a command. place: `module:function`."""
-    app.command(name, cls=type("LazyCommand", (LazyCommand,), {"place": place}))(_no_options)
+def add_command(app: typer.Typer, name: str, place: str, *, takes_numbers: bool = False) -> None:
+    """Add a command. place: `module:function`.
+
+    takes_numbers: whether its arguments may be negative. What looks like an option and is none is then an
+    argument too, which the command has to refuse.
+    """
+    named = {"place": place, "takes_numbers": takes_numbers}
+    app.command(name, cls=type("LazyCommand", (LazyCommand,), named))(_no_options)
 
 
 def summary_of(place: str) -> str:

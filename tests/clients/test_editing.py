@@ -199,6 +199,16 @@ def typed(endpoint: str, *words: str):
     return CliRunner().invoke(app, ["edit", *words, "--connect", endpoint])
 
 
+def test_times_before_the_zero_of_a_clock_are_typed_as_they_are_shown(endpoint: str, caesura: Caesura):
+    """A robot whose clock begins below zero: `insert -3` was "No such option: -3"."""
+    session = taught(caesura, "cell-13")
+    outside = typed(endpoint, "cell-13", session, "insert", "-3.0", "--author", "Ann")
+    assert "the time is outside the demonstration; value -3.0" in outside.stderr
+    mistyped = typed(endpoint, "cell-13", session, "insert", "3.0", "--auhtor", "Ann")
+    assert mistyped.exit_code == 2
+    assert "'insert 3.0 --auhtor Ann' is no correction" in " ".join(mistyped.stderr.replace("│", "").split())
+
+
 def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     session = taught(caesura, "cell-5")
     done = typed(endpoint, "cell-5", session, "insert", "3.2", "--author", "Bob")

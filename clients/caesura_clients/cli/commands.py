@@ -20,10 +20,11 @@ COMMANDS = {
     "record": "caesura_clients.cli.record:record_session",
     "robots": "caesura_clients.cli.robots:list_robots",
 }
+NUMBERS = {"edit"}  # commands whose arguments may be negative: times of a clock that begins below zero
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands of a client install."""
     for name, place in COMMANDS.items():
-        add_command(app, name, place)
+        add_command(app, name, place, takes_numbers=name in NUMBERS)
     app.add_typer(sessions)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 from rich.console import Console
+from typer import BadParameter
 
 from caesura_clients.cli import hints as hints_command
 from caesura_clients.cli.hints import _failure
@@ -116,6 +117,15 @@ def test_a_command_is_run_at_each_change_and_clears_at_the_end(router, tmp_path:
     assert seen.read_text().splitlines() == ["raised too_fast 1", "cleared too_fast 0"]
     assert [trouble, more_trouble] == ["--exec sh: exit code 3\n"] * 2
     assert child.returncode == 0
+
+
+def test_a_command_that_cannot_be_run_is_refused_at_the_start(tmp_path: Path):
+    """It was reported at the first hint: an operator who watches a lamp sees no terminal."""
+    (tmp_path / "lamp.sh").write_text("exit 0")
+    for words in ("./no-such-lamp.sh", str(tmp_path / "lamp.sh")):
+        with pytest.raises(BadParameter, match="no such command, or it may not be run"):
+            hints_command._split(words)
+    assert hints_command._split("sh -c true") == ["sh", "-c", "true"]
 
 
 def changed() -> HintChange:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterable
@@ -72,6 +73,11 @@ def _split(command: str | None) -> list[str]:
         raise typer.BadParameter(f"{command!r}: {error}", param_hint="--exec") from error
     if not words:
         raise typer.BadParameter("is empty, expected a command", param_hint="--exec")
+    if shutil.which(words[0]) is None:
+        raise typer.BadParameter(
+            f"{words[0]}: no such command, or it may not be run (chmod +x); expected one to run at each hint",
+            param_hint="--exec",
+        )
     return words
 
 

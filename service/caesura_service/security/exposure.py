@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
+
 Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
 Resolve = Callable[[str], Sequence[str]]  # addresses of a host
 
@@ -86,7 +88,11 @@ def presented_credentials(endpoint: str, read: Read) -> Credentials:
 
 
 def exposure_error(endpoint: str) -> str:
-    """Return why the service does not listen on an open endpoint, and the remedies."""
+    """Return why the service does not listen on an open endpoint, or on what is none, and the remedies."""
+    parsed = parse_endpoint(endpoint)
+    host, _, port = parsed.address.rpartition(":")
+    if not parsed.protocol or not host or not port.isdecimal():
+        return f"{endpoint!r} is no endpoint: write it as {DEFAULT_ENDPOINT} or tls/[::]:7447"
     return (
         f"{endpoint} can be reached from other machines, where every client may do anything: "
         "demand credentials (caesura certs DIR makes certificates and a router.json5 for --zenoh-config), "

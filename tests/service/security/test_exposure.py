@@ -196,3 +196,13 @@ def test_the_file_of_a_client_is_not_served_with(tmp_path):
     CredentialStore(tmp_path).issue(IssueRequest(identities("service", ["west"]), hosts=["10.0.0.1"]))
     with pytest.raises(NetworkError, match=r"add --connect tls/10\.0\.0\.1:7447"):
         joined(config_file=tmp_path / "service.west.json5")
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["127.0.0.1:7447", "nonsense", "tcp/localhost", "tcp/:7447", "tcp/[::]:http"]
+)
+def test_what_is_no_endpoint_is_not_said_to_be_reached_from_other_machines(endpoint):
+    assert exposure.exposure_error(endpoint).startswith(
+        f"{endpoint!r} is no endpoint: write it as tcp/127.0.0.1:7447"
+    )
+    assert exposure.exposure_error("tcp/0.0.0.0:7447").startswith("tcp/0.0.0.0:7447 can be reached")

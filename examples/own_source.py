@@ -38,4 +38,5 @@ class Sine:
 
 
 with connect() as caesura, caesura.bridge("cell-1", Sine(float((sys.argv[1:] or ["5"])[0]))) as bridge:
-    print(f"session {bridge.session}: {bridge.run().next_seq} batches")
+    ack = bridge.run()
+    print(f"session {bridge.session}: {ack.next_seq} batches, {ack.lost} of them lost")

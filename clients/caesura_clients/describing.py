@@ -44,7 +44,7 @@ def start(
 def stop(
     transport: Transport, station: str, *, session: str | None = None, success: bool | None = None
 ) -> BridgeAck:
-    """Stop a demonstration; returns once the service has all of it.
+    """Stop a demonstration; returns once the service has all of it, but for what is `lost`.
 
     session: by default the current one; success: of the demonstration, where that is stated. Raises as
     `start`.

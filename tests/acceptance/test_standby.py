@@ -232,6 +232,24 @@ def test_a_lost_source_ends_the_session_with_what_came_and_is_opened_again(
         assert known(caesura, second).samples == 200
 
 
+def test_a_stop_counts_what_the_service_had_to_refuse(router, service, caesura):
+    """The clock of a robot was set while it taught: all the rest was refused, and stop said "is over"."""
+    robot, app = Robot(), typer.Typer()
+    register(app)
+    with ready_to_start(caesura, router.endpoint, robot) as standby:
+        session = caesura.start(STATION).session
+        robot.give(samples(300, t0=4000.0))
+        robot.give(samples(200, t0=400.0))
+        eventually(lambda: robot.read == 500)
+        stopped = CliRunner().invoke(app, ["stop", STATION, "--connect", router.endpoint])
+        lost = known(caesura, session).lost
+        assert lost > 0
+        assert standby.status.outcome.endswith(f" batches, of which {lost} are lost")
+        assert describing.stop(caesura.transport, STATION, session=session).lost == lost
+    assert stopped.exit_code == 0, "a pedal starts the next one where a stop fails"
+    assert f"warning: {lost} batches of it are lost: `caesura sessions show {session}" in stopped.stderr
+
+
 def test_a_source_that_delivers_nothing_does_not_keep_a_session_open(router, service, caesura):
     robot = Robot()
     with ready_to_start(caesura, router.endpoint, robot):

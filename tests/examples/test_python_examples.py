@@ -48,7 +48,7 @@ def run(name: str, *args: str, endpoint: str) -> str:
 def test_a_bridge_of_ones_own_a_query_and_a_reader(service, caesura):
     said = run("own_source.py", "2", endpoint=service.endpoint)
     session = said.split()[1].rstrip(":")
-    assert said == f"session {session}: 100 batches\n"
+    assert said == f"session {session}: 100 batches, 0 of them lost\n"
     found = caesura.snapshot("cell-1", session)
     assert (found.status.samples, found.status.state, found.status.gaps) == (2000, "closed", ())
 

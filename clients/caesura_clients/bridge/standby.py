@@ -280,7 +280,9 @@ class Standby:
                 if self._over.is_set():
                     raise
             else:
-                return f"closed with {ack.next_seq} batches"
+                one.lost = ack.lost
+                lacking = f", of which {ack.lost} are lost" if ack.lost else ""
+                return f"closed with {ack.next_seq} batches{lacking}"
 
     # --- sessions that a bridge has left open -----------------------------------------------------------
 
@@ -407,22 +409,23 @@ class Standby:
         if not one.done.wait(latest - time.monotonic()):
             why = self.status.problem or "the source delivers nothing"
             raise ProtocolError("overloaded", f"the bridge keeps trying to store {one.session}: {why}")
-        return BridgeAck(session=one.session, state=self.status.state)
+        return BridgeAck(session=one.session, state=self.status.state, lost=one.lost)
 
     def _stopped_before(self, stop: Stop) -> BridgeAck:
         """A stop of a session that is over.
 
         Raises ProtocolError for any other, and for a success that comes after the end.
         """
-        past = {one.session: one.success for one in self._started.values()}
+        past = {one.session: one for one in self._started.values()}
         last = stop.session or self.status.last_session
         over = f"no demonstration is being taught at {self.station}"
-        if stop.success is not None and last in past and past[last] != stop.success:
+        if stop.success is not None and last in past and past[last].success != stop.success:
             command = f"caesura sessions describe {self.station} {last} --success"
             why = f"{over}: {last} has ended before, and this success is not stored; use {command}"
             raise ProtocolError("conflict", f"{why} {'yes' if stop.success else 'no'}")
         if stop.session is not None and stop.session in past.keys() | {self.status.last_session}:
-            return BridgeAck(session=stop.session, state=self.status.state)
+            lost = past[stop.session].lost if stop.session in past else 0
+            return BridgeAck(session=stop.session, state=self.status.state, lost=lost)
         if stop.session is not None:
             why = f"{self.station} has no such demonstration"
             raise ProtocolError("unknown_session", why, value=stop.session, expected=self.status.session)
@@ -463,6 +466,7 @@ class _Demonstration:
         self.answered = threading.Event()
         self.is_open = False
         self.success: bool | None = None
+        self.lost = 0  # batches that the service lacks in the end
         self.refusal: ProtocolError | None = None  # it was not opened, or was ended by an error
 
     @property

@@ -66,13 +66,16 @@ def stop(
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Stop the demonstration of a station; returns once the service has all of it."""
+    """Stop the demonstration of a station; returns once the service has all of it, but for what is lost."""
     stated = None if success is None else success == "yes"
     with reported():
         named(station)
         with connected(endpoint, config) as caesura, _stated_after(PATIENCE_S, STORING):
             ack = describing.stop(caesura.transport, station, session=session, success=stated)
     typer.echo(f"{station}/{ack.session} is over")
+    if ack.lost:
+        shown = f"caesura sessions show {ack.session} --station {station}"
+        typer.echo(f"warning: {ack.lost} batches of it are lost: `{shown}` states when and why", err=True)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from caesura_protocol.messages.field_types import BridgeState, Name
+from caesura_protocol.messages.field_types import BridgeState, Count, Name
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.sessions import Description
 
@@ -39,6 +39,7 @@ class BridgeAck(Message):
 
     session: Name  # that was started or stopped
     state: BridgeState  # of the bridge, now
+    lost: Count = 0  # of a stop: batches that the session lacks, as of `Ack`
 
 
 class BridgeStatus(Message):

@@ -30,6 +30,9 @@ class Ack(Message):
     state: Literal["open", "closed"]
     revision: Count = 0  # how many edits the session has had; undo and redo count
     effect: EditEffect | None = None  # of a preview, or of an edit `with_effect`; None from an older service
+    lost: Count = (
+        0  # batches before `next_seq` that the session lacks: refused, or no bridge has them any more
+    )
 
 
 class Error(Message):

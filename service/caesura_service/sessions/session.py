@@ -498,4 +498,5 @@ class Session:
             state="open" if state == "open" else "closed",
             revision=self.revision,
             effect=effect,
+            lost=self.state.counters.lost,
         )

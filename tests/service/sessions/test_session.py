@@ -278,7 +278,7 @@ def test_a_restarted_bridge_opens_with_a_higher_epoch_and_continues_the_numbers(
     session.receive(batch(0), 0.0)
     session.receive(batch(3), 0.0)
     ack = answer(session.receive(opening(epoch=2), 0.0))
-    assert ack == Ack(session="s1", next_seq=4, state="open")
+    assert ack == Ack(session="s1", next_seq=4, state="open", lost=2)
     assert [gap.reason for gap in session.state.view.gaps] == ["evicted"]
     session.receive(batch(4, epoch=2), 0.0)
     assert session.next_seq == 5

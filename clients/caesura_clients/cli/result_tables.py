@@ -141,7 +141,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
     if status.overloaded:
         parts.append("the service is overloaded")
     if status.dropped:
-        parts.append(f"{status.dropped} messages dropped and asked for again")
+        parts.append(f"{status.dropped} messages dropped, and batches among them asked for again")
     if status.gaps:
         parts.append(_gaps(status))
     parts += budgets_in_words(status.budgets)

@@ -66,8 +66,10 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $@
 
 # What tests need beyond the demo: tools, a driver of browsers, the packages of exports and viewers. 600 MB installed.
+# pytest compiles the test modules here: else each process of the first run compiles all. Errors are for `make test`.
 $(TESTED): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(BIN)/python -m pytest --collect-only --quiet >/dev/null || true
 	touch $@
 
 clean:

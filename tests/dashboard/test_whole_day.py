@@ -19,8 +19,8 @@ from caesura_clients import Caesura
 from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
 from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium, settled
+from dashboard.operator import Operator
 from dashboard.stage import Stage, patient
-from dashboard.test_corrections import Operator
 from dashboard.test_start_stop import StandbyBridge, session_of
 
 pytestmark = needs_chromium

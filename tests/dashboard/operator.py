@@ -1,0 +1,136 @@
+"""An operator who corrects a session at the dashboard, by mouse, finger and keyboard."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from playwright.sync_api import Locator, Page, expect
+
+from caesura_clients import Caesura
+from caesura_protocol.errors import ProtocolError
+from dashboard.browser import THEMES, Visitor, settled
+from dashboard.stage import KINDS, Stage
+from dashboard.subscriber import Subscriber
+
+DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
+SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
+LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
+NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
+
+
+class Operator:
+    """An operator at the dashboard, whose station is being taught, and the wire beside it."""
+
+    def __init__(self, stage: Stage, visitor: Visitor, wire: Subscriber, station: str) -> None:
+        self.visitor, self.wire = visitor, wire
+        self.page: Page = visitor.page
+        self.page.goto(f"{stage.dashboard.url}/station/{station}")
+
+    @classmethod
+    def at(cls, page: Page, visitor: Visitor) -> Operator:
+        """An operator at a page that is open already and has its samples, without the wire."""
+        operator = cls.__new__(cls)
+        operator.page, operator.visitor = page, visitor
+        settled(page)
+        return operator
+
+    def wait_for_three_segments(self) -> None:
+        """On the screen, of the right kinds and final."""
+        table = self.page.locator("details.table")
+        table.locator("summary").click()
+        rows = table.locator("tbody tr")
+        for index, kind in enumerate(KINDS):
+            expect(rows.nth(-1 - index)).to_contain_text(kind)
+            expect(rows.nth(-1 - index)).to_contain_text("final")
+
+    def look_at_the_beginning(self) -> None:
+        """What is shown stands still: from 0 to 5 to 10 s, found up to SHOWN_S."""
+        self.is_called("Ann")
+        self.press("Live")
+        slider = self.page.get_by_role("slider", name="Show until")
+        self.page.wait_for_function(f"(slider) => slider.max >= {SHOWN_S}", arg=slider.element_handle())
+        live = "(plot) => { const { from, to } = plot.dataset; return to - from > 29.9 ? to - from : 0; }"
+        span_s = self.page.wait_for_function(live, arg=self.plot.element_handle()).json_value()
+        while span_s > 2.0 * SHOWN_S:  # more than 30 s where a test before this one showed everything
+            self.page.get_by_role("button", name="Zoom in").click()
+            span_s /= 2.0
+        slider.fill(str(SHOWN_S))
+        stands_still = f"(plot) => Math.abs(plot.dataset.to - {span_s}) < 1e-5"
+        self.page.wait_for_function(stands_still, arg=self.plot.element_handle())
+
+    @property
+    def plot(self) -> Locator:
+        return self.page.locator(".plots")
+
+    def place(self, t: float) -> tuple[float, float]:
+        """Where a time is on the screen."""
+        box = self.plot.bounding_box()
+        assert box is not None
+        inside = box["width"] - 2 - LEFT - RIGHT  # the border is one pixel wide
+        start, end = (float(self.plot.get_attribute(f"data-{name}") or 0.0) for name in ("from", "to"))
+        share = (t - start) / (end - start)
+        return box["x"] + 1 + LEFT + inside * share, box["y"] + box["height"] / 2
+
+    def is_called(self, name: str) -> None:
+        """As the browser has kept it, or as nobody."""
+        self.page.evaluate(
+            """(name) => {
+              localStorage.setItem("caesura-author", name);
+              window.dispatchEvent(new CustomEvent("caesura-author", { detail: name }));
+            }""",
+            name,
+        )
+
+    def click(self, t: float) -> None:
+        self.page.mouse.click(*self.place(t))
+
+    def touch_for_long(self, t: float) -> None:
+        """With a finger, until the menu is there."""
+        x, y = self.place(t)
+        devtools = self.page.context.new_cdp_session(self.page)
+        devtools.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+        self.page.locator(".correct-menu").wait_for()
+        devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    def insert(self, t: float) -> None:
+        """By the menu of that time."""
+        self.page.mouse.click(*self.place(t), button="right")
+        self.page.locator(".correct-menu .insert").click()
+
+    def drag(self, t: float, to: float) -> None:
+        self.page.mouse.move(*self.place(t))
+        self.page.mouse.down()
+        self.page.mouse.move(*self.place((t + to) / 2))
+        self.page.mouse.move(*self.place(to))
+        self.page.mouse.up()
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def is_shown(self, words: str) -> None:
+        expect(self.page.locator(".message")).to_contain_text(words)
+
+    def version(self) -> int:
+        return int(self.page.locator(".version").inner_text())
+
+    def undo_everything(self, caesura: Caesura) -> None:
+        """Until the page has nothing to undo either."""
+        self.is_called("Ann")
+        with suppress(ProtocolError):  # the last one is refused
+            while True:
+                caesura.undo(self.wire.now.station, self.wire.now.session, author="Ann")
+        expect(self.page.get_by_role("button", name="Undo", exact=True)).to_have_count(0)
+
+
+def looks_right(visitor: Visitor, name: str) -> None:
+    """On a desk and a phone, light and dark: axe finds nothing, nothing scrolls sideways."""
+    page = visitor.page
+    for where, size in (("phone", PHONE), ("desktop", DESK)):
+        page.set_viewport_size(size)
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture(f"{name}-{where}")
+            assert visitor.barriers(*rules) == []
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0

@@ -1,0 +1,391 @@
+"""Corrections of sessions that are over: of segments, phases and the program, listed and taken back."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Browser, expect
+
+from caesura_protocol.messages import Remove
+from clients.answering import Answering
+from clients.conftest import RouterNetwork
+from clients.examples import snapshot
+from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
+from dashboard.operator import DESK, NEAR_S, PHONE, Operator, T, looks_right
+from dashboard.stage import Dashboard, Stage
+from harness.demonstrations import guided
+from harness.processes import running
+
+pytestmark = needs_chromium
+expect.set_options(timeout=PATIENCE_MS)
+
+
+def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Browser):
+    stage.teach("cell-over", guided(), session="over", pace="4")
+    stage.wait("cell-over")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-over/over")
+    expect(page.locator(".app").first).to_be_visible()
+    page.locator(".plots").focus()
+    page.keyboard.press("r")
+    page.get_by_label("Time [s]").fill(str(T))
+    page.locator(".correct-menu .insert").click()
+    page.get_by_label("Your name").fill("Ann")
+    page.get_by_role("button", name="Correct", exact=True).click()
+    expect(page.locator(".message")).to_contain_text("inserted at 1.4")
+    expect(page.locator("#program-title")).to_contain_text("complete, corrected by Ann")
+    with stage.reader() as caesura:
+        assert any(one.corrected for one in caesura.snapshot("cell-over", "over").changepoints.changepoints)
+    page.get_by_role("button", name="Undo", exact=True).click()
+    expect(page.locator(".message")).to_contain_text("Undone")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, browser: Browser):
+    stage.teach("cell-list", guided(), session="over", pace="fast")
+    stage.wait("cell-list")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Cem')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-list/over")
+        listed = page.locator(".corrections")
+        expect(listed.locator("summary")).to_have_text("Corrections: 0")
+        expect(listed.locator(".empty"), "collapsed to a count").to_be_hidden()
+        caesura.insert("cell-list", "over", 1.2, author="Ann")
+        caesura.insert("cell-list", "over", 0.4, author="Bo")
+        caesura.move("cell-list", "over", 1.2, 1.6, author="Ann")
+        rows = listed.locator("li")
+        expect(rows).to_have_count(3)
+        expect(rows.first).to_contain_text("Ann moved the changepoint at 1.20 s to 1.60 s")
+        expect(rows.first.locator("time")).to_be_visible()
+        expect(rows.last).to_contain_text("Ann inserted a changepoint at 1.20 s")
+
+        rows.last.get_by_role("button", name="Undo").click()
+        refusal = "correction 3 by Ann moved that changepoint on: take correction 3 back first"
+        expect(listed.locator(".message")).to_contain_text(refusal)
+        undo = rows.nth(1).get_by_role(
+            "button", name="Undo correction 2: Bo inserted a changepoint at 0.40 s"
+        )
+        undo.focus()
+        page.keyboard.press("Enter")
+        expect(listed.locator(".message")).to_contain_text("Correction 2 is taken back")
+        expect(rows.nth(1)).to_contain_text("undone")
+        kept = [
+            one.t for one in caesura.snapshot("cell-list", "over").changepoints.changepoints if one.corrected
+        ]
+        assert kept == [pytest.approx(1.6, abs=NEAR_S)]
+        looks_right(visitor, "corrections")
+
+        def states() -> list[str]:
+            return [one.state for one in caesura.snapshot("cell-list", "over").program.corrections]
+
+        expect(page.get_by_role("button", name="Redo", exact=True)).to_have_count(0)
+        page.locator(".plots").press("Control+z")
+        expect(page.locator(".message").first, "the taking back is undone").to_have_text(
+            "Correction 2 counts again."
+        )
+        expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
+        assert states() == ["applied"] * 3
+        page.locator(".plots").press("Control+y")
+        expect(rows.nth(1)).to_contain_text("undone")
+        assert states() == ["applied", "undone", "applied"]
+        page.get_by_role("button", name="Undo", exact=True).click()
+        expect(rows.nth(1).get_by_role("button", name="Undo")).to_be_visible()
+        page.locator(".plots").press("Control+z")
+        expect(rows.first, "then the newest correction").to_contain_text("undone")
+        assert states() == ["applied", "applied", "undone"]
+        caesura.redo("cell-list", "over", author="Bo")
+        expect(rows.first.get_by_role("button", name="Undo")).to_be_visible()
+        page.locator(".plots").press("Control+z")
+        expect(rows.first, "another editor was first: the newest one").to_contain_text("undone")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage, browser: Browser):
+    stage.teach("cell-gone", guided(), session="over", pace="fast")
+    stage.wait("cell-gone")
+    visitor = Visitor(browser)
+    page = visitor.page
+    with stage.reader() as caesura:
+        (pressing,) = [one for one in caesura.snapshot("cell-gone", "over").program.apps if one.force]
+        middle = 0.5 * (pressing.t0 + pressing.tn)
+        caesura.limit_force("cell-gone", "over", middle, 4.0, author="Ann")
+        page.goto(f"{stage.dashboard.url}/sessions/cell-gone/over")
+        row = page.locator(".corrections li").last
+        expect(row).to_contain_text("Ann limited the force")
+        expect(row).not_to_contain_text("Not applied")
+        caesura.relabel("cell-gone", "over", middle, "motion", author="Bo")
+        expect(row).to_contain_text(f"Not applied: no app exerts a force at {middle:.2f} s any more")
+        looks_right(visitor, "correction-gone")
+        page.locator(".corrections li").first.get_by_role("button", name="Undo").click()
+        expect(page.locator(".who")).to_be_visible()
+        page.locator(".who .author").fill("Cem")
+        page.locator(".who .save-name").click()
+        expect(row, "its app is back").not_to_contain_text("Not applied")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_phase_is_named(stage: Stage, browser: Browser):
+    stage.teach("cell-phase", guided(), session="over", pace="fast")
+    stage.wait("cell-phase")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-phase/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+        contact = next(
+            one for one in caesura.snapshot("cell-phase", "over").segments.phases if one.kind == "contact"
+        )
+        # where a phase begins, the menu means the phase that begins
+        page.mouse.click(*operator.place(contact.t0), button="right")
+        menu = page.locator(".correct-menu")
+        expect(menu.get_by_role("button", name="contact")).to_have_attribute("aria-pressed", "true")
+        menu.get_by_label("Name the phase contact").fill("press the pump")
+        menu.get_by_role("button", name="Name", exact=True).hover()
+        expect(menu.locator(".effect")).to_contain_text("becomes phase press the pump (contact)")
+        menu.get_by_label("Name the phase contact").focus()
+        looks_right(visitor, "name-phase")
+        page.keyboard.press("Enter")
+        expect(page.locator(".message").first).to_contain_text("is called press the pump")
+        expect(page.locator(".selection")).to_contain_text("in phase press the pump (contact)")
+        expect(page.locator(".corrections li")).to_contain_text("Ann named the phase at")
+        names = [
+            one.name
+            for one in caesura.snapshot("cell-phase", "over").segments.phases
+            if one.kind == "contact"
+        ]
+        assert names == ["press the pump"]
+        page.set_viewport_size(DESK)
+        visitor.picture("phase-named-desktop")
+        page.get_by_role("button", name="Undo", exact=True).click()
+        expect(page.locator(".selection")).not_to_contain_text("press the pump")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage, browser: Browser):
+    stage.teach("cell-preview", guided(), session="over", pace="fast")
+    stage.wait("cell-preview")
+    visitor = Visitor(browser)
+    page, effect = visitor.page, visitor.page.locator(".effect")
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size(DESK)
+    with stage.reader() as caesura:
+        before = caesura.snapshot("cell-preview", "over")
+        first, second = before.segments.segments[1:3]
+        page.goto(f"{stage.dashboard.url}/sessions/cell-preview/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+        expect(operator.plot, "the last samples push nothing out").to_have_attribute("data-from", "0")
+
+        page.mouse.click(*operator.place(first.tn), button="right")
+        menu = page.locator(".correct-menu")
+        expect(menu.locator(".remove")).to_be_focused()
+        merged = caesura.preview("cell-preview", "over", Remove(t=first.tn)).segments_after
+        words = [f"{one.kind} {one.t0:.2f} to {one.tn:.2f} s" for one in merged]
+        expect(menu.locator(".effect"), "of the key that has the focus").to_contain_text(words[0])
+        expect(menu.locator(".effect")).to_contain_text("App")
+        visitor.picture("preview-remove-desktop")
+        assert visitor.barriers() == []
+        menu.get_by_role("button", name="steady").hover()
+        expect(menu.locator(".effect"), "of what the pointer is on").to_contain_text("steady")
+        visitor.picture("preview-relabel-desktop")
+        page.keyboard.press("Escape")
+        expect(effect.filter(has_text="become")).to_have_count(0)
+
+        page.mouse.move(*operator.place(first.tn))
+        page.mouse.down()
+        to = first.tn + 0.3
+        page.mouse.move(*operator.place(to - 0.1))
+        page.mouse.move(*operator.place(to))
+        tip = page.locator(".effect-tip")
+        expect(tip, "what is known at once").to_contain_text(f"{first.kind} {first.t0:.2f} to")
+        expect(tip, "what the service answers").to_contain_text("App")
+        visitor.picture("preview-drag-desktop")
+        shown = tip.inner_text()
+        for part in ("changepoints", "segments", "program"):
+            assert getattr(caesura.snapshot("cell-preview", "over"), part) == getattr(before, part), part
+        page.mouse.up()
+        expect(page.locator(".message").first).to_contain_text("Changepoint moved")
+        after = caesura.snapshot("cell-preview", "over").segments.segments
+        ends = [f"{one.kind} {one.t0:.2f} to {one.tn:.2f} s" for one in after[1:3]]
+        assert all(words in shown for words in ends), "the edit does what was shown"
+        assert second.tn == after[2].tn
+
+        row = page.locator(".corrections li").first
+        row.get_by_role("button", name="Undo").hover()
+        expect(page.locator(".corrections .effect")).to_contain_text(f"{first.tn:.2f} s")
+        visitor.picture("preview-undo-desktop")
+        assert caesura.snapshot("cell-preview", "over").status.revision == 1
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(stage: Stage, browser: Browser):
+    stage.teach("cell-touch", guided(), session="over", pace="fast")
+    stage.wait("cell-touch")
+    visitor = Visitor(browser, viewport=PHONE, has_touch=True)
+    page = visitor.page
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    with stage.reader() as caesura:
+        page.goto(f"{stage.dashboard.url}/sessions/cell-touch/over")
+        expect(page.locator(".app").first).to_be_visible()
+        operator = Operator.at(page, visitor)
+        operator.touch_for_long(T)
+        menu = page.locator(".correct-menu")
+        menu.locator(".insert").tap()
+        expect(menu.locator(".effect")).to_contain_text("become")
+        expect(menu.locator(".effect")).to_contain_text("Tap again to correct.")
+        assert caesura.snapshot("cell-touch", "over").status.revision == 0
+        for visitor.theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", visitor.theme)
+            visitor.picture("preview-phone")
+            assert visitor.barriers(*rules) == []
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+        menu.locator(".insert").tap()
+        expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
+        assert caesura.snapshot("cell-touch", "over").status.revision == 1
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, browser: Browser):
+    stage.teach("cell-program", guided(), session="over", pace="fast")
+    stage.wait("cell-program")
+    visitor = Visitor(browser)
+    page, apps = visitor.page, visitor.page.locator(".app")
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{stage.dashboard.url}/sessions/cell-program/over")
+    expect(apps.first).to_be_visible()
+    said, count = page.locator(".program-said"), apps.count()
+    with stage.reader() as caesura:
+        taught = caesura.snapshot("cell-program", "over").program.apps
+        pressing = next(index for index, one in enumerate(taught) if one.kind == "apply_force")
+
+        card = apps.nth(pressing)
+        card.get_by_text("Edit", exact=True).click()
+        card.locator(".app-name").fill("Press the pump")
+        card.locator(".app-force_n").fill("4")
+        card.locator(".app-target_name").fill("pump head")
+        card.locator(".save").click()
+        expect(said).to_contain_text("name set, position name set, force set")
+        expect(card.locator("dl")).to_contain_text("pump head")
+        expect(card.locator("h3")).to_contain_text("Press the pump")
+        expect(card.locator(".marks")).to_contain_text("force by Ann (taught")
+        edited = caesura.snapshot("cell-program", "over").program
+        assert edited.apps[pressing].name == "Press the pump"
+        assert edited.apps[pressing].target_name == "pump head"
+        assert max(map(abs, edited.apps[pressing].force or ())) <= 4.01
+
+        apps.first.get_by_text("Edit", exact=True).focus()
+        page.keyboard.press("Enter")
+        apps.first.get_by_role("button", name="Delete app 1").focus()
+        page.keyboard.press("Enter")
+        expect(said).to_contain_text("deleted")
+        expect(apps).to_have_count(count - 1)
+        expect(page.locator(".app .findings .error").first).to_contain_text("presses without a contact")
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture("program-edited-desktop")
+            assert visitor.barriers(*rules) == []
+        page.set_viewport_size({"width": 390, "height": 844})
+        visitor.picture("program-edited-phone")
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+
+        page.get_by_role("button", name="Undo edit").click()
+        expect(apps).to_have_count(count)
+        page.get_by_role("button", name="Undo edit").click()
+        expect(page.locator(".edits summary")).to_contain_text("Edits: 2")
+        expect(page.locator(".marks")).to_have_count(0)
+        assert caesura.snapshot("cell-program", "over").program.apps == taught
+    for words, part in (
+        ("JSON", '"caesura.program"'),
+        ("franky script", "APPS ="),
+        ("behaviour tree", "<root"),
+    ):
+        with page.expect_download() as download:
+            page.get_by_role("link", name=words).click()
+        assert part in Path(download.value.path()).read_text("utf-8")
+    # A browser keeps the text of a refused download to itself; a refused page is shown.
+    assert page.locator(".exports a[download]").count() == 0
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, browser: Browser):
+    stage.teach("cell-again", guided(), session="first", pace="fast")
+    stage.wait("cell-again")
+    stage.teach("cell-again", guided(1), session="second", pace="fast")
+    stage.wait("cell-again")
+    visitor = Visitor(browser)
+    page, apps = visitor.page, visitor.page.locator(".app")
+    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(f"{stage.dashboard.url}/sessions/cell-again/first")
+    expect(apps.first).to_be_visible()
+    said = page.locator(".program-said")
+    with stage.reader() as caesura:
+        taught = caesura.snapshot("cell-again", "first").program.apps
+        second = caesura.snapshot("cell-again", "second").program.apps
+        expect(apps).to_have_count(len(taught))
+
+        card = apps.nth(1)
+        card.get_by_text("Edit", exact=True).click()
+        card.locator(".part-last").select_option("2")
+        offered = card.locator(".part-session option").all_inner_texts()
+        assert offered == ["choose", f"second, {len(second)} apps"]
+        card.locator(".part-session").select_option("second")
+        for theme, rules in THEMES.items():
+            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+            visitor.theme = theme
+            visitor.picture("part-taught-again-desktop")
+            assert visitor.barriers(*rules) == []
+        card.locator(".replace-part").click()
+        expect(said).to_contain_text("replaced by session 'second'")
+        expect(apps).to_have_count(len(taught) - 1 + len(second))
+        expect(card.locator(".marks")).to_contain_text("taught again by Ann")
+        expect(card.locator(".findings")).to_contain_text("from where the app before it ends")
+        visitor.picture("part-replaced-desktop")
+        page.locator(".edits summary").click()
+        expect(page.locator(".edits li")).to_contain_text("– Ann, applied")
+        shown = caesura.snapshot("cell-again", "first").program.apps
+        assert [one for one in shown if one.added is None] == [taught[0], *taught[2:]]
+
+        page.get_by_role("button", name="Undo edit").click()
+        expect(apps).to_have_count(len(taught))
+        assert caesura.snapshot("cell-again", "first").program.apps == taught
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_a_session_whose_corrections_are_not_listed_is_not_called_uncorrected(browser: Browser):
+    """As one that an older version of the service closed."""
+    with RouterNetwork() as router, Answering(router.transport()) as service, ExitStack() as stack:
+        whole = snapshot(0, "motion", station="cell-1", session="s1", state="closed")
+        status = whole.status.model_copy(update={"revision": 2})
+        program = whole.program.model_copy(update={"corrections": ()})
+        service.snapshots = [whole.model_copy(update={"status": status, "program": program})]
+        dashboard = stack.enter_context(running(Dashboard(router.endpoint)))
+        visitor = stack.enter_context(closing(Visitor(browser)))
+        visitor.page.goto(f"{dashboard.url}/sessions/cell-1/s1")
+        listed = visitor.page.locator(".corrections")
+        expect(listed.locator("summary")).to_have_text("Corrections: not listed")
+        listed.locator("summary").click()
+        expect(listed.locator(".empty")).to_contain_text("made under an older version of the service")

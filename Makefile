@@ -13,10 +13,10 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
 
-# Five at a time, for tests wait for processes, browsers and clocks; each keeps to neighbouring tests, which share
-# what they have simulated and started, until it takes over what another has not come to.
+# Five at a time, for tests wait for processes, browsers and clocks; each takes a file at a time, in the order of
+# tests/conftest.py, for the tests of a file share what they have simulated and started.
 test: $(TESTED)
-	$(BIN)/python -m pytest -n 5 --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n 5 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(TESTED)
 	$(BIN)/ruff check .

@@ -30,6 +30,24 @@ from harness.once import KEPT, RUN
 # Before numpy is imported, and for processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 GARBAGE = (20_000, 20, 20)  # objects, and collections of a younger generation, that begin one of an older
+# Files that take long, the longest first. Two of the first five wait for nothing: with a browser for each process,
+# all pages are slow, and what is live is drawn for longer.
+LONG = (
+    "tests/dashboard/test_browser.py",
+    "tests/dashboard/test_corrections.py",
+    "tests/lab/execution/test_executor.py",
+    "tests/dashboard/test_corrected_sessions.py",
+    "tests/service/changepoint/test_compiled_filter.py",
+    "tests/dashboard/",
+    "tests/acceptance/test_serve",
+    "tests/docs/",
+    "tests/faults/",
+    "tests/lab/",
+    "tests/acceptance/",
+    "tests/clients/",
+    "tests/service/changepoint/",
+    "tests/service/segmentation/",
+)
 settings.register_profile("quick", max_examples=30, deadline=None, derandomize=True)
 settings.register_profile(  # for `make mutations`: whether it fails, not how little it takes
     "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)
@@ -51,12 +69,12 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the tests of the dashboard first: they take the longest.
+    """Put files first that take long, so that no process still has one when the others have ended."""
 
-    A module of theirs shares a service, bridges and a browser. As the last tests of a process they would be
-    divided among all processes, and each would start these again.
-    """
-    items.sort(key=lambda item: not item.nodeid.startswith("tests/dashboard/"))
+    def place(item: pytest.Item) -> int:
+        return next((i for i, start in enumerate(LONG) if item.nodeid.startswith(start)), len(LONG))
+
+    items.sort(key=place)
 
 
 @pytest.hookimpl(tryfirst=True)

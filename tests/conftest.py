@@ -25,13 +25,14 @@ from collections.abc import Generator
 import pytest
 from hypothesis import Phase, settings
 
+from harness.forked import CAN_FORK
 from harness.once import KEPT, RUN
 
 # Before numpy is imported, and for processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 GARBAGE = (20_000, 20, 20)  # objects, and collections of a younger generation, that begin one of an older
-# Files that take long, the longest first. Two of the first five wait for nothing: with a browser for each process,
-# all pages are slow, and what is live is drawn for longer.
+# Files that take long, the longest first. Two of the first five have no browser: with five browsers at once,
+# pages are slow, and what is live is drawn for longer.
 LONG = (
     "tests/dashboard/test_browser.py",
     "tests/dashboard/test_corrections.py",
@@ -83,6 +84,16 @@ def pytest_configure(config: pytest.Config) -> None:
     if RUN not in os.environ:
         os.environ[RUN] = tempfile.mkdtemp(prefix="caesura-tests-")
         config.add_cleanup(_remove_folder)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes(config: pytest.Config, specs: list[object]) -> None:
+    """Fork the processes of pytest-xdist, with nothing left to write."""
+    from harness.forked_workers import fork_workers  # noqa: PLC0415 - pytest-xdist may not be installed
+
+    if CAN_FORK:
+        config.get_terminal_writer().flush()
+        fork_workers(len(specs))
 
 
 @pytest.hookimpl(tryfirst=True)

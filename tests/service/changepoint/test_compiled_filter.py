@@ -89,14 +89,14 @@ def follow(
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model(model: ChannelModel) -> None:
-    stream = [(observed, i == 13) for i, observed in enumerate(observations(26))]
+    stream = [(observed, i == 13) for i, observed in enumerate(observations(20))]
     follow(alone(model), stream, FilterParameters(window=12))
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model_where_an_observation_has_no_step(model: ChannelModel) -> None:
     """At the beginning, and after a gap, which may follow another one at once."""
-    stream = [(observed, i in {1, 2, 12, 13}) for i, observed in enumerate(observations(26))]
+    stream = [(observed, i in {1, 2, 12, 13}) for i, observed in enumerate(observations(20))]
     stepwise = replace(alone(model), stepwise=True)
     follow(stepwise, stream, FilterParameters(window=12), Refractory(8.0, 3))
 

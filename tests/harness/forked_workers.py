@@ -76,6 +76,7 @@ def fork_workers(count: int) -> None:
     for name in MODULES:
         if find_spec(name.partition(".")[0]):
             import_module(name)
+    assert threading.active_count() == 1, "a process with threads cannot be forked"
     for _ in range(count):
         ForkedIO.forked.append(Worker(ForkedIO.forked))
     gateway_io.Popen2IOMaster = ForkedIO

@@ -34,6 +34,15 @@ def normal_log_density(value2: ArrayLike, dimensions: int, scale2: float) -> Arr
     return density
 
 
+def student_log_density(value2: ArrayLike, dimensions: int, nu: float, scale: float) -> Array:
+    """Log density of an isotropic Student t about 0 with nu degrees of freedom; value2: squared length."""
+    half = 0.5 * (nu + dimensions)
+    volume = 0.5 * dimensions * np.log(nu * np.pi) + dimensions * np.log(scale)
+    constant = gammaln(half) - gammaln(0.5 * nu) - volume
+    density: Array = constant - half * np.log1p(np.asarray(value2, float) / (nu * scale**2))
+    return density
+
+
 def log_mean_exp(values: Array, axis: int = -1) -> Array:
     """Logarithm of the mean of exp(values) over one axis: an even mixture."""
     count = values.shape[axis]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from caesura_service.changepoint.channel_model import (
     AXES,
@@ -18,6 +17,7 @@ from caesura_service.changepoint.channel_model import (
     log_presence,
     signal,
 )
+from caesura_service.changepoint.evidence import student_log_density
 
 Array = NDArray[np.float64]
 
@@ -51,17 +51,9 @@ class StudentRandomWalk:
         before = append(rows[0], rows[0][-1] if len(rows[0]) else z)
         step2 = ((z - before) ** 2).sum(axis=1)
         weight = log_absence(step2, self.still) + log_presence(z @ z, self.presence)
-        evidence = append(rows[1], 0.0) + self._log_density(step2) + weight
+        evidence = append(rows[1], 0.0) + student_log_density(step2, AXES, self.nu, self.scale) + weight
         return np.tile(z, (len(before), 1)), evidence
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
         return np.asarray(rows[1], np.float64)
-
-    def _log_density(self, step2: Array) -> Array:
-        """(h,) of steps whose squared lengths are given (h,) [unit²]."""
-        half = 0.5 * (self.nu + AXES)
-        volume = 0.5 * AXES * np.log(self.nu * np.pi) + AXES * np.log(self.scale)
-        constant = gammaln(half) - gammaln(0.5 * self.nu) - volume
-        density: Array = constant - half * np.log1p(step2 / (self.nu * self.scale**2))
-        return density

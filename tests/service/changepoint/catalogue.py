@@ -172,9 +172,9 @@ def _walks() -> Iterator[tuple[str, Entry]]:
 
 
 def _guided() -> Iterator[tuple[str, Entry]]:
-    model = GuidedMotion(0.8, floor=0.2, share=0.3, burst=0.4, nu0=4.0)
+    model = GuidedMotion(0.8, floor=0.2, share=0.3, burst=0.4, nu=4.0)
     yield "guided motion", Entry(model, DENSITY)
-    one = replace(model, scales=(1.0,), burst_steps=1)
+    one = replace(model, scales=(1.0,), burst_steps=1, floor=0.8)
     yield "guided motion, one scale", Entry(one, DENSITY, size=0.8)
     yield "guided motion, pace", Entry(replace(model, pace=0.5), WEIGHTED)
     yield "guided motion, away", Entry(replace(model, away=1.0), WEIGHTED, unweighed=3)

@@ -24,6 +24,7 @@ TOUCHED = {
     "without_corners": {"corner"},
     "without_sensor_noise": {"moving", "still", "stopped", "pressed"},
     "without_speed_noise": {"moving"},
+    "without_heavy_tails": {"moving"},
     "without_bias": {"untouched"},
     "without_change": {"pressed"},
     "without_correlation": {"moving", "untouched", "pressed", "laden"},

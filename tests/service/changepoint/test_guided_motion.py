@@ -12,7 +12,7 @@ from scipy.stats import multivariate_t
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
-from caesura_service.changepoint.default import SLOW, guided_motion
+from caesura_service.changepoint.default import NORMAL_NU, SLOW, guided_motion
 from caesura_service.changepoint.guided_motion import GuidedMotion
 
 CORNER = CornerWeight(gamma=30.0, pace=SLOW)
@@ -35,23 +35,38 @@ def weight_at(path: np.ndarray, start: int) -> float:
     return float(CORNER.log_evidence(rows_after(CORNER, observed(path)))[start])
 
 
-def test_evidence_of_one_scale_is_a_product_of_student_t_predictives() -> None:
-    """Multivariate Student t with the degrees of freedom and scale that the values so far leave, by scipy."""
-    model = GuidedMotion(0.8, floor=0.002, share=0.3, burst=0.004, burst_steps=2, nu0=6.0, scales=(1.5,))
-    rng = np.random.default_rng(3)
-    path = np.cumsum(rng.normal(0.0, 0.004, (9, 3)), axis=0)
-    rows = rows_after(model, observed(path))
-    expected, nu, squares = 0.0, model.nu0, 0.0
+def test_evidence_is_a_mean_over_scales_of_products_of_student_t_densities() -> None:
+    """Every step has a multivariate Student t of its own, by scipy; the segment has one of the scales."""
+    model = GuidedMotion(0.8, floor=0.002, share=0.3, burst=0.004, burst_steps=2, nu=6.0, scales=(0.7, 1.5))
+    path = np.cumsum(np.random.default_rng(3).normal(0.0, 0.004, (9, 3)), axis=0)
     steps = np.diff(path, axis=0)
-    for n, step in enumerate(steps):  # the hypothesis that starts at observation 1
-        before, earlier = (steps[n - k] if n >= k else np.zeros(3) for k in (1, 2))
-        mean = 2.0 * 0.8 * before - 0.8**2 * earlier
-        scale2 = 0.002**2 + 0.3**2 * before @ before + (0.004**2 if n < 2 else 0.0)
-        spread = scale2 * (model.nu0 * 1.5**2 + squares) / nu
-        expected += multivariate_t(mean, spread * np.eye(3), df=nu).logpdf(step)
-        squares += float((step - mean) @ (step - mean)) / scale2
-        nu += 3.0
-    assert model.log_evidence(rows)[1] == pytest.approx(expected, abs=1e-9)
+    expected = []
+    for scale in model.scales:
+        densities = []
+        for n, step in enumerate(steps):  # the hypothesis that starts at observation 1
+            before, earlier = (steps[n - k] if n >= k else np.zeros(3) for k in (1, 2))
+            mean = 2.0 * 0.8 * before - 0.8**2 * earlier
+            scale2 = 0.002**2 + 0.3**2 * before @ before + (0.004**2 if n < 2 else 0.0)
+            shape = scale2 * scale**2 * np.eye(3)
+            densities.append(multivariate_t(mean, shape, df=model.nu).logpdf(step))
+        expected.append(sum(densities))
+    rows = rows_after(model, observed(path))
+    assert model.log_evidence(rows)[1] == pytest.approx(np.log(np.mean(np.exp(expected))), abs=1e-9)
+
+
+def test_a_jolt_is_no_reason_for_a_new_movement() -> None:
+    """A movement of the model at about 0.2 m/s that is pushed aside once, by 12 mm a step."""
+    model = guided_motion()
+    steps = [np.zeros(3), np.zeros(3)]
+    for n in range(40):
+        error = np.array([0.0, 0.012 if n == 20 else 0.0, 0.0])
+        pushed = np.array([0.0006, 0.0, 0.0]) + error
+        steps.append(2.0 * model.correlation * steps[-1] - model.correlation**2 * steps[-2] + pushed)
+    path = observed(np.cumsum(steps[1:], axis=0))
+    for nu, cuts in ((model.nu, False), (NORMAL_NU, True)):
+        other = replace(model, nu=nu)
+        whole, later = (other.log_evidence(rows_after(other, path))[start] for start in (1, 21))
+        assert (other.log_evidence(rows_after(other, path[:21]))[1] + later > whole) == cuts, nu
 
 
 @pytest.mark.parametrize("turn", [[0.3, -1.0, 2.0], [3.0, 0.0, 0.1]])

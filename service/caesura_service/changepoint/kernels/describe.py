@@ -24,6 +24,7 @@ from caesura_service.changepoint.constant_models import (
 from caesura_service.changepoint.constant_velocity import ConstantVelocity
 from caesura_service.changepoint.contact_mixture import ContactMixture
 from caesura_service.changepoint.corner_weight import CornerWeight
+from caesura_service.changepoint.evidence import student_log_density
 from caesura_service.changepoint.force_rise_penalty import NoContactRise
 from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
@@ -218,8 +219,6 @@ def _profiled(model: ProfileModel) -> Record:
 
 
 def _walk(model: StudentRandomWalk) -> Record:
-    half = 0.5 * (model.nu + AXES)
-    volume = 0.5 * AXES * np.log(model.nu * np.pi) + AXES * np.log(model.scale)
     return {
         "model": layout.WALK,
         "signal": SIGNALS[model.channel],
@@ -227,7 +226,7 @@ def _walk(model: StudentRandomWalk) -> Record:
         "nu": model.nu,
         "still": model.still,
         "presence": model.presence,
-        "constant": gammaln(half) - gammaln(0.5 * model.nu) - volume,
+        "constant": float(student_log_density(0.0, AXES, model.nu, model.scale)),
     }
 
 
@@ -302,9 +301,8 @@ def _guided(model: GuidedMotion) -> Record:
     return {
         "model": layout.GUIDED,
         "signal": SIGNALS["position"],
-        "joint": True,
-        "pooled": AXES,
-        "nu0": model.nu0,
+        "nu": model.nu,
+        "constant": float(student_log_density(0.0, AXES, model.nu, 1.0)),
         "rho": model.correlation,
         "floor2": model.floor**2,
         "scale2": model.share**2,
@@ -315,7 +313,6 @@ def _guided(model: GuidedMotion) -> Record:
         "away_steps": model.away_steps,
         "burst_steps": model.burst_steps,
         "pace": model.pace,
-        "offset": -np.log(len(model.scales)),
     }
 
 
@@ -394,7 +391,7 @@ _WIDTHS: Mapping[type, int] = {
     ContactMixture: 2 + layout.STATES,
     ConstantVelocity: 12,
     FrictionConeWeight: 1,
-    GuidedMotion: 3,
+    GuidedMotion: 1 + MOST_SHARES,
     CornerWeight: 10,
     TurnInPlace: 15,
     TurnRate: 1,

@@ -11,11 +11,11 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
 from caesura_service.changepoint.kernels.layout import AXES
-from caesura_service.changepoint.kernels.residuals import BY_LENGTH, fill_length, log_presence, whole
+from caesura_service.changepoint.kernels.residuals import log_presence, whole
 from caesura_service.numba_support.decorators import compiled
 
-SQUARES, LOG_SCALES, PACED = 0, 1, 2  # fields of guided motion
-PEAK, TOTAL = 5, 6  # rows of the work; those before `BY_LENGTH` hold one scale each
+WEIGHTS, DENSITIES = 0, 1  # fields of guided motion; densities have one a scale
+PEAK, TOTAL = 5, 6  # rows of the work
 OWN_STEPS = 2  # observations of a segment after which the steps before it play no part
 START, BEFORE, SPEED, PEAK_BEFORE, PEAK_AFTER, WEIGHT = 0, 3, 6, 7, 8, 9  # fields of a corner
 LENGTH_FLOOR = 1e-9
@@ -24,25 +24,22 @@ MOST = 50.0  # of the logistic function's argument
 
 @compiled
 def guided(here, c, joins):
-    """`GuidedMotion`. Fields: Σ|ε|², Σ log w, Σ log pace."""
+    """`GuidedMotion`. Fields: Σ log (pace / w³), Σ log density of ε for each scale."""
     model, state = model_at(here), state_at(here)
     channel, living = model.channels[c], state.counters[0].living
-    sums = state.sums[channel.field : channel.field + 3]
+    sums = state.sums[channel.field : channel.field + DENSITIES + channel.shares]
     settled = max(OWN_STEPS, channel.burst_steps)
     old = living
     while old and state.ages[old - 1] <= settled:
         old -= 1
-    square, log_scale = innovation(here, channel, settled)
-    add_step(sums, square, log_scale, 0, old)
+    add_step(here, channel, sums, settled, 0, old)
     for place in range(old, living):
-        square, log_scale = innovation(here, channel, int(state.ages[place]) - 1)
-        add_step(sums, square, log_scale, place, place + 1)
+        add_step(here, channel, sums, int(state.ages[place]) - 1, place, place + 1)
     paced = log_presence(step_squared_at(state.past, 1, 0), channel.pace) if joins else 0.0
     left = log_presence(way_squared(state.past, channel.away_steps), channel.away)
     for place in range(living):
-        sums[PACED, place] += paced + left if state.ages[place] > channel.away_steps else paced
-    fill_length(here, c)
-    mix_scales(here, channel, sums, state.channel[c])
+        sums[WEIGHTS, place] += paced + left if state.ages[place] > channel.away_steps else paced
+    mix_scales(state.work, channel.shares, sums, state.channel[c], whole(living))
 
 
 @compiled
@@ -79,44 +76,44 @@ def innovation(here, channel, n):
 
 
 @compiled
-def add_step(sums, square, log_scale, first, last):
-    """To the sums of some hypotheses."""
+def add_step(here, channel, sums, n, first, last):
+    """The last step, to the sums of hypotheses that had n observations before it."""
+    squared, log_scale = innovation(here, channel, n)
     for i in range(first, last):
-        sums[SQUARES, i] += square
-        sums[LOG_SCALES, i] += log_scale
-
-
-@compiled
-def mix_scales(here, channel, sums, evidence):
-    """The mean over scales; what depends on length alone has been added."""
-    state = state_at(here)
-    work, lanes = state.work, whole(state.counters[0].living)
-    half0, half = 0.5 * channel.nu0, 0.5 * channel.pooled
-    work[PEAK, :lanes] = -math.inf
+        sums[WEIGHTS, i] -= AXES * log_scale
     for k in range(channel.shares):
-        prior = channel.nu0 * channel.share2[k]
-        with_prior(work[k], sums[SQUARES], prior, lanes)
-        logarithms(work[k], lanes)
-        under_scale(work[k], work[PEAK], state.ages, half0 * math.log(prior), half0, half, lanes)
-    work[TOTAL, :lanes] = 0.0
-    for k in range(channel.shares):
-        add_exponentials(work[TOTAL], work[k], work[PEAK], lanes)
-    logarithms(work[TOTAL], lanes)
-    add_up(evidence, work, sums, lanes)
+        density = log_density(channel, squared, channel.share2[k])
+        for i in range(first, last):
+            sums[DENSITIES + k, i] += density
 
 
 @compiled
-def with_prior(values, squares, prior, lanes):
-    """ν₀ s² + Σ|ε|²."""
-    for i in range(lanes):
-        values[i] = prior + squares[i]
+def log_density(channel, squared, scale2):
+    """`evidence.student_log_density` of an innovation; what depends on neither is the channel's constant."""
+    half = 0.5 * (channel.nu + AXES)
+    return (
+        channel.constant - 0.5 * AXES * math.log(scale2) - half * math.log1p(squared / (channel.nu * scale2))
+    )
 
 
 @compiled
-def under_scale(values, peak, ages, constant, half0, half, lanes):
-    """Log evidence from logarithms, in their place, and the largest so far."""
+def mix_scales(work, scales, sums, evidence, lanes):
+    """The mean over scales."""
+    peak, total = work[PEAK], work[TOTAL]
+    peak[:lanes] = -math.inf
+    for k in range(scales):
+        raise_peak(peak, sums[DENSITIES + k], lanes)
+    total[:lanes] = 0.0
+    for k in range(scales):
+        add_exponentials(total, sums[DENSITIES + k], peak, lanes)
+    logarithms(total, lanes)
+    add_up(evidence, sums[WEIGHTS], peak, total, math.log(scales), lanes)
+
+
+@compiled
+def raise_peak(peak, values, lanes):
+    """To the larger of both."""
     for i in range(lanes):
-        values[i] = constant - (half0 + half * ages[i]) * values[i]
         peak[i] = larger(peak[i], values[i])
 
 
@@ -128,11 +125,10 @@ def add_exponentials(total, values, peak, lanes):
 
 
 @compiled
-def add_up(evidence, work, sums, lanes):
+def add_up(evidence, weights, peak, logs, log_count, lanes):
     """The whole."""
-    by_length, peak, logs = work[BY_LENGTH], work[PEAK], work[TOTAL]
     for i in range(lanes):
-        evidence[i] = by_length[i] + peak[i] + logs[i] - AXES * sums[LOG_SCALES, i] + sums[PACED, i]
+        evidence[i] = weights[i] + peak[i] + logs[i] - log_count
 
 
 # --- corners --------------------------------------------------------------------------------------------

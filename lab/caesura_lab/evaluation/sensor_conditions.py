@@ -1,8 +1,8 @@
-"""A recording as poorer sensors would have made it: at a lower rate, with noise, steps and delays."""
+"""A recording as poorer sensors and clocks would have made it: slower, with noise, steps and delays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,9 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.recording import Recording
+from caesura_protocol.rotations import align_signs
 
 Array = NDArray[np.float64]
+POSE = ("pos", "quat", "q")
 WRENCH = ("force", "torque")
+JITTER_S = 0.05  # for which a time that is off stays off
+STALLS_PER_S = 0.5
+GRID_HZ = 100.0
 ROUNDED_S = 1e-9  # of times that are equal
 
 
@@ -52,6 +57,49 @@ def _with_drift(drift_n: float, recording: Recording, _: np.random.Generator) ->
     return _changed(recording, ("force",), lambda values: values + drift_n * share[:, None])
 
 
+def _with_jitter(deviation_s: float, recording: Recording, rng: np.random.Generator) -> Recording:
+    """Let the time of each sample be off, by an autoregression with a memory of `JITTER_S`."""
+    steps = np.diff(recording.t, prepend=recording.t[0])
+    kept = np.exp(-np.maximum(steps, 0.0) / JITTER_S)
+    off, fresh = np.zeros(len(kept)), rng.standard_normal(len(kept))
+    for i in range(1, len(kept)):
+        off[i] = kept[i] * off[i - 1] + np.sqrt(1.0 - kept[i] ** 2) * fresh[i]
+    return replace(recording, signals=_read(recording, recording.t + deviation_s * off, recording.signals))
+
+
+def _with_stalls(duration_s: float, recording: Recording, rng: np.random.Generator) -> Recording:
+    """Let the pose stand still for a while, `STALLS_PER_S` times a second at random."""
+    first, last = float(recording.t[0]), float(recording.t[-1])
+    measured_s = recording.t.copy()
+    for begun in rng.uniform(first, last, rng.poisson(STALLS_PER_S * (last - first))):
+        measured_s[(recording.t >= begun) & (recording.t < begun + duration_s)] = begun
+    return replace(recording, signals=dict(recording.signals) | _read(recording, measured_s, POSE))
+
+
+def _with_held_pose(read_hz: float, recording: Recording, _: np.random.Generator) -> Recording:
+    """Let a clock of `GRID_HZ` repeat a pose that is read more seldom; the wrench is read at each tick."""
+    first, last = float(recording.t[0]), float(recording.t[-1])
+    ticks = np.arange(first, last, 1.0 / GRID_HZ)
+    read_s = first + np.floor((ticks - first) * read_hz + ROUNDED_S) / read_hz
+    signals = _read(recording, ticks, recording.signals) | _read(recording, read_s, POSE)
+    return replace(recording, t=ticks, signals=signals)
+
+
+def _read(recording: Recording, times: Array, names: Iterable[str]) -> dict[str, Array]:
+    """Return signals as of other times [s], interpolated between samples; a gripper's is the last one."""
+    read = {}
+    last = np.maximum(np.searchsorted(recording.t, times + ROUNDED_S) - 1, 0)
+    for name in set(names) & set(recording.signals):
+        values = recording.signals[name].copy()
+        if name == "quat":
+            align_signs(values)
+        columns = [np.interp(times, recording.t, column) for column in values.T]
+        read[name] = values[last] if name == "gripper" else np.column_stack(columns)
+        if name == "quat":
+            read[name] /= np.linalg.norm(read[name], axis=1)[:, None]
+    return read
+
+
 def _rows(recording: Recording, rows: NDArray[np.int64]) -> Recording:
     signals = {name: values[rows] for name, values in recording.signals.items()}
     return replace(recording, t=recording.t[rows], signals=signals)
@@ -74,6 +122,9 @@ CONDITIONS: Mapping[str, Callable[[Recording, np.random.Generator], Recording]] 
     "position noise 0.5 mm": partial(_with_noise, ("pos",), 0.0005),
     "position noise 1 mm": partial(_with_noise, ("pos",), 0.001),
     "position in steps of 1 mm": partial(_in_steps, ("pos",), 0.001),
+    "times off by 10 ms": partial(_with_jitter, 0.01),
+    "pose stands still for 0.1 s": partial(_with_stalls, 0.1),
+    "pose read at 15 Hz, held at 100 Hz": partial(_with_held_pose, 15.0),
     "wrench 0.1 s late": partial(_late_wrench, 0.1),
     "force noise 1 N": partial(_with_noise, ("force",), 1.0),
     "force in steps of 0.5 N": partial(_in_steps, ("force",), 0.5),

@@ -17,6 +17,7 @@ class Backend(NamedTuple):
     take: Callable[..., bool]
     is_steady: Callable[..., bool]
     make_sign_continuous: Callable[..., None]
+    interpolate_holds: Callable[..., float]
     resample: Callable[..., None]
     flange_rows: Callable[..., None]
     openings: Callable[..., float]

@@ -9,7 +9,10 @@ Rules
    longer than the gap limit. Such a hole ends a stretch, is reported, and the next stretch starts afresh.
 4. A row is the same, bit for bit, however the samples were cut into pushes: an unfinished cell keeps its
    samples, never a partial sum.
-5. Rows may be handed out `every` so many together, as soon as the last of them is complete. Until then a push
+5. A pose that repeats the one before, bit for bit, is an old reading that a faster clock has held. Poses
+   that are held for at most the hold limit are interpolated between new ones. So rows after a new pose wait
+   for the next one, as long as the limit. A pose that is held for longer is a rest.
+6. Rows may be handed out `every` so many together, as soon as the last of them is complete. Until then a push
    whose samples are in order is looked at once and kept as it is: all else is done for many rows at once.
 """
 
@@ -60,6 +63,7 @@ class GridState(NamedTuple):
     latest: float  # [s] time of the last sample
     waiting: tuple[Array, ...]  # (m, 1 + c) each, time first
     known: int  # samples in all of these
+    posed: float  # [s] time of the last sample known to have a new pose
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,7 @@ class Resampler:
     """Immutable parameters of the grid; `advance` maps a state and samples to the next state and rows.
 
     held: how many of the last columns are held. quaternion: columns to make sign-continuous beforehand.
+    pose: how many of the first columns are the pose; hold_limit_s [s]: see rule 5.
     every, phase: rows are handed out up to row phase, phase + every, … (itself not included), or to a gap.
     """
 
@@ -74,6 +79,8 @@ class Resampler:
     gap_limit_s: float
     held: int = 0
     quaternion: slice | None = None
+    pose: int = 0
+    hold_limit_s: float = 0.0
     every: int = 1
     phase: int = 0
     arithmetic: Backend = REFERENCE
@@ -93,20 +100,21 @@ class Resampler:
         """
         steady = self.arithmetic.is_steady
         if state is not None and not broken and steady(samples, state.latest, self.gap_limit_s):
-            anchor, next_row, due, _, waiting, known = state
+            anchor, next_row, due, _, waiting, known, posed = state
             latest, waiting, known = float(samples[-1, 0]), (*waiting, samples), known + len(samples)
             if latest < due and known <= MAX_WAITING_SAMPLES:
-                return GridState(anchor, next_row, due, latest, waiting, known), NOTHING
-            state, block = self._extended(anchor, next_row, self._joined(waiting), restarts=False)
+                return GridState(anchor, next_row, due, latest, waiting, known, posed), NOTHING
+            state, block = self._extended(anchor, next_row, self._joined(waiting), posed, restarts=False)
             return state, Resampled((block,), (), 0)
         return self._sorted_out(state, samples, broken=broken)
 
     def flush(self, state: GridState) -> tuple[GridState, Block]:
         """Hand out the rows that are complete but wait for others."""
         samples = self._joined(state.waiting)
+        posed = self._interpolated_holds(samples, state.posed)
         next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
         rows = self._rows(state.anchor, state.next_row, next_row, samples)
-        return self._state(state.anchor, next_row, samples), Block(state.next_row, rows, restarts=False)
+        return self._state(state.anchor, next_row, samples, posed), Block(state.next_row, rows, False)
 
     def _sorted_out(
         self, state: GridState | None, samples: Array, *, broken: bool
@@ -125,13 +133,15 @@ class Resampler:
         holes[known] |= broken and state is not None
         anchor = float(times[0]) if state is None else state.anchor
         first = self._row_from(anchor, anchor) if state is None else state.next_row
+        posed = float(times[0]) if state is None else state.posed
         blocks: list[Block] = []
         for start, stop in pairwise([0, *np.flatnonzero(holes).tolist(), len(samples)]):
             if start and state is not None:
                 state, rest = self.flush(state)
                 blocks += [rest] if len(rest.rows) else []
-                first = self._row_from(anchor, float(times[start]))
-            state, block = self._extended(anchor, first, samples[start:stop], restarts=start > 0)
+                posed = float(times[start])
+                first = self._row_from(anchor, posed)
+            state, block = self._extended(anchor, first, samples[start:stop], posed, restarts=start > 0)
             blocks += [block] if start or len(block.rows) else []
         gaps = tuple((float(times[i - 1]), float(times[i])) for i in np.flatnonzero(holes))
         return state, Resampled(tuple(blocks), gaps, repeats)
@@ -160,22 +170,36 @@ class Resampler:
         return samples
 
     def _extended(
-        self, anchor: float, first: int, samples: Array, *, restarts: bool
+        self, anchor: float, first: int, samples: Array, posed: float, *, restarts: bool
     ) -> tuple[GridState, Block]:
         """Turn the cells from `first` on that samples without a hole complete into rows."""
-        unfinished = self._row_open_at(anchor, float(samples[-1, 0]))
-        self._check_waiting(samples, anchor, max(first, unfinished))
+        latest = float(samples[-1, 0])
+        self._check_waiting(samples, anchor, max(first, self._row_open_at(anchor, latest)))
+        posed = self._interpolated_holds(samples, posed)
+        unfinished = self._row_open_at(anchor, posed if self._waits_for_pose(posed, latest) else latest)
         next_row = max(first, unfinished - (unfinished - self.phase) % self.every)
         rows = self._rows(anchor, first, next_row, samples)
-        return self._state(anchor, next_row, samples), Block(first, rows, restarts)
+        return self._state(anchor, next_row, samples, posed), Block(first, rows, restarts)
 
-    def _state(self, anchor: float, next_row: int, samples: Array) -> GridState:
+    def _interpolated_holds(self, samples: Array, posed: float) -> float:
+        """Interpolate the poses after the last new one; return the time [s] of what is the last one now."""
+        if not self.pose:
+            return float(samples[-1, 0])
+        return self.arithmetic.interpolate_holds(samples, self.pose, posed, self.hold_limit_s)
+
+    def _waits_for_pose(self, posed: float, latest: float) -> bool:
+        """Whether the poses since the last new one may still be interpolated."""
+        return latest - posed <= self.hold_limit_s
+
+    def _state(self, anchor: float, next_row: int, samples: Array, posed: float) -> GridState:
         """Keep of these samples what rows from next_row on want."""
         last = next_row + 1 + (self.phase - next_row - 1) % self.every
-        kept = samples[_wanted_from(samples[:, 0], self._edge(anchor, next_row)) :].copy()
-        return GridState(
-            anchor, next_row, self._edge(anchor, last), float(samples[-1, 0]), (kept,), len(kept)
-        )
+        due, latest = self._edge(anchor, last), float(samples[-1, 0])
+        wanted = self._edge(anchor, next_row)
+        if self._waits_for_pose(posed, latest):
+            wanted = min(wanted, posed)
+        kept = samples[_wanted_from(samples[:, 0], wanted) :].copy()
+        return GridState(anchor, next_row, due, latest, (kept,), len(kept), posed)
 
     def _rows(self, anchor: float, first: int, next_row: int, samples: Array) -> Array:
         rows = np.empty((next_row - first + 1, samples.shape[1] - 1))

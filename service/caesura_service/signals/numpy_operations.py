@@ -5,6 +5,8 @@ Each function fills its last argument. Results for a row do not depend on which 
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,7 @@ Places = NDArray[np.int64]
 FORCE, TURN = 3, 6
 # Where a column of a flange row comes from, if not from a column of the grid row.
 FILLED, LEFT_OPEN = -1, -2
+ALIKE_M_PER_S = 1e-9  # speeds that are closer differ by rounding alone
 
 
 def take(samples: Array, plan: Array, quaternion: int, tolerance: float, taken: Array) -> bool:
@@ -49,6 +52,25 @@ def is_steady(samples: Array, latest: float, gap_limit_s: float) -> bool:
 def make_sign_continuous(samples: Array, at: int) -> None:
     """Put each quaternion, in the columns from `at` on, on the side of the one before it."""
     rotation.make_sign_continuous(samples[:, at : at + 4])
+
+
+def interpolate_holds(samples: Array, pose: int, posed: float, hold_limit_s: float) -> float:
+    """Interpolate poses of samples (m, 1 + c) that repeat the one before, between those that are new.
+
+    pose: how many columns after the time are the pose. posed: time [s] of the last sample known to have a new
+    pose; earlier samples stay as they are. A pose that is held for longer than hold_limit_s [s] stays too.
+    Returns the time of the last sample that has a new pose.
+    """
+    times, poses = samples[:, 0], samples[:, 1 : 1 + pose]
+    first = int(times.searchsorted(posed))
+    changed = np.flatnonzero((poses[first + 1 :] != poses[first:-1]).any(axis=1)) + first + 1
+    for last, new in pairwise([first, *changed.tolist()]):
+        held = slice(last + 1, new)
+        if times[new] - posed <= hold_limit_s:
+            share = (times[held] - times[last]) / (times[new] - times[last])
+            poses[held] += share[:, None] * (poses[new] - poses[last])
+        posed = float(times[new])
+    return posed
 
 
 def resample(samples: Array, anchor: float, grid_hz: float, first: int, held: int, rows: Array) -> None:
@@ -137,14 +159,15 @@ def boundary_row(speeds: Array, first: int, last: int, creep: float, rest: float
     """The row, of rows first to last of speeds (n,) [m/s], at which a boundary lies.
 
     The one nearest to where the speed leaves `rest` for the last time, or comes down to it for the first.
-    Without either it is the slowest row of a movement, or the fastest of a rest. Of a rest that is never
-    faster than `creep` it is the middle one. creep, rest [m/s].
+    Without either it is the slowest row of a movement, or the fastest of a rest: the first of several alike.
+    Of a rest that is never faster than `creep` it is the middle one. creep, rest [m/s].
     """
     seen = speeds[first : last + 1]
     moving = seen >= rest
     if moving[0] == moving[-1]:
-        at = int(np.argmin(seen) if moving[0] else np.argmax(seen))
-        return first + at if moving[0] or seen[at] >= creep else (first + last) // 2
+        extreme = float(seen.min() if moving[0] else seen.max())
+        at = int(np.argmax(np.abs(seen - extreme) <= ALIKE_M_PER_S))
+        return first + at if moving[0] or extreme >= creep else (first + last) // 2
     passes = np.flatnonzero(moving[:-1] != moving[1:])
     at = int(passes[-1] if moving[-1] else passes[0])
     return first + at + int(abs(seen[at + 1] - rest) < abs(seen[at] - rest))

@@ -128,6 +128,12 @@ class SampleLayout:
             place += width
         return slices
 
+    @property
+    def pose_width(self) -> int:
+        """Return how many of the first values are the pose: position and quaternion, or joints."""
+        signals = ("pos", "quat") if "pos" in self.slices else ("q",)
+        return int(max(self.slices[signal].stop for signal in signals if signal in self.slices))
+
     def read(self, samples: Array) -> tuple[Array, Array]:
         """Times (n,) [s] and values (n, c) of what `take` returns."""
         taken = self.take(samples)

@@ -73,6 +73,37 @@ def test_steps_are_multiples_nearest_to_what_was_measured(condition: str, signal
     assert np.abs(stepped - BASE.signals[signal]).max() <= 0.5 * step + 1e-12
 
 
+def test_a_pose_is_held_until_it_is_read_again_and_the_wrench_is_not():
+    held = under("pose read at 15 Hz, held at 100 Hz")
+    np.testing.assert_allclose(np.diff(held.t), 0.01, atol=1e-9)
+    changes = np.flatnonzero((np.diff(held.signals["pos"], axis=0) != 0.0).any(axis=1)) + 1
+    moving = changes[(held.t[changes] > 2.0) & (held.t[changes] < 3.0)]
+    assert len(moving) == pytest.approx(15, abs=1)
+    for row in moving:  # read at the last fifteenth of a second
+        read_s = held.t[0] + np.floor((held.t[row] - held.t[0]) * 15.0 + 1e-9) / 15.0
+        expected = [np.interp(read_s, BASE.t, column) for column in BASE.signals["pos"].T]
+        np.testing.assert_allclose(held.signals["pos"][row], expected, atol=1e-12)
+    assert (np.diff(held.signals["force"], axis=0) != 0.0).any(axis=1).mean() > 0.99
+
+
+def test_a_pose_that_stands_still_goes_on_where_it_is_by_then():
+    stalled = under("pose stands still for 0.1 s")
+    off = (stalled.signals["pos"] != BASE.signals["pos"]).any(axis=1)
+    share = off.mean()
+    assert 0.01 < share < 0.1  # half a stall a second, of a tenth of a second each, where it moves at all
+    np.testing.assert_array_equal(stalled.signals["force"], BASE.signals["force"])
+
+
+def test_times_that_are_off_have_their_deviation():
+    """A straight ramp shows by how much the time of each sample is off."""
+    t = np.arange(0.0, 60.0, 0.01)
+    ramp = Recording(t=t, signals={"pos": np.column_stack([0.01 * t] * 3)})
+    late = CONDITIONS["times off by 10 ms"](ramp, np.random.default_rng(RNG_SEED))
+    off_s = (late.signals["pos"] - ramp.signals["pos"])[100:-100, 0] / 0.01
+    assert off_s.std() == pytest.approx(0.01, rel=0.1)
+    assert np.corrcoef(off_s[5:], off_s[:-5])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.08)
+
+
 def test_a_late_wrench_is_the_one_of_a_tenth_of_a_second_ago():
     late = under("wrench 0.1 s late")
     rows = np.flatnonzero(BASE.t - BASE.t[0] > 0.2)[:500]

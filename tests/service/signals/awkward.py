@@ -43,7 +43,7 @@ LAYOUTS = {
 
 
 def awkward_samples(layout: SampleLayout, seed: int, rate_hz: float, n: int) -> Array:
-    """Jitter, repeats, samples on cell edges, gaps, a flag or an opening, a start at rest or in motion."""
+    """Jitter, repeats, held poses, gaps, a flag or an opening, a start at rest or in motion."""
     rng = np.random.default_rng(seed)
     t = rng.uniform(-5, 5) + np.arange(n) / rate_hz
     if rng.random() < 0.7:
@@ -56,6 +56,11 @@ def awkward_samples(layout: SampleLayout, seed: int, rate_hz: float, n: int) -> 
     turns = rng.normal(size=4) + np.cumsum(rng.normal(0, 0.02, (n, 4)), axis=0)
     turns *= rng.choice([-1, 1], (n, 1)) / np.linalg.norm(turns, axis=1)[:, None]
     samples |= dict(zip(QUATERNION, turns.T, strict=True))
+    if rng.random() < 0.5:
+        last_new = np.maximum.accumulate(np.where(rng.random(n) < 12.0 / rate_hz, np.arange(n), 0))
+        samples |= {
+            name: samples[name][last_new] for name in (*POSITION, *QUATERNION, *JOINTS) if name in samples
+        }
     squeezed = np.repeat(rng.choice([0.0, 0.0, 1.0], 8), -(-n // 8))[:n]
     samples["gripper"] = squeezed if rng.random() < 0.5 else 0.08 - 0.05 * squeezed
     return np.column_stack([t, *(samples[name] for name in layout.columns[1:])])

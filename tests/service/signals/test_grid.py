@@ -16,6 +16,7 @@ from caesura_service.signals.grid import MAX_WAITING_SAMPLES, GridState, Resampl
 Array = NDArray[np.float64]
 
 GRID = Resampler(grid_hz=100.0, gap_limit_s=0.25)
+HOLDING = Resampler(grid_hz=100.0, gap_limit_s=0.25, pose=1, hold_limit_s=0.126)
 
 
 def samples(t: Array, *columns: Array) -> Array:
@@ -120,6 +121,39 @@ def test_held_columns_keep_their_last_value() -> None:
     grid = Resampler(100.0, 0.25, held=1)
     resampled = resample(t, t, np.array([5.0, 6.0, 7.0, 8.0]), grid=grid)
     assert_array_equal(values(resampled)[:, 1], [5.0, 6.0, 6.0, 7.0, 7.0])
+
+
+@pytest.mark.parametrize("read_hz", [8.0, 15.0, 25.0, 40.0])
+def test_a_pose_that_a_faster_clock_has_held_is_interpolated_between_its_readings(read_hz: float) -> None:
+    """A pose on a straight line, read a few times a second and stamped at 200 Hz, beside a force."""
+    t = np.arange(400) / 200.0
+    read_at = (
+        np.ceil(np.floor(t * read_hz + 1e-9) / read_hz * 200.0 - 1e-9) / 200.0
+    )  # the first stamp after it
+    force = np.sin(9.0 * t)
+    rows, at = values(resample(t, 1.0 + 2.0 * read_at, force, grid=HOLDING)), slice(0, 170)
+    assert_allclose(rows[at, 0], 1.0 + 2.0 * (np.arange(170) + 1) / 100.0, atol=1e-12)
+    assert_array_equal(rows[at, 1], values(resample(t, force))[at, 0])
+
+
+def test_a_rest_of_repeated_poses_stays_a_rest() -> None:
+    t = np.arange(200) / 200.0
+    rows = values(resample(t, np.where(t < 0.5, 1.0, 1.0 + t), grid=HOLDING))[:, 0]
+    assert_array_equal(rows[:48], 1.0)
+    assert_allclose(rows[50:], 1.0 + (np.arange(50, len(rows)) + 1) / 100.0, atol=1e-12)
+
+
+def test_rows_wait_for_a_new_pose_as_long_as_the_limit_and_no_longer() -> None:
+    t = np.arange(100) / 200.0
+    state, known = None, []
+    for row in samples(t, np.where(t <= 0.2, t, 0.2)):
+        state, resampled = HOLDING.advance(state, row[None])
+        known += [float(row[0])] * sum(len(block.rows) for block in resampled.blocks)
+    grid_s = (np.arange(len(known)) + 1) / 100.0
+    late_s = np.array(known) - grid_s
+    assert late_s[:19].max() <= 0.015
+    assert 0.1 < late_s[20] <= HOLDING.hold_limit_s + 0.01
+    assert late_s[33:].max() <= 0.015
 
 
 def test_a_quaternion_that_changes_sign_does_not_pass_through_zero() -> None:

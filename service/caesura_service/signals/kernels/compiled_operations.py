@@ -5,7 +5,7 @@
 import math
 
 from caesura_service.numba_support.decorators import compiled
-from caesura_service.signals.numpy_operations import FORCE, LEFT_OPEN, TURN
+from caesura_service.signals.numpy_operations import ALIKE_M_PER_S, FORCE, LEFT_OPEN, TURN
 
 
 @compiled
@@ -58,6 +58,37 @@ def follow_sign(before, quaternion):
     if along < 0.0:
         for c in range(4):
             quaternion[c] = -quaternion[c]
+
+
+@compiled
+def interpolate_holds(samples, pose, posed, hold_limit_s):
+    """`reference.interpolate_holds`."""
+    last = first_from(samples, 0, posed)
+    for i in range(last + 1, samples.shape[0]):
+        if not differs(samples[i], samples[i - 1], pose):
+            continue
+        if i > last + 1 and samples[i, 0] - posed <= hold_limit_s:
+            bridge(samples, last, i, pose)
+        last, posed = i, samples[i, 0]
+    return posed
+
+
+@compiled
+def differs(sample, other, pose):
+    """Whether two samples have unlike poses."""
+    unlike = False
+    for c in range(1, 1 + pose):
+        unlike |= sample[c] != other[c]
+    return unlike
+
+
+@compiled
+def bridge(samples, last, new, pose):
+    """Put the poses between two samples on a line."""
+    for i in range(last + 1, new):
+        share = (samples[i, 0] - samples[last, 0]) / (samples[new, 0] - samples[last, 0])
+        for c in range(1, 1 + pose):
+            samples[i, c] += share * (samples[new, c] - samples[last, c])
 
 
 @compiled
@@ -223,10 +254,14 @@ def boundary_row(speeds, first, last, creep, rest):
     starts, ends = speeds[first] >= rest, speeds[last] >= rest
     at = first
     if starts == ends:
+        extreme = speeds[first]
         for k in range(first, last + 1):
-            if (speeds[k] < speeds[at]) if starts else (speeds[k] > speeds[at]):
+            extreme = min(extreme, speeds[k]) if starts else max(extreme, speeds[k])
+        for k in range(first, last + 1):
+            if abs(speeds[k] - extreme) <= ALIKE_M_PER_S:
                 at = k
-        return at if starts or speeds[at] >= creep else (first + last) // 2
+                break
+        return at if starts or extreme >= creep else (first + last) // 2
     for k in range(first, last):
         if (speeds[k] >= rest) != (speeds[k + 1] >= rest):
             at = k

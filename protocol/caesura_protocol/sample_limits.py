@@ -6,6 +6,7 @@ The core of the service imports no protocol, so it states these values itself; a
 from __future__ import annotations
 
 LATEST_S = 1e10  # beyond it a double no longer separates samples at 1 kHz
+HOLD_S = 0.125  # for which a pose repeats that a faster clock has held; one that lasts longer is a rest
 HOLE_S = 0.25  # between samples; a longer one is a gap of the session as well
 LEAP_S = 3600.0  # a longer silence is a clock that was set, or a time in another unit
 TARE_S = 0.4  # from the first sample on, in which the service takes the bias of a force

@@ -28,6 +28,7 @@ from caesura_protocol.formats.sample_checks import check_clock, check_time_steps
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
 from caesura_protocol.plausibility import UNITS
+from caesura_protocol.pose_reading import slow_pose
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     OPTIONS,
@@ -115,7 +116,8 @@ def load_recording(
     check_values(recording)
     if check_units:
         check_clock(recording)
-    recording = replace(recording, cautions=left_out(recording))
+    slow = slow_pose(recording.t, recording.signals)
+    recording = replace(recording, cautions=(*left_out(recording), *([slow] if slow else [])))
     return recording if as_stated else _with_usable_wrench(recording)
 
 

@@ -11,6 +11,7 @@ def test_the_core_and_the_protocol_have_the_same_limits():
     parameters = ConditioningParameters()
     assert {
         "LATEST_S": sample_layout.LIMITS["t"][0],
+        "HOLD_S": parameters.hold_limit_s,
         "HOLE_S": parameters.gap_limit_s,
         "LEAP_S": grid.LEAP_LIMIT_S,
         "TARE_S": parameters.tare_window_s,

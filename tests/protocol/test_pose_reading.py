@@ -1,0 +1,50 @@
+"""A pose that is read seldom is named; what a fast robot or a hand at rest repeats is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.pose_reading import slow_pose
+
+T = np.arange(1000) / 100.0
+
+
+def held(read_hz: float) -> np.ndarray:
+    """A pose on a line, read so often and held at 100 Hz; (n, 3) [m]."""
+    return np.column_stack([np.floor(T * read_hz + 1e-9) / read_hz * 0.1, np.zeros_like(T), np.zeros_like(T)])
+
+
+@pytest.mark.parametrize(("read_hz", "words"), [(10.0, "10 times"), (15.0, "15 times"), (20.0, "20 times")])
+def test_a_slow_pose_is_named_with_its_rate(read_hz: float, words: str) -> None:
+    named = slow_pose(T, {"pos": held(read_hz), "force": np.random.default_rng(0).normal(size=(1000, 3))})
+    assert named is not None
+    assert words in named
+    assert "interpolated" in named
+
+
+@pytest.mark.parametrize("read_hz", [30.0, 50.0, 100.0])
+def test_a_pose_that_is_read_often_is_not(read_hz: float) -> None:
+    assert slow_pose(T, {"pos": held(read_hz)}) is None
+
+
+def test_joints_are_a_pose_where_there_is_no_position() -> None:
+    joints = np.repeat(held(10.0), 3, axis=1)[:, :7]
+    assert slow_pose(T, {"q": joints}) is not None
+    assert slow_pose(T, {"pos": np.column_stack([T, T, T]), "q": joints}) is None
+
+
+def test_a_rest_and_an_orientation_that_goes_on_are_no_repeated_pose() -> None:
+    resting = np.where(T < 5.0, 0.0, 0.02 * (T - 5.0))[:, None] * np.ones(3)
+    assert slow_pose(T, {"pos": resting}) is None
+    turning = np.column_stack([np.sin(T / 9.0), np.zeros_like(T), np.zeros_like(T), np.cos(T / 9.0)])
+    assert slow_pose(T, {"pos": held(10.0), "quat": turning}) is None
+
+
+def test_a_file_says_so(tmp_path: Path) -> None:
+    np.savez(tmp_path / "slow.npz", t=T, pos=held(15.0), wrench_source="none")
+    (caution,) = load_recording(tmp_path / "slow.npz").cautions
+    assert "15 times a second" in caution

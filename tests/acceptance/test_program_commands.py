@@ -145,7 +145,7 @@ def test_a_program_at_half_its_speed_is_written_checked_and_refused_out_of_range
         assert caesura(*words).output == caesura("program", "--file", slow, *words[-2:]).output
         assert caesura(*words).output != caesura("program", "--file", taught, *words[-2:]).output
     said = caesura("check", slow, "--scenario", "dispenser").output
-    assert "warning: program: re-timed (speed 0.5): apps 1, 3, 4, 6; 10.17 s taught, 15.78 s now" in said
+    assert "warning: program: re-timed (speed 0.5): apps 1, 3, 4, 6; 10.17 s taught, 15.79 s now" in said
     content = json.loads(slow.read_text("utf-8"))
     content["timing"]["speed"] = 9.0
     slow.write_text(json.dumps(content), encoding="utf-8")
@@ -174,8 +174,8 @@ def test_the_fastest_program_is_written_checked_and_run(tmp_path: Path) -> None:
     words = ("--speed", "optimal", "--keep-pause", 3, "--format", "json", "-o", fast)
     assert caesura("program", "--file", taught, *words).exit_code == 0
     timing = json.loads(fast.read_text("utf-8"))["timing"]
-    assert (timing["speed"], timing["retimed"], timing["keeps_pause"]) == ("optimal", [0, 2, 3, 5], [2])
-    assert "re-timed (speed optimal): apps 1, 3, 4, 6" in caesura("check", fast).output
+    assert (timing["speed"], timing["retimed"], timing["keeps_pause"]) == ("optimal", [0, 2, 4], [2])
+    assert "re-timed (speed optimal): apps 1, 3, 5" in caesura("check", fast).output
     done = caesura("execute", fast, "--simulated", "--scenario", "pick_and_place")
     assert done.exit_code == 0, done.output
     done = caesura("program", "--file", fast, "--speed", "0.5")

@@ -2,7 +2,7 @@
 
 A segment is judged by itself. Here it is seen that
 - what is shorter than the minimum time is nothing, nor is the force of a contact that decays. But a way in
-  the air after it is a movement;
+  the air after it is a movement, and a short movement is part of the one that it goes on to, or comes from;
 - a contact changes the force: what does not is no contact, and goes on as what came before it. What follows
   a contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
   recording, and a press is what is added to that;
@@ -23,6 +23,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby, takewhile
 from statistics import median
+from typing import TypeGuard
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,6 +34,7 @@ from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
+    ROUNDED_S,
     UNLIKE_N,
     GripperAction,
     MomentAt,
@@ -101,8 +103,41 @@ def kept_steps(
                     read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
         earlier, before = before, step
-    based = _with_bases(_as_one_hold(kept), grips, moment_at)
+    based = _with_short_movements(_with_bases(_as_one_hold(kept), grips, moment_at), steps, least_s)
     return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
+
+
+def _with_short_movements(
+    kept: Sequence[ProgramSegment], steps: Sequence[ProgramSegment], least_s: float
+) -> list[ProgramSegment]:
+    """The kept steps; movements below the minimum time [s] are parts of those of their kind beside them.
+
+    One between two such movements belongs to the second.
+    """
+    short = {step.index: step for step in steps if not step.lasts(least_s) and _is_taught_movement(step)}
+    joined: list[ProgramSegment] = []
+    for step in kept:
+        whole = step
+        while _goes_on(before := short.get(whole.parts[0].index - 1), whole):
+            whole = whole.joined_to(short.pop(before.index))
+        joined.append(whole)
+    for place, step in enumerate(joined):
+        whole = step
+        while (after := short.get(whole.index + 1)) is not None and _goes_on(whole, after):
+            whole = short.pop(after.index).joined_to(whole)
+        joined[place] = whole
+    return joined
+
+
+def _is_taught_movement(step: ProgramSegment) -> bool:
+    return step.segment.kind in ("motion", "transport") and not step.segment.corrected
+
+
+def _goes_on(one: ProgramSegment | None, following: ProgramSegment) -> TypeGuard[ProgramSegment]:
+    """Is one of two movements of one kind begun where the other ends, with nothing between?"""
+    if one is None or not (_is_taught_movement(one) and _is_taught_movement(following)):
+        return False
+    return one.segment.kind == following.segment.kind and following.t0 - one.tn < ROUNDED_S
 
 
 def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:

@@ -136,7 +136,8 @@ class IncrementalProgramBuilder:
                 return i
         if last < begin + MOST_UNQUIET:
             return 0
-        return next((i for i in range(last, begin, -1) if not steps[i].touches), last)
+        apart = (i for i in range(last, begin, -1) if not steps[i].touches and self._lasts(steps[i - 1]))
+        return next(apart, last)
 
     def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
         """Was the last step but one that lasts, before a place, in contact?"""

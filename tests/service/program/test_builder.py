@@ -134,6 +134,38 @@ def test_rests_decays_and_moments_are_left_out():
     assert kinds(apps) == ["apply_force"]
 
 
+def test_a_movement_below_the_minimum_time_is_part_of_the_one_beside_it():
+    apps = program(
+        segment("steady", 0.0, 1.0),
+        segment("motion", 1.0, 1.2),
+        segment("motion", 1.2, 2.0),
+        segment("motion", 2.0, 2.1),
+        segment("steady", 2.1, 3.0),
+        segment("transport", 3.0, 3.2, load_kg=0.3, load_sd_kg=0.01),
+        segment("motion", 3.2, 4.0),
+        segment("motion", 4.1, 4.3),
+        least_s=0.3,
+    )
+    assert [(app.kind, app.t0, app.tn, app.segments) for app in apps] == [
+        ("cartesian_motion", 1.0, 2.1, (1, 2, 3)),
+        ("cartesian_motion", 3.2, 4.0, (6,)),  # the next one comes after a gap
+    ]
+    assert apps[0].target == pytest.approx((0.0, 0.0, 0.21))
+
+
+def test_a_short_movement_between_two_is_part_of_the_second():
+    apps = program(
+        segment("motion", 0.0, 1.0), segment("motion", 1.0, 1.2), segment("motion", 1.2, 2.0), least_s=0.3
+    )
+    assert [(app.t0, app.tn) for app in apps] == [(0.0, 1.0), (1.0, 2.0)]
+
+
+def test_a_short_movement_that_an_operator_names_is_no_part_of_another():
+    named = segment("motion", 1.0, 1.2).model_copy(update={"corrected": True})
+    apps = program(segment("motion", 0.0, 1.0), named, least_s=0.3)
+    assert [(app.t0, app.tn) for app in apps] == [(0.0, 1.0)]
+
+
 def test_only_the_last_movement_before_a_contact_moves_to_it():
     apps = program(
         segment("motion", 0.0, 1.0),

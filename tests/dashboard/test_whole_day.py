@@ -28,6 +28,7 @@ expect.set_options(timeout=PATIENCE_MS)
 SIZES = {"desktop": (1440, 900), "tablet": (820, 1180), "phone": (390, 844)}
 TAUGHT_S = 6.5  # [s] the hand has gone back and rests
 SHORT_S = 1.5
+LEAST_SHOWN = 35  # of 50 samples a second, in half of that
 INSERTED_S = 1.4  # [s] in the middle of the first movement
 AXES = ("x", "y", "z")
 # Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
@@ -182,7 +183,7 @@ def drawn_as_sent(page: Page, sent: Recording, start: float, end: float, *, ever
         found = page.evaluate(DRAWN, [panel, start, end])
         for k, (off, points) in enumerate(zip(found["off"], found["points"], strict=True)):
             samples = dict(zip(sent.t.tolist(), (sent.signals[signal][:, k] - off).tolist(), strict=True))
-            assert len(points) > 100
+            assert len(points) >= LEAST_SHOWN
             assert all(samples[t] == value for t, value in points), f"{panel} {AXES[k]}"
             if every:
                 assert [t for t, _ in points] == inside.tolist(), f"{panel} {AXES[k]}"

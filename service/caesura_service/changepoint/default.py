@@ -50,7 +50,7 @@ def correlation(time_s: float) -> float:
 # A hand's velocity, its errors on the way, and a sensor's bias that wanders with the pose all last about one
 # submovement.
 MEMORY_S = 0.5
-TAIL_NU = 4.0  # of a guiding hand's errors: one in a hundred is five times as large as most
+TAIL_NU = 4.0  # of a guiding hand's errors: one in a hundred is four times as large as the median
 NORMAL_NU = 1e4  # as good as a normal distribution
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly

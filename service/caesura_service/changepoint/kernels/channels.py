@@ -48,6 +48,7 @@ from caesura_service.changepoint.kernels.residuals import (
     log_presence,
     over_axes,
     step_squared,
+    student,
     whole,
 )
 from caesura_service.numba_support.decorators import compiled
@@ -106,9 +107,7 @@ def walk(here, c, joins):
     channel, now, signal = model.channels[c], state.now, model.channels[c].signal
     step2 = step_squared(here, signal, joins)
     size2 = now[signal] ** 2 + now[signal + 1] ** 2 + now[signal + 2] ** 2
-    log_evidence = channel.constant - 0.5 * (channel.nu + AXES) * math.log1p(
-        step2 / (channel.nu * channel.scale2)
-    )
+    log_evidence = student(channel.constant, channel.nu, step2, channel.scale2)
     log_evidence += log_absence(step2, channel.still) + log_presence(size2, channel.presence)
     add_to_all(state.sums[channel.field], state.channel[c], log_evidence, whole(state.counters[0].living))
 

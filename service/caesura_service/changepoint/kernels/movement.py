@@ -11,7 +11,7 @@ import math
 from caesura_service.changepoint.kernels.array_tuple import model_at, state_at
 from caesura_service.changepoint.kernels.fast_math import exp_of_negative, larger, logarithms
 from caesura_service.changepoint.kernels.layout import AXES
-from caesura_service.changepoint.kernels.residuals import log_presence, whole
+from caesura_service.changepoint.kernels.residuals import log_presence, student, whole
 from caesura_service.numba_support.decorators import compiled
 
 WEIGHTS, DENSITIES = 0, 1  # fields of guided motion; densities have one a scale
@@ -82,18 +82,11 @@ def add_step(here, channel, sums, n, first, last):
     for i in range(first, last):
         sums[WEIGHTS, i] -= AXES * log_scale
     for k in range(channel.shares):
-        density = log_density(channel, squared, channel.share2[k])
+        scale2 = channel.share2[k]
+        constant = channel.constant - 0.5 * AXES * math.log(scale2)
+        density = student(constant, channel.nu, squared, scale2)
         for i in range(first, last):
             sums[DENSITIES + k, i] += density
-
-
-@compiled
-def log_density(channel, squared, scale2):
-    """`evidence.student_log_density` of an innovation; what depends on neither is the channel's constant."""
-    half = 0.5 * (channel.nu + AXES)
-    return (
-        channel.constant - 0.5 * AXES * math.log(scale2) - half * math.log1p(squared / (channel.nu * scale2))
-    )
 
 
 @compiled

@@ -45,6 +45,12 @@ def log_absence(squared, most):
 
 
 @compiled
+def student(constant, nu, squared, scale2):
+    """`evidence.student_log_density`; constant: what does not depend on the squared length."""
+    return constant - 0.5 * (nu + AXES) * math.log1p(squared / (nu * scale2))
+
+
+@compiled
 def step_squared(here, signal, joins):
     """Squared length of the step from the observation before; 0 where there is none."""
     state = state_at(here)

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.formats.episode_frames import values_at
 from caesura_protocol.recording import Recording
-from caesura_protocol.rotations import align_signs
 
 Array = NDArray[np.float64]
 POSE = ("pos", "quat", "q")
@@ -86,18 +86,13 @@ def _with_held_pose(read_hz: float, recording: Recording, _: np.random.Generator
 
 
 def _read(recording: Recording, times: Array, names: Iterable[str]) -> dict[str, Array]:
-    """Return signals as of other times [s], interpolated between samples; a gripper's is the last one."""
-    read = {}
-    last = np.maximum(np.searchsorted(recording.t, times + ROUNDED_S) - 1, 0)
-    for name in set(names) & set(recording.signals):
-        values = recording.signals[name].copy()
-        if name == "quat":
-            align_signs(values)
-        columns = [np.interp(times, recording.t, column) for column in values.T]
-        read[name] = values[last] if name == "gripper" else np.column_stack(columns)
-        if name == "quat":
-            read[name] /= np.linalg.norm(read[name], axis=1)[:, None]
-    return read
+    """Return signals as of other times [s] within the recording, where it has them."""
+    within = np.clip(times, recording.t[0], recording.t[-1])
+    return {
+        name: values_at(within, recording.t, recording.signals[name], name)
+        for name in names
+        if name in recording.signals
+    }
 
 
 def _rows(recording: Recording, rows: NDArray[np.int64]) -> Recording:

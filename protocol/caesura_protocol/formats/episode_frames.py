@@ -134,7 +134,7 @@ def _episode(one: EpisodeSource, fps: int) -> Episode:
     frames = times[0] + np.arange(count) / fps
     specs = _specs(one.recording)
     found = {
-        signal: _at(frames, times, _metric(one.recording, signal)[kept], signal)
+        signal: values_at(frames, times, _metric(one.recording, signal)[kept], signal)
         for signal in one.recording.signals
     }
     values = {
@@ -186,8 +186,8 @@ def _metric(recording: Recording, signal: str) -> Array:
     return values * METRES[recording.length_unit] if signal == "pos" else values
 
 
-def _at(frames: Array, times: Array, values: Array, signal: str) -> Array:
-    """Values (n, width) of a signal at the frames (n,)."""
+def values_at(frames: Array, times: Array, values: Array, signal: str) -> Array:
+    """Values (n, width) of a signal at the frames (n,) [s], of samples at times (m,) [s]."""
     if signal == "gripper":  # a width or a flag: half open was never reported
         newest = np.searchsorted(times, frames + 1e-9, side="right") - 1
         held: Array = values[newest]

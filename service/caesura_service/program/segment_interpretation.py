@@ -23,7 +23,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby, takewhile
 from statistics import median
-from typing import TypeGuard
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -50,6 +49,7 @@ from caesura_service.program.strokes import (
     LEAST_TURN_RAD,
     OUT_M,
     OUT_SHARE,
+    are_one_kind,
     with_approaches,
     with_ends,
     with_rests,
@@ -114,30 +114,26 @@ def _with_short_movements(
 
     One between two such movements belongs to the second.
     """
-    short = {step.index: step for step in steps if not step.lasts(least_s) and _is_taught_movement(step)}
+    short = {step.index: step for step in steps if not step.lasts(least_s)}
     joined: list[ProgramSegment] = []
     for step in kept:
         whole = step
-        while _goes_on(before := short.get(whole.parts[0].index - 1), whole):
-            whole = whole.joined_to(short.pop(before.index))
+        while _follows_at_once(whole, short.get(whole.parts[0].index - 1)):
+            whole = whole.joined_to(short.pop(whole.parts[0].index - 1))
         joined.append(whole)
     for place, step in enumerate(joined):
         whole = step
-        while (after := short.get(whole.index + 1)) is not None and _goes_on(whole, after):
-            whole = short.pop(after.index).joined_to(whole)
+        while _follows_at_once(short.get(whole.index + 1), whole):
+            whole = short.pop(whole.index + 1).joined_to(whole)
         joined[place] = whole
     return joined
 
 
-def _is_taught_movement(step: ProgramSegment) -> bool:
-    return step.segment.kind in ("motion", "transport") and not step.segment.corrected
-
-
-def _goes_on(one: ProgramSegment | None, following: ProgramSegment) -> TypeGuard[ProgramSegment]:
-    """Is one of two movements of one kind begun where the other ends, with nothing between?"""
-    if one is None or not (_is_taught_movement(one) and _is_taught_movement(following)):
+def _follows_at_once(step: ProgramSegment | None, before: ProgramSegment | None) -> bool:
+    """Does a movement begin where another of its kind ends, with nothing between?"""
+    if step is None or before is None:
         return False
-    return one.segment.kind == following.segment.kind and following.t0 - one.tn < ROUNDED_S
+    return are_one_kind(before, step) and step.t0 - before.tn < ROUNDED_S
 
 
 def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:

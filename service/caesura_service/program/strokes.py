@@ -225,11 +225,15 @@ def _axes(moment: Moment) -> NDArray[np.float64]:
 
 def _ends(movement: ProgramSegment, step: ProgramSegment) -> bool:
     """Is a step the last of a movement: short, of the same kind, and without a rest between the two?"""
-    one, other = movement.segment, step.segment
-    same = other.kind in ("motion", "transport") and one.kind == other.kind and one.contact == other.contact
-    at_once = other.t0 - one.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
-    said = one.corrected or other.corrected
-    return same and at_once and not said and may_end_movement(step)
+    at_once = step.segment.t0 - movement.segment.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
+    return are_one_kind(movement, step) and at_once and may_end_movement(step)
+
+
+def are_one_kind(movement: ProgramSegment, other: ProgramSegment) -> bool:
+    """Are both movements in the air of the same kind, which no person has named?"""
+    one, two = movement.segment, other.segment
+    same = two.kind in ("motion", "transport") and one.kind == two.kind and one.contact == two.contact
+    return same and not (one.corrected or two.corrected)
 
 
 def _fingers_move(since: float, step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:

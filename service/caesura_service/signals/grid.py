@@ -114,7 +114,8 @@ class Resampler:
         posed = self._interpolated_holds(samples, state.posed)
         next_row = max(state.next_row, self._row_open_at(state.anchor, state.latest))
         rows = self._rows(state.anchor, state.next_row, next_row, samples)
-        return self._state(state.anchor, next_row, samples, posed), Block(state.next_row, rows, False)
+        state_after = self._state(state.anchor, next_row, samples, posed)
+        return state_after, Block(state.next_row, rows, restarts=False)
 
     def _sorted_out(
         self, state: GridState | None, samples: Array, *, broken: bool

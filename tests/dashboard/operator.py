@@ -13,7 +13,7 @@ from dashboard.stage import KINDS, Stage
 from dashboard.subscriber import Subscriber
 
 DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-T = 1.4  # [s] in the middle of the first movement: nobody would put a changepoint there
+T = 1.4  # [s] in the middle of the first movement, where no changepoint is
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
 NEAR_S = 0.06  # half a cell of the segmentation's grid, and a pixel
@@ -73,7 +73,7 @@ class Operator:
         return box["x"] + 1 + LEFT + inside * share, box["y"] + box["height"] / 2
 
     def is_called(self, name: str) -> None:
-        """As the browser has kept it, or as nobody."""
+        """As the browser has kept it, or without a name."""
         self.page.evaluate(
             """(name) => {
               localStorage.setItem("caesura-author", name);

@@ -26,6 +26,16 @@ pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 
 
+def taught_before(stage: Stage, browser: Browser, station: str, author: str) -> Visitor:
+    """Teach the session `over` of a station; return a visitor at a desk whose browser knows the author."""
+    stage.teach(station, guided(), session="over", pace="fast")
+    stage.wait(station)
+    visitor = Visitor(browser)
+    visitor.page.add_init_script(f"localStorage.setItem('caesura-author', '{author}')")
+    visitor.page.set_viewport_size(DESK)
+    return visitor
+
+
 def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Browser):
     stage.teach("cell-over", guided(), session="over", pace="4")
     stage.wait("cell-over")
@@ -50,12 +60,8 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
 
 
 def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, browser: Browser):
-    stage.teach("cell-list", guided(), session="over", pace="fast")
-    stage.wait("cell-list")
-    visitor = Visitor(browser)
+    visitor = taught_before(stage, browser, "cell-list", author="Cem")
     page = visitor.page
-    page.add_init_script("localStorage.setItem('caesura-author', 'Cem')")
-    page.set_viewport_size(DESK)
     with stage.reader() as caesura:
         page.goto(f"{stage.dashboard.url}/sessions/cell-list/over")
         listed = page.locator(".corrections")
@@ -138,12 +144,8 @@ def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage
 
 
 def test_a_phase_is_named(stage: Stage, browser: Browser):
-    stage.teach("cell-phase", guided(), session="over", pace="fast")
-    stage.wait("cell-phase")
-    visitor = Visitor(browser)
+    visitor = taught_before(stage, browser, "cell-phase", author="Ann")
     page = visitor.page
-    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
-    page.set_viewport_size(DESK)
     with stage.reader() as caesura:
         page.goto(f"{stage.dashboard.url}/sessions/cell-phase/over")
         expect(page.locator(".app").first).to_be_visible()
@@ -179,12 +181,8 @@ def test_a_phase_is_named(stage: Stage, browser: Browser):
 
 
 def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage, browser: Browser):
-    stage.teach("cell-preview", guided(), session="over", pace="fast")
-    stage.wait("cell-preview")
-    visitor = Visitor(browser)
+    visitor = taught_before(stage, browser, "cell-preview", author="Ann")
     page, effect = visitor.page, visitor.page.locator(".effect")
-    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
-    page.set_viewport_size(DESK)
     with stage.reader() as caesura:
         before = caesura.snapshot("cell-preview", "over")
         first, second = before.segments.segments[1:3]
@@ -265,12 +263,8 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
 
 
 def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, browser: Browser):
-    stage.teach("cell-program", guided(), session="over", pace="fast")
-    stage.wait("cell-program")
-    visitor = Visitor(browser)
+    visitor = taught_before(stage, browser, "cell-program", author="Ann")
     page, apps = visitor.page, visitor.page.locator(".app")
-    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
-    page.set_viewport_size({"width": 1440, "height": 900})
     page.goto(f"{stage.dashboard.url}/sessions/cell-program/over")
     expect(apps.first).to_be_visible()
     said, count = page.locator(".program-said"), apps.count()

@@ -31,6 +31,7 @@ from harness.processes import (
     Router,
     Service,
     assert_equal,
+    closed,
     eventually,
     reaches,
     running,
@@ -89,7 +90,7 @@ def half_way(caesura: Caesura, *stations: str) -> list[Snapshot]:
 def assert_all_equal(pair: Pair, ends: list[Future[Ack]], undisturbed: PipelineView) -> None:
     assert all(end.result(DEADLINE_S).state == "closed" for end in ends)
     for station in STATIONS:
-        assert_equal(reaches(pair.caesura, station, SAMPLES), undisturbed)
+        assert_equal(closed(pair.caesura, station), undisturbed)
 
 
 def test_the_sample_has_stations_for_both():
@@ -117,7 +118,7 @@ def test_one_that_comes_back_takes_its_stations_in_the_middle_of_their_demonstra
     pair.until_served_by("west", *WESTS)
     assert_all_equal(pair, ends, undisturbed)
     for reported in before:
-        found = reaches(pair.caesura, reported.status.station, SAMPLES)
+        found = closed(pair.caesura, reported.status.station)
         assert (found.status.instance, found.status.epoch > reported.status.epoch) == ("west", True)
 
 
@@ -137,7 +138,7 @@ def test_one_that_hangs_loses_its_stations_and_takes_them_up_where_the_other_has
         pair.until_served_by("west", *WESTS)
         assert_all_equal(pair, ends, undisturbed)
         for reported in begun:
-            last = reaches(pair.caesura, reported.status.station, SAMPLES).status
+            last = closed(pair.caesura, reported.status.station).status
             assert last.epoch > reported.status.epoch
             received.until(SessionStatus, partial(_is_from, last))  # no subscriber is left behind
 
@@ -173,7 +174,7 @@ def test_corrections_outlive_the_instance_that_took_them(pair):
     inserted = expected.resolve(insert)
     expected = expected.corrected([inserted])
     expected = expected.corrected([inserted, expected.resolve(label)])
-    found = reaches(pair.caesura, station, SAMPLES)
+    found = closed(pair.caesura, station)
     assert [one for one in found.changepoints.changepoints if one.corrected]
     assert_equal(found, expected.view)
     pair.west.start()

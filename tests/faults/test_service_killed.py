@@ -18,6 +18,7 @@ from harness.processes import (
     SAMPLES,
     assert_equal,
     assert_kept,
+    closed,
     finals,
     reaches,
     serving,
@@ -42,7 +43,7 @@ def test_killed_at_three_moments_of_a_demonstration(tmp_path, undisturbed, commi
             service.start()
             assert_kept(finals(reported), reaches(caesura, "cell-1", reported.status.samples))
         assert end.result(DEADLINE_S).state == "closed"
-        assert_equal(reaches(caesura, "cell-1", SAMPLES), undisturbed)
+        assert_equal(closed(caesura, "cell-1"), undisturbed)
 
 
 def test_several_stations_survive_together_and_what_was_acknowledged_needs_no_bridge(tmp_path, undisturbed):
@@ -58,7 +59,7 @@ def test_several_stations_survive_together_and_what_was_acknowledged_needs_no_br
         service.start()
         with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
             for station in stations:
-                assert_equal(reaches(caesura, station, SAMPLES), undisturbed)
+                assert_equal(closed(caesura, station), undisturbed)
 
 
 def truncate(log: Path) -> None:
@@ -79,4 +80,4 @@ def test_killed_with_a_damaged_tail_of_the_log(tmp_path, undisturbed, damage):
         damage(tmp_path / "caesura-1.sqlite-wal")
         service.start()
         assert end.result(DEADLINE_S).state == "closed"
-        assert_equal(reaches(caesura, "cell-1", SAMPLES), undisturbed)
+        assert_equal(closed(caesura, "cell-1"), undisturbed)

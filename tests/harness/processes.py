@@ -20,7 +20,7 @@ from caesura_clients import Caesura
 from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import Ack, Segment, Snapshot
+from caesura_protocol.messages import Ack, Segment, SessionStatus, Snapshot
 from caesura_protocol.recording import Recording
 from caesura_service.segmentation.view import PipelineView
 from clients.conftest import free_port
@@ -191,17 +191,30 @@ def snapshot(caesura: Caesura, station: str) -> Snapshot | None:
         return None  # not yet, or not now
 
 
-def reaches(caesura: Caesura, station: str, samples: int) -> Snapshot:
-    """The first snapshot that is known with so many samples."""
+def first_snapshot(caesura: Caesura, station: str, holds: Callable[[SessionStatus], bool]) -> Snapshot:
+    """The first snapshot that is known whose status holds."""
     found: list[Snapshot] = []
 
     def there() -> bool:
         now = snapshot(caesura, station)
         found[:] = [now] if now else []
-        return now is not None and now.status.samples >= samples
+        return now is not None and holds(now.status)
 
     eventually(there)
     return found[0]
+
+
+def reaches(caesura: Caesura, station: str, samples: int) -> Snapshot:
+    """The first snapshot that is known with so many samples."""
+    return first_snapshot(caesura, station, lambda status: status.samples >= samples)
+
+
+def closed(caesura: Caesura, station: str) -> Snapshot:
+    """The first snapshot of the closed session.
+
+    The instance that takes a station over has the last batches for an instant before it has the close.
+    """
+    return first_snapshot(caesura, station, lambda status: status.state == "closed")
 
 
 def assert_equal(found: Snapshot, expected: PipelineView, samples: int = SAMPLES) -> None:

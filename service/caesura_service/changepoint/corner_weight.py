@@ -20,11 +20,15 @@ class CornerWeight:
 
     The log weight is γ(v) S((turn − 45°)/15°) S((0.6 − r)/0.08), with S the logistic function. `turn` is the
     angle between the path over `chord` observations before the start and the path since. r is the speed at
-    the start, divided by the lesser of the peaks within `reach` observations before and after. So what only
+    the start, divided by the lesser of the peaks within `reach` chords before and after. So what only
     curves, or only slows down, starts no movement: it is a via point of the path.
 
-    The weight is 0 for the first `chord` observations of a segment, follows the path up to `reach`, and
-    stays. It needs no look at what comes after the segment, so a segment's evidence remains its own.
+    A quick hand turns within less time than a slow one, so a corner has no time of its own. Several `chords`
+    are looked at, and the largest weight counts (scale space: Lindeberg 1998).
+
+    The weight of a chord is 0 for the first `chord` observations of a segment, follows the path up to
+    `reach`, and stays. It needs no look at what comes after the segment, so a segment's evidence remains its
+    own.
 
     γ(v) is what a start costs the movement that begins at speed v: `standing` + (`gamma` − `standing`)
     min(1, v²/`fast`²). At standstill that is what any start costs, its hazard, its kind and its burst. A
@@ -41,64 +45,58 @@ class CornerWeight:
     turn_width_deg: float = 15.0
     dip: float = 0.6
     dip_width: float = 0.08
-    chord: int = 3
-    reach: int = 5
+    chords: tuple[int, ...] = (2, 3, 4)
+    reach: float = 5.0 / 3.0
     channel: Channel = "position"
     standing: float = 0.0
     fast: float = 0.0
 
     @property
+    def reaches(self) -> tuple[int, ...]:
+        """Observations within which the peaks of each chord lie."""
+        return tuple(round(self.reach * chord) for chord in self.chords)
+
+    @property
     def memory(self) -> int:
-        """Positions that a start looks back on, its own included."""
-        return self.reach + 2
+        """Values that a start looks back on, as long as its weight may change."""
+        return 2 * max(self.reaches) + 2
 
     def empty(self) -> Rows:
-        """Rows: n, last values, value at the start, path before, step at it, peaks, log weight."""
-        vectors, scalars = np.zeros((0, AXES)), np.zeros(0)
-        past = np.zeros((0, self.memory, AXES))
-        return np.zeros(0, np.int64), past, vectors, vectors, scalars, scalars, scalars, scalars
+        """Rows: n, last values, log weight of each chord."""
+        return np.zeros(0, np.int64), np.zeros((0, self.memory, AXES)), np.zeros((0, len(self.chords)))
 
     def extend(self, rows: Rows, observed: ModelInput) -> Rows:
         """Take one observation."""
         z = signal(observed, self.channel)
         past = np.concatenate([rows[1][-1][1:], z[None]]) if len(rows[0]) else np.tile(z, (self.memory, 1))
-        steps = np.sqrt((np.diff(past, axis=0) ** 2).sum(axis=1))
-        n = append(rows[0], 0)
-        start = append(rows[2], z)
-        before = append(rows[3], past[-2] - past[-2 - self.chord])
-        speed = append(rows[4], steps[-1])
-        peak_before = append(rows[5], steps[:-1].max())
-        young = n <= self.reach
-        peak_after = append(rows[6], 0.0)
-        peak_after = np.where((n > 0) & young, np.maximum(peak_after, steps[-1]), peak_after)
-        peak = np.minimum(peak_before, peak_after)
-        weight = np.where(
-            (n >= self.chord) & young,
-            self._log_weight(before, z - start, speed, peak),
-            append(rows[7], 0.0),
-        )
-        every = np.tile(past, (len(n), 1, 1))
-        return n + 1, every, start, before, speed, peak_before, peak_after, weight
+        n, weights = append(rows[0], 0), append(rows[2], np.zeros(len(self.chords)))
+        for which, (chord, reach) in enumerate(zip(self.chords, self.reaches, strict=True)):
+            for age in range(chord, reach + 1):
+                weights[n == age, which] = self._log_weight(past, age, chord, reach)
+        return n + 1, np.tile(past, (len(n), 1, 1)), weights
 
-    def _log_weight(self, before: Array, after: Array, speed: Array, peak: Array) -> Array:
-        """(h,) of displacements (h, 3) [unit] before and after, the step at the start and the lesser peak."""
-        lengths = np.sqrt((before**2).sum(axis=1)), np.sqrt((after**2).sum(axis=1))
-        known = (peak > self.pace) & (lengths[0] > LENGTH_FLOOR) & (lengths[1] > LENGTH_FLOOR)
-        cosine = (before * after).sum(axis=1) / np.where(known, lengths[0] * lengths[1], 1.0)
+    def _log_weight(self, past: Array, age: int, chord: int, reach: int) -> float:
+        """Of a start so many observations ago, at one chord. past: (memory, 3) the last values [unit]."""
+        before, after = past[-2 - age] - past[-2 - age - chord], past[-1] - past[-1 - age]
+        lengths = np.sqrt((before**2).sum()), np.sqrt((after**2).sum())
+        steps = np.sqrt((np.diff(past[-2 - age - reach :], axis=0) ** 2).sum(axis=1))
+        speed, peak = steps[reach], min(steps[:reach].max(), steps[reach + 1 :].max())
+        if peak <= self.pace or min(lengths) <= LENGTH_FLOOR:
+            return 0.0
+        cosine = (before * after).sum() / (lengths[0] * lengths[1])
         turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         turned = (turn - self.turn_deg) / self.turn_width_deg
-        dipped = (self.dip - speed / np.where(known, peak, 1.0)) / self.dip_width
-        flight = np.minimum(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
+        dipped = (self.dip - speed / peak) / self.dip_width
+        flight = min(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
         gamma = self.standing + (self.gamma - self.standing) * flight
-        weight: Array = np.where(known, gamma * _logistic(turned) * _logistic(dipped), 0.0)
-        return weight
+        return float(gamma * _logistic(turned) * _logistic(dipped))
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""
-        return np.asarray(rows[7], np.float64)
+        weight: Array = rows[2].max(axis=1)
+        return weight
 
 
-def _logistic(x: Array) -> Array:
+def _logistic(x: float) -> float:
     """S(x) = 1/(1 + exp(−x)); the argument of the exponential is bounded, so that nothing overflows."""
-    result: Array = 1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0)))
-    return result
+    return float(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))

@@ -2,12 +2,12 @@
 principle.
 
 The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no library
-of strokes does; a movement ends at a corner, and everything else inside it is a via point; noise comes from
-the sensor, grows with speed, and is large now and then; free space has a bias, and contact is a change; a
-load differs from free space by its weight alone; residuals are correlated; speed separates movement from
-rest; a surface never drives what slides along it; two rests, or two contacts, do not follow each other;
-nothing lasts less than 0.4 s; a movement that the rotation explains is a turn. `WITHOUT` leaves each of them
-out and keeps the others.
+of strokes does; a movement ends at a corner, and everything else inside it is a via point; a corner has no
+time of its own; noise comes from the sensor, grows with speed, and is large now and then; free space has a
+bias, and contact is a change; a load differs from free space by its weight alone; residuals are correlated;
+speed separates movement from rest; a surface never drives what slides along it; two rests, or two contacts,
+do not follow each other; nothing lasts less than 0.4 s; a movement that the rotation explains is a turn.
+`WITHOUT` leaves each of them out and keeps the others.
 """
 
 from __future__ import annotations
@@ -91,6 +91,16 @@ def guided_motion() -> GuidedMotion:
     )
 
 
+def corner() -> CornerWeight:
+    """Where the path turns while its speed dips."""
+    return CornerWeight(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW)
+
+
+def corner_of_rotation() -> CornerWeight:
+    """Where the tool turns back, or about another axis."""
+    return CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation")
+
+
 def even_moves() -> list[Profile]:
     """Minimum jerk: the speed is a symmetric bell. Flash & Hogan 1985."""
     return [minimum_jerk(float(duration)) for duration in DURATIONS_S]
@@ -136,11 +146,11 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
-        "corner": CornerWeight(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW),
+        "corner": corner(),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
         "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
         "turning": TurnRate("rotation", least=REST / HANDS_BREADTH_M),
-        "turned_back": CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation"),
+        "turned_back": corner_of_rotation(),
         "unturned": TurnRate("rotation", most=REST / HANDS_BREADTH_M),
         "about_a_point": TurnInPlace(floor=0.0002, share=0.002, reach=TOOL_M, nu0=TURN_NU0),
         "resisted": HeldTorque(least=HELD_NM),
@@ -219,6 +229,12 @@ def _strokes(bias_n: float) -> Channels:
 def _cornerless(bias_n: float) -> Channels:
     """A turn is no reason for a movement to end."""
     return {"corner": CornerWeight(gamma=0.0, pace=SLOW)}
+
+
+def _one_chord(bias_n: float) -> Channels:
+    """Every corner is one of 0.3 s, however quick the hand."""
+    one = {"corner": corner(), "turned_back": corner_of_rotation()}
+    return {name: replace(model, chords=(3,)) for name, model in one.items()}
 
 
 def _thesis_scales(bias_n: float) -> Channels:
@@ -304,6 +320,7 @@ def _with(changes: Callable[[float], Channels], bias_n: float) -> Channels:
 _CHANGED_CHANNELS: Mapping[str, Callable[[float], Channels]] = {
     "guided_motion": _strokes,
     "corners": _cornerless,
+    "corner_chords": _one_chord,
     "sensor_noise": _thesis_scales,
     "speed_noise": _even_noise,
     "heavy_tails": _light_tails,

@@ -31,6 +31,14 @@ def bent(turn_deg: float, dip: float, *, reach: int = 6) -> np.ndarray:
     return np.cumsum([np.zeros(3), *steps], axis=0)
 
 
+def zigzag(leg: int, legs: int = 6) -> np.ndarray:
+    """A path whose direction swings by 45° to each side, once in two legs of so many steps; (n, 3) [m]."""
+    swing = np.sin(np.pi * (np.arange(legs * leg) + 0.5) / leg)
+    sizes, heading = STEP_M * np.sqrt(0.02 + swing**2), np.radians(45.0) * swing
+    steps = sizes[:, None] * np.column_stack([np.cos(heading), np.sin(heading), np.zeros(heading.size)])
+    return np.cumsum([np.zeros(3), *steps], axis=0)
+
+
 def weight_at(path: np.ndarray, start: int) -> float:
     return float(CORNER.log_evidence(rows_after(CORNER, observed(path)))[start])
 
@@ -100,6 +108,20 @@ def test_what_only_turns_or_only_slows_down_is_a_via_point(what: str, turn: floa
     assert weight_at(bent(turn, dip), 7) < 2.0, what
 
 
+@pytest.mark.parametrize(("leg", "missed"), [(3, [4]), (6, []), (14, [2])])
+def test_a_corner_has_no_time_of_its_own(leg: int, missed: list[int]) -> None:
+    """The same zigzag by a quick, a usual and a slow hand: chords that miss its corners, and the weight."""
+    path = observed(zigzag(leg))
+
+    def weights(*chords: int) -> np.ndarray:
+        corner = replace(CORNER, chords=chords)
+        return corner.log_evidence(rows_after(corner, path)) / CORNER.gamma
+
+    alone = {chord: weights(chord) for chord in CORNER.chords}
+    assert [chord for chord, each in alone.items() if each.max() < 0.5] == missed
+    np.testing.assert_array_equal(weights(*CORNER.chords), np.max([*alone.values()], axis=0))
+
+
 def test_at_the_rules_own_limits_a_corner_has_half_of_half_its_weight() -> None:
     assert weight_at(bent(45.0, 0.6), 7) == pytest.approx(0.25 * CORNER.gamma, rel=0.35)
 
@@ -132,4 +154,4 @@ def test_a_hand_at_rest_has_no_corners() -> None:
 
 def test_the_youngest_hypotheses_have_no_corner_yet() -> None:
     weights = CORNER.log_evidence(rows_after(CORNER, observed(bent(100.0, 0.2)[:10])))
-    assert (weights[-CORNER.chord :] == 0.0).all()
+    assert (weights[-CORNER.chords[0] :] == 0.0).all()

@@ -35,6 +35,7 @@ from caesura_service.changepoint.kernels.layout import (
     BLOCK,
     CHANNEL,
     FORCE,
+    MOST_CHORDS,
     MOST_SHARES,
     PAST,
     POSITION,
@@ -69,7 +70,7 @@ def _fits(model: ChannelModel) -> bool:
         case GuidedMotion():
             return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
         case CornerWeight():
-            return model.memory <= PAST and model.chord <= model.reach
+            return model.memory <= PAST and len(model.chords) <= MOST_CHORDS
         case _:
             return len(_noise(model).shares) <= MOST_SHARES
 
@@ -328,9 +329,18 @@ def _corner(model: CornerWeight) -> Record:
         "turn_width": model.turn_width_deg,
         "dip": model.dip,
         "dip_width": model.dip_width,
-        "chord": model.chord,
-        "reach": model.reach,
+        "chords": _padded(model.chords),
+        "reaches": _padded(model.reaches),
+        "chord_count": len(model.chords),
+        "longest_reach": max(model.reaches),
     }
+
+
+def _padded(numbers: Sequence[int]) -> Ints:
+    """As many as there is room for; zeros behind."""
+    padded = np.zeros(MOST_CHORDS, np.int64)
+    padded[: len(numbers)] = numbers
+    return padded
 
 
 def _pace(model: TurnRate) -> Record:
@@ -392,7 +402,7 @@ _WIDTHS: Mapping[type, int] = {
     ConstantVelocity: 12,
     FrictionConeWeight: 1,
     GuidedMotion: 1 + MOST_SHARES,
-    CornerWeight: 10,
+    CornerWeight: MOST_CHORDS,
     TurnInPlace: 15,
     TurnRate: 1,
     NoContactRise: 2,

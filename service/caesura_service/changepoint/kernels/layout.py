@@ -25,6 +25,7 @@ VECTOR = 8  # numbers that a loop takes at once; what is left over it takes one 
 AXES = 3
 BLOCK = 32  # profiles that are worked on at once
 MOST_SHARES = 4
+MOST_CHORDS = 3
 STATES = 3  # of the contact model
 # Where the values of an observation begin. All but the last, which may be unknown, have to be finite.
 POSITION, FORCE, ROTATION, TORSION, HOLDING = (AXES * i for i in range(5))
@@ -94,7 +95,10 @@ CHANNEL = np.dtype(
         ("turn_width", "f8"),
         ("dip", "f8"),
         ("dip_width", "f8"),
-        ("chord", "i8"),
+        ("chords", "i8", (MOST_CHORDS,)),
+        ("reaches", "i8", (MOST_CHORDS,)),
+        ("chord_count", "i8"),
+        ("longest_reach", "i8"),
         ("reach", "i8"),
         ("aligned2", "f8"),
         ("force2", "f8"),  # [N²] from which a force has a direction

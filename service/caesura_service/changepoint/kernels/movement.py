@@ -17,7 +17,6 @@ from caesura_service.numba_support.decorators import compiled
 WEIGHTS, DENSITIES = 0, 1  # fields of guided motion; densities have one a scale
 PEAK, TOTAL = 5, 6  # rows of the work
 OWN_STEPS = 2  # observations of a segment after which the steps before it play no part
-START, BEFORE, SPEED, PEAK_BEFORE, PEAK_AFTER, WEIGHT = 0, 3, 6, 7, 8, 9  # fields of a corner
 LENGTH_FLOOR = 1e-9
 MOST = 50.0  # of the logistic function's argument
 
@@ -129,35 +128,21 @@ def add_up(evidence, weights, peak, logs, log_count, lanes):
 
 @compiled
 def corner(here, c):
-    """`CornerWeight`. Fields: value at the start 3, path before it 3, step at it, peaks 2, log weight."""
+    """`CornerWeight`. Fields: log weight of each chord."""
     model, state = model_at(here), state_at(here)
-    channel, living, past = model.channels[c], state.counters[0].living, state.past
-    sums = state.sums[channel.field : channel.field + 10]
-    begin(sums, past, living - 1, channel)
-    step = math.sqrt(step_squared_at(past, 1, column(channel)))
-    place = living - 2
-    while place >= 0 and state.ages[place] - 1 <= channel.reach:
-        sums[PEAK_AFTER, place] = max(sums[PEAK_AFTER, place], step)
-        if state.ages[place] - 1 >= channel.chord:
-            sums[WEIGHT, place] = corner_weight(sums, past, place, channel)
+    channel, place, evidence = model.channels[c], state.counters[0].living - 1, state.channel[c]
+    sums = state.sums[channel.field : channel.field + channel.chord_count]
+    while place >= 0 and state.ages[place] - 1 <= channel.longest_reach:
+        age = int(state.ages[place]) - 1
+        for k in range(channel.chord_count):
+            chord, reach = channel.chords[k], channel.reaches[k]
+            if chord <= age <= reach:
+                sums[k, place] = corner_weight(state.past, age, chord, reach, channel)
         place -= 1
-    evidence = state.channel[c]
-    for i in range(living):
-        evidence[i] = sums[WEIGHT, i]
-
-
-@compiled
-def begin(sums, past, place, channel):
-    """A start here: what it looks back on."""
-    last, first = past.shape[0] - 1, column(channel)
-    for a in range(AXES):
-        sums[START + a, place] = past[last, first + a]
-        sums[BEFORE + a, place] = past[last - 1, first + a] - past[last - 1 - channel.chord, first + a]
-    sums[SPEED, place] = math.sqrt(step_squared_at(past, 1, first))
-    peak = 0.0
-    for back in range(2, channel.reach + 2):
-        peak = max(peak, math.sqrt(step_squared_at(past, back, first)))
-    sums[PEAK_BEFORE, place] = peak
+    for i in range(state.counters[0].living):
+        evidence[i] = sums[0, i]
+    for k in range(1, channel.chord_count):
+        raise_peak(evidence, sums[k], state.counters[0].living)
 
 
 @compiled
@@ -171,25 +156,34 @@ def step_squared_at(past, back, first):
 
 
 @compiled
-def corner_weight(sums, past, place, channel):
+def peak_squared(past, newest, count, first):
+    """Largest squared length of so many steps; newest: the last of them, counted back from now."""
+    peak = 0.0
+    for back in range(newest, newest + count):
+        peak = max(peak, step_squared_at(past, back, first))
+    return peak
+
+
+@compiled
+def corner_weight(past, age, chord, reach, channel):
     """`CornerWeight._log_weight`."""
     last, first = past.shape[0] - 1, column(channel)
+    start = last - age
     before2 = after2 = product = 0.0
-    for a in range(AXES):
-        before, after = sums[BEFORE + a, place], past[last, first + a] - sums[START + a, place]
+    for a in range(first, first + AXES):
+        before, after = past[start - 1, a] - past[start - 1 - chord, a], past[last, a] - past[start, a]
         before2 += before**2
         after2 += after**2
         product += before * after
-    peak, lengths = (
-        min(sums[PEAK_BEFORE, place], sums[PEAK_AFTER, place]),
-        math.sqrt(before2) * math.sqrt(after2),
-    )
-    if peak <= channel.pace or math.sqrt(before2) <= LENGTH_FLOOR or math.sqrt(after2) <= LENGTH_FLOOR:
+    length_before, length_after = math.sqrt(before2), math.sqrt(after2)
+    peak = math.sqrt(min(peak_squared(past, 1, age, first), peak_squared(past, age + 2, reach, first)))
+    if peak <= channel.pace or min(length_before, length_after) <= LENGTH_FLOOR:
         return 0.0
-    turn = math.degrees(math.acos(min(max(product / lengths, -1.0), 1.0)))
+    speed = math.sqrt(step_squared_at(past, age + 1, first))
+    turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
     turned = (turn - channel.turn) / channel.turn_width
-    dipped = (channel.dip - sums[SPEED, place] / peak) / channel.dip_width
-    flight = min(sums[SPEED, place] ** 2 / channel.fast2, 1.0) if channel.fast2 else 1.0
+    dipped = (channel.dip - speed / peak) / channel.dip_width
+    flight = min(speed**2 / channel.fast2, 1.0) if channel.fast2 else 1.0
     gamma = channel.standing + (channel.gamma - channel.standing) * flight
     return gamma * logistic(turned) * logistic(dipped)
 

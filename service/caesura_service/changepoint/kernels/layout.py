@@ -235,7 +235,7 @@ def fresh_state(
         "residuals": (BLOCK,),
         "log_evidence": (blocks * MOST_SHARES, BLOCK),
         "continued": (2, BLOCK),
-        "scratch": (2 * STATES,),
+        "scratch": (max(2 * STATES, PAST),),
         "ended": (2, groups),
         "next": (2, groups),
         "node_kinds": (nodes, kinds),

@@ -132,17 +132,25 @@ def corner(here, c):
     model, state = model_at(here), state_at(here)
     channel, place, evidence = model.channels[c], state.counters[0].living - 1, state.channel[c]
     sums = state.sums[channel.field : channel.field + channel.chord_count]
+    squared_steps(state.scratch, state.past, column(channel))
     while place >= 0 and state.ages[place] - 1 <= channel.longest_reach:
         age = int(state.ages[place]) - 1
         for k in range(channel.chord_count):
             chord, reach = channel.chords[k], channel.reaches[k]
             if chord <= age <= reach:
-                sums[k, place] = corner_weight(state.past, age, chord, reach, channel)
+                sums[k, place] = corner_weight(state.past, state.scratch, age, chord, reach, channel)
         place -= 1
     for i in range(state.counters[0].living):
         evidence[i] = sums[0, i]
     for k in range(1, channel.chord_count):
         raise_peak(evidence, sums[k], state.counters[0].living)
+
+
+@compiled
+def squared_steps(squared, past, first):
+    """Squared lengths [unit²] of the last steps, the last of all first; first: column of the values."""
+    for back in range(1, past.shape[0]):
+        squared[back - 1] = step_squared_at(past, back, first)
 
 
 @compiled
@@ -156,17 +164,20 @@ def step_squared_at(past, back, first):
 
 
 @compiled
-def peak_squared(past, newest, count, first):
-    """Largest squared length of so many steps; newest: the last of them, counted back from now."""
-    peak = 0.0
-    for back in range(newest, newest + count):
-        peak = max(peak, step_squared_at(past, back, first))
+def largest(values, first, last):
+    """Of the values from the first one up to, and without, the last one."""
+    peak = values[first]
+    for i in range(first + 1, last):
+        peak = max(peak, values[i])
     return peak
 
 
 @compiled
-def corner_weight(past, age, chord, reach, channel):
-    """`CornerWeight._log_weight`."""
+def corner_weight(past, squared, age, chord, reach, channel):
+    """`CornerWeight._log_weight`. squared: of `squared_steps`."""
+    peak2 = min(largest(squared, 0, age), largest(squared, age + 1, age + 1 + reach))
+    if math.sqrt(peak2) <= channel.pace:
+        return 0.0
     last, first = past.shape[0] - 1, column(channel)
     start = last - age
     before2 = after2 = product = 0.0
@@ -176,14 +187,12 @@ def corner_weight(past, age, chord, reach, channel):
         after2 += after**2
         product += before * after
     length_before, length_after = math.sqrt(before2), math.sqrt(after2)
-    peak = math.sqrt(min(peak_squared(past, 1, age, first), peak_squared(past, age + 2, reach, first)))
-    if peak <= channel.pace or min(length_before, length_after) <= LENGTH_FLOOR:
+    if min(length_before, length_after) <= LENGTH_FLOOR:
         return 0.0
-    speed = math.sqrt(step_squared_at(past, age + 1, first))
     turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
     turned = (turn - channel.turn) / channel.turn_width
-    dipped = (channel.dip - speed / peak) / channel.dip_width
-    flight = min(speed**2 / channel.fast2, 1.0) if channel.fast2 else 1.0
+    dipped = (channel.dip - math.sqrt(squared[age] / peak2)) / channel.dip_width
+    flight = min(squared[age] / channel.fast2, 1.0) if channel.fast2 else 1.0
     gamma = channel.standing + (channel.gamma - channel.standing) * flight
     return gamma * logistic(turned) * logistic(dipped)
 

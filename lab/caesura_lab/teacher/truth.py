@@ -61,9 +61,11 @@ GUIDED_RULE = (
     RULE.replace(
         "Motion starts and stops at 5 mm/s.", "Motion starts and stops at 10 mm/s, and creep below is rest."
     )
-    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. A pause below 0.3 s, a"
-    " rest that is never below 5 mm/s for 0.3 s, a corner with less than 10 mm beside it, one within 0.25 s"
-    " of a start or stop, and one whose two readings do not both exceed 50 deg are optional. A gradual edge"
+    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. Where it is below"
+    " 5 mm/s for 0.3 s, a pause is optional, and a start or stop is accepted at either end. A pause below"
+    " 0.3 s, a rest that is never below 5 mm/s for 0.3 s, a corner with less than 10 mm beside it, one within"
+    " 0.25 s of a start or stop, and one whose two readings do not both exceed 50 deg are optional. A gradual"
+    " edge"
     " has a wider tol, up to 0.4 s. A release that lasts is accepted at either end."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
@@ -146,6 +148,7 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
     if guided:
         marks = [_with_edge(state, mark) for mark in _beside_rests(state, spans, marks)]
         spans, marks = _without_doubtful_rests(state, spans, marks)
+        marks = _with_doubtful_pauses(state, spans, marks)
         marks, decays = _with_both_ends(marks, decays)
     marks += decays + _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
@@ -427,13 +430,57 @@ def _without_doubtful_rests(
     Such a span has no class, and a start or stop beside it is optional. In contact a press may move the hand.
     marks: one for each pair of spans.
     """
-    speed = uniform_filter1d(state.reference_speed, round(SMOOTH_S / state.dt), mode="nearest")
+    speed = _smoothed_speed(state)
     spans = [s._replace(clear=s.cls not in ("steady", "hold") or _is_rest(speed, s, state.dt)) for s in spans]
     marks = [
         mark if (before.clear and after.clear) or mark["kind"] not in ("start", "stop") else _optional(mark)
         for mark, (before, after) in zip(marks, pairwise(spans), strict=True)
     ]
     return spans, marks
+
+
+def _with_doubtful_pauses(
+    state: TrueState, spans: list[TickSpan], marks: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Leave open what is movement by one reading only: traced, but below 5 mm/s for 0.3 s.
+
+    Inside of a movement the edges of such a pause are optional. Where less than a correction parts it from
+    the movement's start or stop, either end is accepted. marks: one for each pair of spans.
+    """
+    speed = _smoothed_speed(state)
+    marks, pauses = [dict(mark) for mark in marks], []
+    for index, span in enumerate(spans):
+        if not _large(span):
+            continue
+        for first, last in runs(speed[span.first : span.last] < START_M_PER_S):
+            if (last - first) * state.dt < REST_S:
+                continue
+            begun, ended = span.first + first, span.first + last
+            if _is_correction(state, span.first, begun):
+                _accept(marks[:index][-1:], "start", _time(state, ended))
+            elif _is_correction(state, ended, span.last):
+                _accept(marks[index : index + 1], "stop", _time(state, begun))
+            else:
+                pauses.append(_mark(_time(state, begun), "optional", "stop"))
+                pauses.append(_mark(_time(state, ended), "optional", "start"))
+    return marks + [_with_edge(state, pause) for pause in pauses]
+
+
+def _is_correction(state: TrueState, first: int, last: int) -> bool:
+    """Whether ticks of a movement move the tip less than any movement does."""
+    return first == last or _largest_distance(state.velocity[first:last], state.dt) < SMALL_M
+
+
+def _accept(marks: Sequence[dict[str, Any]], kind: str, t: float) -> None:
+    """Accept another time [s] for marks of a kind."""
+    for mark in marks:
+        if mark["kind"] == kind:
+            mark["t_alt"] = t
+
+
+def _smoothed_speed(state: TrueState) -> Array:
+    smooth: Array = uniform_filter1d(state.reference_speed, round(SMOOTH_S / state.dt), mode="nearest")
+    return smooth
 
 
 def _is_rest(speed: Array, span: TickSpan, dt: float) -> bool:

@@ -227,6 +227,18 @@ def test_a_rest_by_one_reading_only_is_left_open(creep: float, level: str) -> No
     assert len(rests) == (1 if level == "major" else 0)
 
 
+def test_a_pause_of_a_traced_movement_by_one_reading_only_is_left_open() -> None:
+    """Tracing at 8 mm/s is a movement from 4 mm/s on; at 4.5 mm/s it rests by the other reading."""
+    slow, traced = (0.0045, 0, 0), (0.008, 0, 0)
+    moves = [(1.0, 1.5, slow), (1.5, 4.0, traced), (4.0, 4.6, slow), (4.6, 7.0, traced), (7.0, 7.2, slow)]
+    truth = annotate(state(9.0, moves), guided=True)
+    assert majors(truth) == [("start", 1.0), ("stop", 7.2)]
+    accepted = [c.get("t_alt") for c in truth["changepoints"] if c["level"] == "major"]
+    assert accepted == [pytest.approx(1.5, abs=0.05), None]  # 0.2 s at the end are no pause
+    assert ("optional", 4.0) in marked(truth, "stop")
+    assert ("optional", 4.6) in marked(truth, "start")
+
+
 def test_a_release_that_lasts_is_accepted_at_either_end() -> None:
     normal = during(5.0, 2.0, 3.5, 15.0) + during(5.0, 3.5, 4.0, 3.0)
     truth = annotate(state(5.0, [(0.5, 2.0, (0, 0, -0.1))], normal=normal), guided=True)

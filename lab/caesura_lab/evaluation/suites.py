@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from caesura_lab.annotations import (
 )
 from caesura_lab.evaluation.declared import with_declarations
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
+from caesura_lab.evaluation.tempo import TEMPI, in_tempo
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
 from caesura_protocol.formats.read import load_recording
@@ -133,11 +135,8 @@ class SimulatedDemonstration:
 
 
 @dataclass(frozen=True)
-class PoorerCase:
-    """A case whose recording is changed as of one of CONDITIONS; its truth stays.
-
-    Random numbers depend on the recording's name alone.
-    """
+class ChangedCase(ABC):
+    """A case of which one thing is changed; condition: what. Where results are shown by robot, it is one."""
 
     case: Case
     condition: str
@@ -158,11 +157,30 @@ class PoorerCase:
         return self.condition
 
     def load(self) -> tuple[Recording, Truth]:
-        """Load the case and change its recording; where results are shown by robot, the condition is one."""
-        recording, truth = self.case.load()
+        """Load the case and change it."""
+        recording, truth = self._changed(*self.case.load())
+        return recording, replace(truth, name=self.name, robot=self.condition)
+
+    @abstractmethod
+    def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]: ...
+
+
+class PoorerCase(ChangedCase):
+    """A case whose recording is changed as of one of CONDITIONS; its truth stays.
+
+    Random numbers depend on the recording's name alone.
+    """
+
+    def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
         rng = np.random.default_rng(crc32(self.case.name.encode()))
-        changed = CONDITIONS[self.condition](recording, rng)
-        return changed, replace(truth, name=self.name, robot=self.condition)
+        return CONDITIONS[self.condition](recording, rng), truth
+
+
+class OtherTempoCase(ChangedCase):
+    """A case that takes longer or shorter, or whose path is larger or smaller, as of one of TEMPI."""
+
+    def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
+        return in_tempo(recording, truth, self.condition)
 
 
 @dataclass(frozen=True)
@@ -248,12 +266,18 @@ def sensors(extent: SuiteOptions) -> list[Case]:
     return [PoorerCase(case, condition) for condition in CONDITIONS for case in cases]
 
 
+def tempo(extent: SuiteOptions) -> list[Case]:
+    """Return the recordings of `real` in every one of TEMPI. Raises TruthError as `real`."""
+    cases = real(extent)
+    return [OtherTempoCase(case, name) for name in TEMPI for case in cases]
+
+
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
     """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
 
     name: of the suite, None where files are judged.
     """
-    if name not in ("real", "sensors"):
+    if name not in ("real", "sensors", "tempo"):
         return []
     return [
         f"{file}: not in {extent.data}, left out; its source: {source.source or 'not stated'}"
@@ -293,4 +317,5 @@ SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "skills": skills,
     "real": real,
     "sensors": sensors,
+    "tempo": tempo,
 }

@@ -146,6 +146,7 @@ class Conditioner:
             held=int(layout.has("gripper")),
             quaternion=layout.slices.get("quat"),
             pose=layout.pose_width,
+            beside=layout.joints_beside_pose,
             hold_limit_s=self.parameters.hold_limit_s,
             every=self._every,
             phase=self._filter.half + 1,  # an observation is complete half a filter window after its row

@@ -71,7 +71,8 @@ class Resampler:
     """Immutable parameters of the grid; `advance` maps a state and samples to the next state and rows.
 
     held: how many of the last columns are held. quaternion: columns to make sign-continuous beforehand.
-    pose: how many of the first columns are the pose; hold_limit_s [s]: see rule 5.
+    pose: how many of the first columns are the pose; beside: how many follow that are read with it;
+    hold_limit_s [s]: see rule 5.
     every, phase: rows are handed out up to row phase, phase + every, … (itself not included), or to a gap.
     """
 
@@ -80,6 +81,7 @@ class Resampler:
     held: int = 0
     quaternion: slice | None = None
     pose: int = 0
+    beside: int = 0
     hold_limit_s: float = 0.0
     every: int = 1
     phase: int = 0
@@ -186,7 +188,7 @@ class Resampler:
         """Interpolate the poses after the last new one; return the time [s] of what is the last one now."""
         if not self.pose:
             return float(samples[-1, 0])
-        return self.arithmetic.interpolate_holds(samples, self.pose, posed, self.hold_limit_s)
+        return self.arithmetic.interpolate_holds(samples, self.pose, self.beside, posed, self.hold_limit_s)
 
     def _waits_for_pose(self, posed: float, latest: float) -> bool:
         """Whether the poses since the last new one may still be interpolated."""

@@ -54,23 +54,30 @@ def make_sign_continuous(samples: Array, at: int) -> None:
     rotation.make_sign_continuous(samples[:, at : at + 4])
 
 
-def interpolate_holds(samples: Array, pose: int, posed: float, hold_limit_s: float) -> float:
+def interpolate_holds(samples: Array, pose: int, beside: int, posed: float, hold_limit_s: float) -> float:
     """Interpolate poses of samples (m, 1 + c) that repeat the one before, between those that are new.
 
-    pose: how many columns after the time are the pose. posed: time [s] of the last sample known to have a new
-    pose; earlier samples stay as they are. A pose that is held for longer than hold_limit_s [s] stays too.
+    pose: how many columns after the time are the pose. beside: how many after these are interpolated with it
+    where they repeat as well. posed: time [s] of the last sample known to have a new pose; earlier samples
+    stay as they are. A pose that is held for longer than hold_limit_s [s] stays too.
     Returns the time of the last sample that has a new pose.
     """
-    times, poses = samples[:, 0], samples[:, 1 : 1 + pose]
+    times, poses, along = samples[:, 0], samples[:, 1 : 1 + pose], samples[:, 1 + pose : 1 + pose + beside]
     first = int(times.searchsorted(posed))
     changed = np.flatnonzero((poses[first + 1 :] != poses[first:-1]).any(axis=1)) + first + 1
     for last, new in pairwise([first, *changed.tolist()]):
-        held = slice(last + 1, new)
         if times[new] - posed <= hold_limit_s:
-            share = (times[held] - times[last]) / (times[new] - times[last])
-            poses[held] += share[:, None] * (poses[new] - poses[last])
+            repeats = bool((along[last + 1 : new] == along[last]).all())
+            _bridge(times, samples[:, 1 : 1 + pose + beside * repeats], last, new)
         posed = float(times[new])
     return posed
+
+
+def _bridge(times: Array, values: Array, last: int, new: int) -> None:
+    """Put the values (m, c) between two samples on a line."""
+    held = slice(last + 1, new)
+    share = (times[held] - times[last]) / (times[new] - times[last])
+    values[held] += share[:, None] * (values[new] - values[last])
 
 
 def resample(samples: Array, anchor: float, grid_hz: float, first: int, held: int, rows: Array) -> None:

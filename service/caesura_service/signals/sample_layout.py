@@ -134,6 +134,11 @@ class SampleLayout:
         signals = ("pos", "quat") if "pos" in self.slices else ("q",)
         return int(max(self.slices[signal].stop for signal in signals if signal in self.slices))
 
+    @property
+    def joints_beside_pose(self) -> int:
+        """Return how many of the values after the pose are joints that are read with it."""
+        return self.joints if "pos" in self.slices and "q" in self.slices else 0
+
     def read(self, samples: Array) -> tuple[Array, Array]:
         """Times (n,) [s] and values (n, c) of what `take` returns."""
         taken = self.take(samples)

@@ -162,6 +162,34 @@ def test_a_gap_is_reported_and_marks_the_observation_after_it() -> None:
     assert_allclose(column(result.observations, "position_base")[:, 0], at, atol=1e-12)
 
 
+@pytest.mark.parametrize("arithmetic", [REFERENCE, best()], ids=["reference", "best"])
+def test_joints_that_are_held_with_a_pose_are_interpolated_with_it(arithmetic: Backend) -> None:
+    """They stayed behind by up to a reading: an app's joints were 9 mm from its target."""
+    t = times(200.0, 2.0)
+    read_at = np.floor(t / 0.08 + 1e-9) * 0.08
+    samples = np.column_stack([t, *[0.2 * read_at] * 3, *[0.5 * read_at] * 7])
+    layout = SampleLayout(("t", *POSITION, *JOINTS), wrench_source="none")
+    observations = together(Conditioner(layout, arithmetic=arithmetic), [samples]).observations[:18]
+    joints = np.array([one.joints for one in observations])
+    assert_allclose(joints[:, 0], 0.5 * column(observations, "t"), atol=1e-12)
+    assert_allclose(column(observations, "position_base")[:, 0], 0.4 * joints[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("arithmetic", [REFERENCE, best()], ids=["reference", "best"])
+def test_joints_that_go_on_while_a_pose_is_held_stay_as_they_are(arithmetic: Backend) -> None:
+    t = times(200.0, 2.0)
+    held = along((1.0, 1.0, 1.0), 0.2 * np.floor(t / 0.08 + 1e-9) * 0.08)
+    joints = np.tile(np.sin(9.0 * t)[:, None], 7)
+    layout = SampleLayout(("t", *POSITION, *JOINTS), wrench_source="none")
+    of_held, of_moved = (
+        together(
+            Conditioner(layout, arithmetic=arithmetic), [np.column_stack([t, pose, joints])]
+        ).observations
+        for pose in (held, along((1.0, 1.0, 1.0), 0.2 * t))
+    )
+    assert_array_equal([one.joints for one in of_held[:18]], [one.joints for one in of_moved[:18]])
+
+
 def test_a_declared_gap_is_reported_with_the_sample_that_ends_it() -> None:
     conditioner = Conditioner(POSE)
     samples = np.column_stack([times(100.0, 2.0), np.zeros((201, 3))])

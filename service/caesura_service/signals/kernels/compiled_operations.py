@@ -61,33 +61,36 @@ def follow_sign(before, quaternion):
 
 
 @compiled
-def interpolate_holds(samples, pose, posed, hold_limit_s):
+def interpolate_holds(samples, pose, beside, posed, hold_limit_s):
     """`reference.interpolate_holds`."""
     last = first_from(samples, 0, posed)
     for i in range(last + 1, samples.shape[0]):
-        if not differs(samples[i], samples[i - 1], pose):
+        if not differs(samples[i], samples[i - 1], 1, 1 + pose):
             continue
         if i > last + 1 and samples[i, 0] - posed <= hold_limit_s:
-            bridge(samples, last, i, pose)
+            repeats = True
+            for k in range(last + 1, i):
+                repeats &= not differs(samples[k], samples[last], 1 + pose, 1 + pose + beside)
+            bridge(samples, last, i, pose + beside if repeats else pose)
         last, posed = i, samples[i, 0]
     return posed
 
 
 @compiled
-def differs(sample, other, pose):
-    """Whether two samples have unlike poses."""
+def differs(sample, other, start, stop):
+    """Whether two samples have unlike values in some columns."""
     unlike = False
-    for c in range(1, 1 + pose):
+    for c in range(start, stop):
         unlike |= sample[c] != other[c]
     return unlike
 
 
 @compiled
-def bridge(samples, last, new, pose):
-    """Put the poses between two samples on a line."""
+def bridge(samples, last, new, width):
+    """Put the first values between two samples on a line."""
     for i in range(last + 1, new):
         share = (samples[i, 0] - samples[last, 0]) / (samples[new, 0] - samples[last, 0])
-        for c in range(1, 1 + pose):
+        for c in range(1, 1 + width):
             samples[i, c] += share * (samples[new, c] - samples[last, c])
 
 

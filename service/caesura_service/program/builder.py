@@ -34,6 +34,7 @@ from caesura_service.program.program_segment import (
     Moment,
     MomentAt,
     ProgramSegment,
+    average,
     length,
     observed,
 )
@@ -339,8 +340,8 @@ def _carries(group: _Group) -> Iterable[App]:
     load: dict[str, object] = {}
     if weighed:
         load = {
-            "load_kg": _average(weighed, lambda segment: segment.load_kg or 0.0),
-            "load_sd_kg": _average(weighed, lambda segment: segment.load_sd_kg or 0.0),
+            "load_kg": average(weighed, "load_kg"),
+            "load_sd_kg": average(weighed, "load_sd_kg"),
         }
     sets_down = _meets(group)
     for step in group.steps:
@@ -356,11 +357,6 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
     "transport": _carries,
     "hold": _carries,
 }
-
-
-def _average(steps: Sequence[ProgramSegment], value: Callable[[Segment], float]) -> float:
-    """Of a number of segments, weighted by time."""
-    return sum(step.seconds * value(step.segment) for step in steps) / sum(step.seconds for step in steps)
 
 
 def _group_key(step: ProgramSegment) -> str:

@@ -80,9 +80,13 @@ class ProgramSegment:
         return self.parts[-1].segment.tn
 
     def joined_to(self, before: ProgramSegment) -> ProgramSegment:
-        """It with the segment that it goes on from: one segment from where that one begins."""
-        whole = {"t0": before.segment.t0, "position_start": before.segment.position_start}
-        return replace(self, approach=before.parts, segment=self.segment.model_copy(update=whole))
+        """It with the segment that it goes on from: one segment, with the average load of both."""
+        first, last = before.segment, self.segment
+        whole = {"t0": first.t0, "position_start": first.position_start}
+        weighed = [step for step in (before, self) if step.segment.load_kg is not None]
+        load = {name: average(weighed, name) for name in ("load_kg", "load_sd_kg")} if weighed else {}
+        approach = (*before.parts, *self.approach)
+        return replace(self, approach=approach, segment=last.model_copy(update=whole | load))
 
     @property
     def seconds(self) -> float:
@@ -127,6 +131,12 @@ def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
     middle = 0.5 * (step.segment.t0 + step.segment.tn)
     last = max((grip for grip in grips if grip.t <= middle), key=lambda grip: grip.t, default=None)
     return None if last is None else last.kind == "grasp"
+
+
+def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_kg"]) -> float:
+    """[kg] Of a number of segments, weighted by time."""
+    weighted: float = sum(step.seconds * (getattr(step.segment, name) or 0.0) for step in steps)
+    return weighted / sum(step.seconds for step in steps)
 
 
 def observed(begin: float, end: float) -> list[float]:

@@ -84,14 +84,17 @@ def kept_steps(
     before: ProgramSegment | None = None
     earlier: ProgramSegment | None = None  # the one before that: both last for the minimum time
     touched = -1  # the last step in contact, however short
+    short: dict[int, tuple[ProgramSegment, ...]] = {}
     around = zip([None, None, *steps], [None, *steps], steps, [*steps[1:], None], strict=False)
     for behind, beside, step, ahead in around:
         touched = beside.index if beside is not None and beside.touches else touched
+        in_hand = _in_hand(step, grips, _from_air(kept, touched), moment_at)
         if not step.lasts(least_s):
+            short[step.index] = (in_hand,) if holds(step, grips) is not None else (in_hand, step)
             continue
         last = kept[-1] if kept else None
         if not _lets_go(before, kept, step, moment_at):
-            read = _hanging(_in_hand(step, grips, _from_air(kept, touched), moment_at), grips)
+            read = _hanging(in_hand, grips)
             read = _resting(_leaving(_as_touching(last, read, grips, moment_at)), grips, moment_at)
             contact = _contact_before(behind, beside, earlier, last, grips, least_s)
             if last is not None and not read.touches:
@@ -103,37 +106,42 @@ def kept_steps(
                     read = _set_down(_base(last, moment_at), read, moment_at)
             kept += [] if _stands(contact or last, read) else [read]
         earlier, before = before, step
-    based = _with_short_movements(_with_bases(_as_one_hold(kept), grips, moment_at), steps, least_s)
+    based = _with_short_movements(_with_bases(_as_one_hold(kept), grips, moment_at), short)
     return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
 
 
 def _with_short_movements(
-    kept: Sequence[ProgramSegment], steps: Sequence[ProgramSegment], least_s: float
+    kept: Sequence[ProgramSegment], short: dict[int, tuple[ProgramSegment, ...]]
 ) -> list[ProgramSegment]:
-    """The kept steps; movements below the minimum time [s] are parts of those of their kind beside them.
+    """The kept steps; movements below the minimum time are parts of those of their kind beside them.
 
-    One between two such movements belongs to the second.
+    One between two such movements belongs to the second. short: by index, as what such a step may be taken
+    for: too short to be weighed, it is a carry or none where the fingers say nothing.
     """
-    short = {step.index: step for step in steps if not step.lasts(least_s)}
     joined: list[ProgramSegment] = []
     for step in kept:
         whole = step
-        while _follows_at_once(whole, short.get(whole.parts[0].index - 1)):
-            whole = whole.joined_to(short.pop(whole.parts[0].index - 1))
+        while before := _taken_with(whole, short, whole.parts[0].index - 1):
+            whole = whole.joined_to(before)
         joined.append(whole)
     for place, step in enumerate(joined):
         whole = step
-        while _follows_at_once(short.get(whole.index + 1), whole):
-            whole = short.pop(whole.index + 1).joined_to(whole)
+        while after := _taken_with(whole, short, whole.index + 1):
+            whole = after.joined_to(whole)
         joined[place] = whole
     return joined
 
 
-def _follows_at_once(step: ProgramSegment | None, before: ProgramSegment | None) -> bool:
-    """Does a movement begin where another of its kind ends, with nothing between?"""
-    if step is None or before is None:
-        return False
-    return are_one_kind(before, step) and step.t0 - before.tn < ROUNDED_S
+def _taken_with(
+    movement: ProgramSegment, short: dict[int, tuple[ProgramSegment, ...]], index: int
+) -> ProgramSegment | None:
+    """Take out a short step that a movement meets, as one of its kind; None where there is none."""
+    for step in short.get(index, ()):
+        apart_s = min(abs(movement.t0 - step.tn), abs(step.t0 - movement.tn))
+        if are_one_kind(step, movement) and apart_s < ROUNDED_S:
+            del short[index]
+            return step
+    return None
 
 
 def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:

@@ -144,13 +144,64 @@ def test_a_movement_below_the_minimum_time_is_part_of_the_one_beside_it():
         segment("transport", 3.0, 3.2, load_kg=0.3, load_sd_kg=0.01),
         segment("motion", 3.2, 4.0),
         segment("motion", 4.1, 4.3),
+        grips=(GripperAction(2.5, "grasp", 0.05), GripperAction(3.2, "release", 0.08)),
         least_s=0.3,
     )
-    assert [(app.kind, app.t0, app.tn, app.segments) for app in apps] == [
+    assert [(app.kind, app.t0, app.tn, app.segments) for app in apps if "motion" in app.kind] == [
         ("cartesian_motion", 1.0, 2.1, (1, 2, 3)),
         ("cartesian_motion", 3.2, 4.0, (6,)),  # the next one comes after a gap
     ]
     assert apps[0].target == pytest.approx((0.0, 0.0, 0.21))
+
+
+def test_every_short_movement_in_a_row_is_part_of_the_one_beside_them():
+    """The second of three was in no app: its confidence was not asked either."""
+    unsure = segment("motion", 1.2, 1.3, probability=0.4)
+    apps = program(
+        segment("steady", 0.0, 1.0),
+        segment("motion", 1.0, 1.2),
+        unsure,
+        segment("motion", 1.3, 1.5),
+        segment("motion", 1.5, 2.5),
+        least_s=0.3,
+    )
+    assert [(app.t0, app.segments, app.confidence) for app in apps] == [(1.0, (1, 2, 3, 4), 0.4)]
+
+
+def test_a_short_movement_is_taken_for_what_the_fingers_make_of_it():
+    """A light load looks like free space: 20 mm of its carry were lost."""
+    grasp = GripperAction(1.5, "grasp", 0.05)
+    apps = program(
+        segment("contact", 1.0, 2.0, force_end=(0.0, 0.0, 9.0)),
+        segment("motion", 2.0, 2.2),
+        segment("transport", 2.2, 3.0, load_kg=0.3, load_sd_kg=0.01),
+        segment("motion", 3.0, 3.2),
+        grips=(grasp,),
+        least_s=0.3,
+    )
+    assert [(app.kind, app.t0, app.tn, app.segments) for app in apps] == [
+        ("grasp", 1.0, 2.0, (0,)),
+        ("transport", 2.0, 3.2, (1, 2, 3)),
+    ]
+
+
+def test_what_was_not_picked_up_is_not_carried_for_a_moment_either():
+    apps = program(
+        segment("motion", 0.0, 1.0), segment("transport", 1.0, 1.2, load_kg=0.3, load_sd_kg=0.01), least_s=0.3
+    )
+    assert [(app.kind, app.tn, app.segments) for app in apps] == [("cartesian_motion", 1.2, (0, 1))]
+
+
+def test_a_short_end_of_a_carry_has_the_load_of_the_carry():
+    """A load of 0.1 s became that of the whole carry."""
+    apps = program(
+        segment("contact", 0.0, 1.0, force_end=(0.0, 0.0, 9.0)),
+        segment("transport", 1.0, 2.9, load_kg=0.5, load_sd_kg=0.01),
+        segment("transport", 2.9, 3.0, load_kg=1.5, load_sd_kg=0.41),
+        least_s=0.3,
+    )
+    assert [app.load_kg for app in apps] == [None, pytest.approx(0.55)]
+    assert [app.load_sd_kg for app in apps] == [None, pytest.approx(0.03)]
 
 
 def test_a_short_movement_between_two_is_part_of_the_second():

@@ -26,6 +26,15 @@ def test_a_slow_pose_is_named_with_its_rate(read_hz: float, words: str) -> None:
     assert "interpolated" in named
 
 
+@pytest.mark.parametrize(("read_hz", "words"), [(4.0, "4 times"), (7.0, "7.1 times"), (8.0, "8")])
+def test_a_pose_that_is_read_too_seldom_to_be_interpolated_is_named_so(read_hz: float, words: str) -> None:
+    """7 readings a second were not named, and 8 as interpolated: at 100 Hz half of these are 0.13 s apart."""
+    named = slow_pose(T, {"pos": held(read_hz)})
+    assert named is not None
+    assert f"about {words}" in named
+    assert "movements are cut" in named
+
+
 @pytest.mark.parametrize("read_hz", [30.0, 50.0, 100.0])
 def test_a_pose_that_is_read_often_is_not(read_hz: float) -> None:
     assert slow_pose(T, {"pos": held(read_hz)}) is None
@@ -42,6 +51,12 @@ def test_a_rest_and_an_orientation_that_goes_on_are_no_repeated_pose() -> None:
     assert slow_pose(T, {"pos": resting}) is None
     turning = np.column_stack([np.sin(T / 9.0), np.zeros_like(T), np.zeros_like(T), np.cos(T / 9.0)])
     assert slow_pose(T, {"pos": held(10.0), "quat": turning}) is None
+
+
+def test_a_hand_that_stops_often_is_not_read_too_seldom() -> None:
+    """Thirty rests of 0.2 s, with movements of 0.13 s between them."""
+    moved_s = np.cumsum(np.where(T % 0.33 < 0.2, 0.0, 0.01))
+    assert slow_pose(T, {"pos": 0.1 * np.column_stack([moved_s] * 3)}) is None
 
 
 def test_a_file_says_so(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ class ConditioningParameters:
     savgol_order: int = 2
     segmentation_hz: float = 10.0  # divides grid_hz
     gap_limit_s: float = 0.25  # a longer hole between samples is a gap, a shorter one is interpolated
-    hold_limit_s: float = 0.125  # a pose held for longer is a rest; 8 readings a second are interpolated
+    hold_limit_s: float = 0.125  # a pose held for longer is a rest; 9 readings a second are interpolated
     tare_window_s: float = 0.4  # from the first sample on
     tare_scatter_limit_n: float = 0.5  # standard deviation on the worst axis
     gripper: GripperParameters = field(default_factory=GripperParameters)

@@ -110,7 +110,8 @@ def test_a_viewer_receives_a_session_as_it_is_taught_and_the_end_of_the_command_
                 _, complaints = process.communicate(timeout=30.0)
             finally:
                 process.kill()
-        assert (process.returncode, complaints) == (0, "")
+        why = f"there is no station {STATION} yet; stations: none, waiting for {STATION}\n"
+        assert (process.returncode, complaints) == (0, why)
         with teaching(caesura, "cell-2") as taught:
             taught.result(60.0)
 

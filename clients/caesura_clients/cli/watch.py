@@ -18,12 +18,13 @@ from caesura_clients.cli.options import (
     reported,
 )
 from caesura_clients.cli.result_tables import clock_lines, segments_view
+from caesura_clients.cli.silence import say_why_silent, waiting_for, why_silent
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.following import events
-from caesura_clients.query import current_sessions, services, snapshots
+from caesura_clients.query import current_sessions, snapshots
 from caesura_clients.results import Update
-from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
+from caesura_protocol.errors import NotFound, ProtocolError
 from caesura_protocol.session_clock import clock_of
 
 
@@ -64,8 +65,7 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
 def _write_lines(caesura: Caesura, station: str | None) -> None:
     """Each final segment, written at once; until Ctrl-C or SIGTERM."""
     final = FinalLines()
-    if why := _why_silent(caesura, station):
-        typer.echo(f"{why}, {_waiting(station)}", err=True)
+    say_why_silent(caesura, station)
     with ended_by_sigterm(), suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             if isinstance(event, Update):
@@ -74,32 +74,12 @@ def _write_lines(caesura: Caesura, station: str | None) -> None:
 
 
 def _show_live(caesura: Caesura, station: str | None) -> None:
-    waiting = ", ".join(filter(None, (_why_silent(caesura, station), _waiting(station))))
+    waiting = ", ".join(filter(None, (why_silent(caesura, station), waiting_for(station))))
     view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
     with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             view.receive(event)
             live.update(view)
-
-
-def _waiting(station: str | None) -> str:
-    return f"waiting for {station or 'any station'}"
-
-
-def _why_silent(caesura: Caesura, station: str | None) -> str:
-    """Why nothing may come: no service, none that answers, no such station; empty where nothing is known."""
-    if not services(caesura.transport):
-        return "no service answers yet"
-    try:
-        found = caesura.sessions()
-        if not found and not caesura.services():
-            return "a service is there, but answers nothing: are these a reader's credentials?"
-        known = {info.station for info in found} | set(caesura.stations())
-    except (CaesuraError, ProtocolError):
-        return ""  # it has no time to say, or has just gone
-    if station is None or station in known:
-        return ""
-    return f"there is no station {station} yet; stations: {', '.join(sorted(known)) or 'none'}"
 
 
 def _current_sessions(caesura: Caesura) -> dict[str, str]:

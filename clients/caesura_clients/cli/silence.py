@@ -1,0 +1,36 @@
+"""Why a command that waits for a station may wait for ever."""
+
+from __future__ import annotations
+
+import typer
+
+from caesura_clients.client import Caesura
+from caesura_clients.query import services
+from caesura_protocol.errors import CaesuraError, ProtocolError
+
+
+def say_why_silent(caesura: Caesura, station: str | None) -> None:
+    """State on the error stream why nothing may come, where that is known."""
+    if why := why_silent(caesura, station):
+        typer.echo(f"{why}, {waiting_for(station)}", err=True)
+
+
+def waiting_for(station: str | None) -> str:
+    """What is waited for, in words."""
+    return f"waiting for {station or 'any station'}"
+
+
+def why_silent(caesura: Caesura, station: str | None) -> str:
+    """Why nothing may come: no service, none that answers, no such station; empty where nothing is known."""
+    if not services(caesura.transport):
+        return "no service answers yet"
+    try:
+        found = caesura.sessions()
+        if not found and not caesura.services():
+            return "a service is there, but answers nothing: are these a reader's credentials?"
+        known = {info.station for info in found} | set(caesura.stations())
+    except (CaesuraError, ProtocolError):
+        return ""  # it has no time to say, or has just gone
+    if station is None or station in known:
+        return ""
+    return f"there is no station {station} yet; stations: {', '.join(sorted(known)) or 'none'}"

@@ -25,9 +25,9 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.standby import Standby
 from caesura_clients.cli import demonstrations
 from caesura_clients.cli.commands import register
-from caesura_clients.cli.demonstrations import STORING
+from caesura_clients.cli.demonstrations import WAITING, what_lasts
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
-from caesura_protocol.messages import BridgeState, Description, SessionStatus
+from caesura_protocol.messages import BridgeState, BridgeStatus, Description, SessionStatus
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.examples import LiveSource, samples
 from clients.guided_arms import ARMS, M_PER_STATE, RATE_HZ, GuidedArm
@@ -333,6 +333,24 @@ def test_a_session_is_described_when_it_is_over(router, service, caesura):
         assert known(caesura, session).description == expected
 
 
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        (None, "the bridge has not answered yet"),
+        ({"state": "teaching"}, "the bridge has not ended the demonstration yet, it is teaching"),
+        ({"state": "stopping"}, "the service has not stored the whole demonstration yet"),
+        (
+            {"state": "stopping", "problem": "not stored yet: no service answers"},
+            "not stored yet: no service answers",
+        ),
+    ],
+)
+def test_a_stop_states_what_it_waits_for(stated, words):
+    """Whatever it waited for, it stated that the service has not stored everything."""
+    known = {"station": STATION, "bridge": "b", "source": "file", "session": "s1"}
+    assert what_lasts(None if stated is None else BridgeStatus(**known, **stated)) == words
+
+
 def test_the_command_line_starts_stops_describes_and_shows(router, service, caesura, monkeypatch):
     monkeypatch.setattr(demonstrations, "PATIENCE_S", 0.0)
     app = typer.Typer()
@@ -349,7 +367,8 @@ def test_the_command_line_starts_stops_describes_and_shows(router, service, caes
         again = run("start", STATION)
         assert (again.exit_code, "was started by Ann: stop it first" in again.stderr) == (1, True)
         stopped = run("stop", STATION, "--success", "yes")
-        assert (stopped.stdout, stopped.stderr) == (f"{STATION}/{session} is over\n", f"{STORING}\n")
+        assert stopped.stdout == f"{STATION}/{session} is over\n"
+        assert stopped.stderr.endswith(f": {WAITING}\n")
         assert run("stop", STATION).exit_code == 1, "so that a pedal starts then"
         changed = run("sessions", "describe", STATION, session, "--task", "wipe it", "--author", "Ann")
         assert changed.stdout == f"{STATION}/{session}: task changed\n"

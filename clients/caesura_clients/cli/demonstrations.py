@@ -6,7 +6,7 @@ import getpass
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Annotated, Literal, NamedTuple
 
 import typer
@@ -17,10 +17,16 @@ from caesura_clients.bridge.standby import Standby
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, grouped, named, reported
 from caesura_clients.client import Caesura
+from caesura_clients.describing import CONTROL_TIMEOUT_S
+from caesura_protocol.codec import decode
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.keys import station_key
 from caesura_protocol.messages import BridgeStatus, Description
+from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 
 PATIENCE_S = 2.0
-STORING = "the service has not stored the whole demonstration yet: waiting, for 15 s at most"
+MOST_STATUSES = 16  # of a bridge that are kept; the newest counts
+WAITING = f"waiting, for {CONTROL_TIMEOUT_S:g} s at most"
 
 Said = Literal["yes", "no"]
 StationArgument = Annotated[str, typer.Argument(help="Teaching station.")]
@@ -70,7 +76,7 @@ def stop(
     stated = None if success is None else success == "yes"
     with reported():
         named(station)
-        with connected(endpoint, config) as caesura, _stated_after(PATIENCE_S, STORING):
+        with connected(endpoint, config) as caesura, _stating_what_lasts(caesura, station):
             ack = describing.stop(caesura.transport, station, session=session, success=stated)
     typer.echo(f"{station}/{ack.session} is over")
     if ack.lost:
@@ -79,14 +85,41 @@ def stop(
 
 
 @contextmanager
-def _stated_after(seconds: float, line: str) -> Iterator[None]:
-    """State a line on the error stream if the context lasts longer."""
-    timer = threading.Timer(seconds, typer.echo, (line,), {"err": True})
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+def _stating_what_lasts(caesura: Caesura, station: str) -> Iterator[None]:
+    """State on the error stream what a stop waits for, if it lasts longer than `PATIENCE_S`."""
+    received = Inbox(MOST_STATUSES)
+
+    def state() -> None:
+        typer.echo(f"{what_lasts(_newest(received))}: {WAITING}", err=True)
+
+    timer = threading.Timer(PATIENCE_S, state)
+    with caesura.transport.subscribe(station_key(station, "bridge_status"), received):
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+
+def _newest(received: Inbox) -> BridgeStatus | None:
+    """The last status that a bridge published; None where it published none, or may not be read."""
+    status = None
+    while (item := received.get(0.0)) is not None:
+        if isinstance(item, ReceivedSample):
+            with suppress(ProtocolError):
+                status = decode(item.payload, item.encoding, BridgeStatus)
+    return status
+
+
+def what_lasts(status: BridgeStatus | None) -> str:
+    """What a stop waits for, by what its bridge states."""
+    if status is None:
+        return "the bridge has not answered yet"
+    if status.state != "stopping":
+        return f"the bridge has not ended the demonstration yet, it is {status.state}"
+    if status.problem is not None:
+        return status.problem
+    return "the service has not stored the whole demonstration yet"
 
 
 @grouped

@@ -7,6 +7,7 @@ clock of the samples.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from typing import NamedTuple
 from caesura_protocol.messages import Segment
 from caesura_protocol.number_words import LONG, fixed, interval
 
+_DECIMAL = re.compile(r"(?<![\w.-])\d+\.(\d+)(?!\w|\.\d)")  # no part of a name, nor of a version
 OF_DAY_S = 1e8  # from here on a time is one of day: no robot has counted seconds for three years
 
 
@@ -37,6 +39,18 @@ class SessionClock(NamedTuple):
     def read(self, t: float) -> float:
         """A time [s] as a person typed it, on the session's clock; one of day is taken as it is."""
         return t if is_of_day(t) else t + self.start_s
+
+    def text(self, note: str) -> str:
+        """A sentence, such as a note of a program, with its times of day as people read times.
+
+        >>> SessionClock(1700000001.25).text("Not observed: 1700000003.00–1700000003.75 s, before 2.50 s")
+        'Not observed: 1.75–2.50 s, before 2.50 s'
+        """
+        return _DECIMAL.sub(self._shown_of_day, note) if self.start_s else note
+
+    def _shown_of_day(self, found: re.Match[str]) -> str:
+        t, decimals = float(found[0]), len(found[1])
+        return self.shown(t, decimals) if is_of_day(t) else found[0]
 
     @property
     def words(self) -> str:

@@ -25,6 +25,7 @@ from caesura_clients.cli import edit_program as edit_program_command
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.edit import corrections_table, nearest_named, parse
 from caesura_clients.cli.pedal import marking
+from caesura_clients.cli.result_tables import program_view
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import (
@@ -40,7 +41,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.recording import Recording
-from caesura_protocol.session_clock import NO_OFFSET, local_moment
+from caesura_protocol.session_clock import NO_OFFSET, clock_from, local_moment
 from clients.conftest import free_port
 from clients.examples import LiveSource, snapshot
 from clients.fake_service import eventually
@@ -584,6 +585,11 @@ def test_a_session_by_the_time_of_day_is_shown_and_edited_in_seconds_from_its_st
     part = ("--from", f"{grasp.t0 - start:.2f}", "--to", f"{grasp.tn - start:.2f}", "--with", again)
     said = run("edit-program", "cell-11", session, "replace", *part)
     assert f"'grasp' at {grasp.t0 - start:.1f} s replaced by session" in said
+
+    shown = Console(width=200, file=StringIO(), record=True)
+    noted = before.program.model_copy(update={"notes": (f"Not observed: {start + 0.5:.2f} s.",)})
+    shown.print(program_view(noted, clock_from(start)))
+    assert "Not observed: 0.50 s." in shown.export_text()
 
     file = tmp_path / "program.json"
     run("program", *options, "--inferred", "--format", "json", "-o", str(file))

@@ -191,7 +191,7 @@ def write_program(
 def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) -> None:
     state = "complete" if program.complete else "being taught"
     title = f"{program.station} / {program.session}, revision {program.revision}, {state}"
-    notes = map(Text, (*program.notes, *doubtful_apps(program.apps)))
+    notes = map(Text, (*map(clock.text, program.notes), *doubtful_apps(program.apps)))
     parts = [*clock_lines(clock), apps_table(program.apps, title, clock), *notes]
     if out is None:
         Console().print(*parts, sep="\n")

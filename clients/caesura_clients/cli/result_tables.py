@@ -189,7 +189,7 @@ def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> Renderabl
     state = "complete" if program.complete else "being taught"
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
-    notes = (*program.notes, *doubtful_apps(program.apps))
+    notes = (*map(clock.text, program.notes), *doubtful_apps(program.apps))
     return Group(apps_table(program.apps, title, clock), *(Text(note, style="dim") for note in notes))
 
 

@@ -141,7 +141,12 @@ def _write(path: Path, view: PipelineView, warnings: Sequence[str]) -> None:
 
 def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequence[str]) -> Group:
     clock = clock_of(view.segments)
-    lines = (*doubtful_apps(view.apps), view.wrench.note, *warnings, *_warnings(recording, view, clock))
+    lines = (
+        *doubtful_apps(view.apps),
+        view.wrench.note,
+        *map(clock.text, warnings),
+        *_warnings(recording, view, clock),
+    )
     return Group(
         *clock_lines(clock),
         segments_table(

@@ -33,7 +33,7 @@ def from_start(content: ReportData) -> ReportData:
         run_lengths=replace(runs, t=runs.t - start_s, start_t=runs.start_t - start_s),
         view=_view(content.view, start_s),
         truth=None if content.truth is None else _truth(content.truth, start_s),
-        notes=(f"{clock.words[0].upper()}{clock.words[1:]}.", *content.notes),
+        notes=(f"{clock.words[0].upper()}{clock.words[1:]}.", *map(clock.text, content.notes)),
     )
 
 

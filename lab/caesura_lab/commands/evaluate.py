@@ -83,7 +83,7 @@ class Format(StrEnum):
 def evaluate(
     recordings: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[FILES]...", help="Annotated recordings, or directories of them."),
+        typer.Argument(metavar="[FILES]...", help="Annotated recordings or bags, or directories of them."),
     ] = None,
     *,
     suite_name: Annotated[

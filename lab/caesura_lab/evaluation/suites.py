@@ -28,11 +28,12 @@ from caesura_lab.evaluation.sensor_conditions import CONDITIONS
 from caesura_lab.evaluation.tempo import TEMPI, in_tempo
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
-from caesura_protocol.formats.read import load_recording
+from caesura_protocol.formats.read import is_bag, load_recording
 from caesura_protocol.recording import Recording
 
 OPEN = Path(__file__).parents[3] / "data" / "real"  # annotations of the repository, without recordings
 READABLE = (".npz", ".csv")
+BAGS = (".mcap", ".db3")
 
 
 class Case(Protocol):
@@ -81,7 +82,8 @@ class FileCase:
         truth = read_truth(self.path) if self.annotation is None else read_annotation(self.annotation)
         if truth.source is not None:
             check_hash(self.path, truth.source)
-        recording = load_recording(self.path)
+        stated = truth.wrench_source if is_bag(self.path) or self.path.suffix in BAGS else None
+        recording = load_recording(self.path, wrench_source=stated)  # a bag of other software is asked for it
         first, last = float(recording.t.min()), float(recording.t.max())
         if truth.window[1] <= first or truth.window[0] >= last:
             window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
@@ -93,6 +95,8 @@ class FileCase:
 
 def check_hash(path: Path, source: RecordingSource) -> None:
     """Check that a file is the recording that was annotated. Raises TruthError with both hashes."""
+    if path.is_dir():
+        raise TruthError(f"{path}: a rosbag2 has no SHA-256, the annotation was made for {source.sha256}")
     found = hashlib.sha256(path.read_bytes()).hexdigest()
     if found != source.sha256:
         raise TruthError(f"{path}: SHA-256 is {found}, the annotation was made for {source.sha256}")
@@ -227,10 +231,10 @@ def _taught(scenarios: Iterable[str], extent: SuiteOptions) -> list[Case]:
 
 
 def files(paths: Sequence[Path]) -> list[Case]:
-    """Recordings by name; a directory stands for all annotated ones in it."""
+    """Recordings by name; a directory that is no rosbag2 stands for all annotated ones in it."""
     cases: list[Case] = []
     for path in paths:
-        cases += directory(path) if path.is_dir() else [FileCase(path)]
+        cases += directory(path) if path.is_dir() and not is_bag(path) else [FileCase(path)]
     return cases
 
 
@@ -307,8 +311,15 @@ def _annotated(path: Path) -> list[Path]:
     if not path.is_dir():
         raise TruthError(f"{path}: no such directory; name the recordings' with --data")
     stems = [file.name.removesuffix(SUFFIX) for file in sorted(path.glob(f"*{SUFFIX}"))]
-    found = [path / f"{stem}{suffix}" for stem in stems for suffix in READABLE]
-    return [file for file in found if file.is_file()]
+    return [recording for stem in stems for recording in _recordings(path / stem)]
+
+
+def _recordings(annotated: Path) -> list[Path]:
+    """Return the files of a recording; those of a bag only where no other is beside its annotation."""
+    files_of = [annotated.with_name(f"{annotated.name}{suffix}") for suffix in (*READABLE, *BAGS)]
+    present = [file for file in files_of if file.is_file()]
+    plain = [file for file in present if file.suffix in READABLE]
+    return plain or present or ([annotated] if is_bag(annotated) else [])
 
 
 TAUGHT = ("teacher", "skills")  # suites in which a robot is simulated

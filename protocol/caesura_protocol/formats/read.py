@@ -45,6 +45,7 @@ from caesura_protocol.recording import (
 )
 from caesura_protocol.wrench_reading import read_wrench
 
+BAG_METADATA = "metadata.yaml"  # of a rosbag2, in its directory
 # What a file that is no recording makes numpy, zipfile and csv raise.
 _UNREADABLE = (ValueError, TypeError, OSError, EOFError, RuntimeError, BadZipFile, zlib.error, csv.Error)
 
@@ -193,6 +194,11 @@ def _asked(path: Path, key: str, value: str) -> Any:
 _CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force"}
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a path is the directory of a rosbag2, and so one recording."""
+    return (path / BAG_METADATA).is_file()
+
+
 def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
@@ -200,7 +206,7 @@ def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRec
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RecordingError(f"{path}: no regular file, which is read as a whole: copy what it yields to one")
     if path.is_dir():
-        reader = _read_rosbag if (path / "metadata.yaml").exists() else None
+        reader = _read_rosbag if is_bag(path) else None
     if reader is None:
         raise RecordingError(f"{path}: {_unknown(path)}")
     try:

@@ -13,6 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from caesura_lab.annotation.storage import new_annotation, save_annotation
 from caesura_lab.annotations import ToleranceOptions, TrueSegment, Truth, TruthError, truth_of
 from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
@@ -31,6 +32,7 @@ from caesura_lab.evaluation.tables import as_markdown
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import capabilities_of, segment_recording
+from harness import ros
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 QUICK = Baseline("quick", thresholds)
@@ -294,6 +296,34 @@ def test_sets_that_would_say_nothing_new_are_not_shown(extent: SuiteOptions):
     cases = suite("real", extent)
     each_its_own = [verdict for case in (cases[0], cases[2]) for verdict in judge(case, [QUICK])]
     assert report("one", ["quick"], each_its_own).sections[0].sets == {}
+
+
+def test_a_bag_is_judged_by_its_name_and_in_its_directory(tmp_path: Path):
+    """A bag's directory was searched for annotated recordings, and one beside its annotation was not seen."""
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(BASE), "mcap")
+    recording = load_recording(bag, wrench_source="flange_sensor")
+    annotation = new_annotation(recording, bag, "A")
+    begun = float(recording.t[0])
+    annotation["changepoints"] = [{"t": begun + 2.0, "tol": 0.15, "level": "major", "kind": "start"}]
+    save_annotation(annotation, tmp_path / "bag.ann.json")
+    for named in (bag, tmp_path):
+        (case,) = suites.files([named])
+        assert case.name == "bag"
+        (verdict,) = judge(case, [QUICK])
+        assert verdict.recording == "bag"
+    hashed = annotation | {"recording": {"file": "bag", "sha256": "0" * 64}}
+    (tmp_path / "bag.ann.json").write_text(json.dumps(hashed))
+    with pytest.raises(TruthError, match="has no SHA-256"):
+        case.load()
+
+
+def test_a_bag_beside_its_recording_is_not_judged_twice(tmp_path: Path):
+    shutil.copy(BUTTON, tmp_path / "one.npz")
+    (tmp_path / "one.ann.json").write_text(json.dumps(EMPTY))
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "metadata.yaml").touch()
+    (tmp_path / "one.mcap").touch()
+    assert [case.name for case in suites.files([tmp_path])] == ["one.npz"]
 
 
 def test_the_environment_names_the_directory_of_recordings(tmp_path: Path):

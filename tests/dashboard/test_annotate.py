@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
@@ -105,6 +106,21 @@ def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Vi
         (1.005, 2.005, "steady"),
         (2.005, truth.window[1], "motion"),
     ]
+
+
+def test_a_legend_states_which_line_is_which(shared: Annotate, visitor: Visitor, tmp_path: Path):
+    """The titles named x, y, z, and nothing stated which is which."""
+    page = opened(shared, visitor)
+    named = page.get_by_role("list", name="Legend").get_by_role("listitem")
+    expect(named).to_have_text(["x", "y", "z", "magnitude of the force"])
+    colours = named.locator("line").evaluate_all("lines => lines.map((one) => getComputedStyle(one).stroke)")
+    assert len(set(colours[:3])) == 3
+    t = np.arange(100) / 100.0
+    np.savez(tmp_path / "joints.npz", t=t, q=np.tile(t[:, None], 7), robot="panda", wrench_source="none")
+    with running(Annotate(tmp_path / "joints.npz")) as tool:
+        named = opened(tool, visitor).get_by_role("list", name="Legend").get_by_role("listitem")
+        expect(named).to_have_text(["q1, q4, q7", "q2, q5", "q3, q6"])
+    assert visitor.errors == []
 
 
 def test_what_was_not_saved_at_the_end_is_in_a_file(

@@ -2,7 +2,7 @@
 import { KINDS } from "caesura-dashboard/palette.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { keys, template } from "caesura-annotate/annotate_template.js";
-import { paint } from "caesura-annotate/annotate_draw.js";
+import { linesOf, paint } from "caesura-annotate/annotate_draw.js";
 
 const WINDOW_S = 4; // of the protocol
 const LEAST_S = 0.2;
@@ -38,6 +38,9 @@ export default {
   },
   watch: { from: "redraw", to: "redraw", cursor: "redraw" },
   computed: {
+    lines() {
+      return linesOf(this.signals);
+    },
     nearest() {
       return this.points.reduce((best, point) => (best && Math.abs(best.t - this.cursor) <= Math.abs(point.t - this.cursor) ? best : point), null);
     },

@@ -8,6 +8,14 @@ const LOG_SPEEDS = [1, 10, 100, 1000];
 const GUIDES = [5, 10]; // mm/s: between them a movement starts and stops, as the protocol has it
 const LEAST_SPEED = 0.3;
 
+export function linesOf({ position, force, unit }) { // what each colour and dash stands for
+  const joints = position.map((_, i) => `q${i + 1}`);
+  return DASHES.map((dash, i) => {
+    const axis = "xyz"[i], moved = unit === "mm" ? [] : joints.filter((_, k) => k % 3 === i);
+    return { axis, dash: dash.join(" "), name: [...moved, ...(moved.length && !force ? [] : [axis])].join(", ") };
+  });
+}
+
 export function paint(canvas, scale, state) {
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
@@ -40,8 +48,8 @@ function panels({ speed, position, force, unit }, ink) {
   return [
     { title: `speed [${unit}/s], logarithmic`, lines: one(speed), log: true },
     { title: `speed [${unit}/s]`, lines: one(speed), zero: true },
-    { title: `position about its mean [${unit}]: x, y, z`, lines: three(position) },
-    { title: force ? "force [N]: x, y, z, and its magnitude (bold)" : "no force in this recording", lines: force ? [...three(force), ...one(norm, 2)] : [] },
+    { title: `${unit === "mm" ? "position" : "joints"} about ${unit === "mm" ? "its" : "their"} mean [${unit}]`, lines: three(position) },
+    { title: force ? "force [N]" : "no force in this recording", lines: force ? [...three(force), ...one(norm, 2)] : [] },
   ];
 }
 

@@ -31,7 +31,13 @@ export const template = `
         <kbd>{{ one.key }}</kbd> <i v-if="one.kind" class="swatch" :class="'kind-' + one.kind"></i>{{ one.title }}</button>
     </fieldset>
     <p class="message" role="status" :class="{ failed }">{{ message || (saved ? "saved" : "not saved yet") }}</p>
-    <canvas ref="canvas" class="plot" style="height: max(30rem, calc(100vh - 19rem))" tabindex="0" role="application"
+    <ul class="legend" aria-label="Legend">
+      <li v-for="{ axis, dash, name } in lines" :key="axis"><svg width="30" height="10" aria-hidden="true">
+        <line x1="0" y1="5" x2="30" y2="5" :style="{ stroke: 'var(--line-' + axis + ')' }" stroke-width="1.5" :stroke-dasharray="dash" /></svg> {{ name }}</li>
+      <li v-if="signals.force"><svg width="30" height="10" aria-hidden="true">
+        <line x1="0" y1="5" x2="30" y2="5" style="stroke: var(--ink)" stroke-width="2.5" /></svg> magnitude of the force</li>
+    </ul>
+    <canvas ref="canvas" class="plot" style="height: max(30rem, calc(100vh - 21rem))" tabindex="0" role="application"
       aria-label="Speed, position and force against time, with changepoints and classes" aria-describedby="plot-help"
       @pointerdown="pressed" @wheel.prevent="wheeled" @keydown="key"></canvas>
     <p class="selection" role="status">Time {{ cursor.toFixed(3) }} s: {{ here }}; {{ near }}. {{ points.length }}

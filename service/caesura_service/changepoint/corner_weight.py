@@ -11,8 +11,6 @@ from caesura_service.changepoint.channel_model import AXES, Channel, ModelInput,
 
 Array = NDArray[np.float64]
 
-LENGTH_FLOOR = 1e-9  # below which a displacement has no direction
-
 
 @dataclass(frozen=True)
 class CornerWeight:
@@ -35,8 +33,8 @@ class CornerWeight:
     movement that does not begin at rest pays for its speed too. So a corner takes no rest's place.
 
     gamma, standing [nats]; fast [unit] a step, 0 for `gamma` at any speed. pace [unit]: least step at a peak,
-    since a hand at rest has no corners. channel: the position [m], or the rotation [rad], where a turn back,
-    or a turn about another axis, is a corner.
+    and least mean step of the straight way on either side, since a hand at rest has no corners. channel: the
+    position [m], or the rotation [rad], where a turn back, or a turn about another axis, is a corner.
     """
 
     gamma: float
@@ -81,7 +79,7 @@ class CornerWeight:
         lengths = np.sqrt((before**2).sum()), np.sqrt((after**2).sum())
         steps = np.sqrt((np.diff(past[-2 - age - reach :], axis=0) ** 2).sum(axis=1))
         speed, peak = steps[reach], min(steps[:reach].max(), steps[reach + 1 :].max())
-        if peak <= self.pace or min(lengths) <= LENGTH_FLOOR:
+        if min(peak, lengths[0] / chord, lengths[1] / age) <= self.pace:
             return 0.0
         cosine = (before * after).sum() / (lengths[0] * lengths[1])
         turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -146,8 +146,12 @@ def test_a_movement_that_pauses_is_weighed_by_how_little_it_gets_away() -> None:
     np.testing.assert_allclose(with_weights - without, each * np.maximum(np.arange(6, -3, -1), 0), atol=1e-9)
 
 
-def test_a_hand_at_rest_has_no_corners() -> None:
-    tremor = np.random.default_rng(1).normal(0.0, 1e-4, (30, 3))
+@pytest.mark.parametrize(("deviation_m", "peaks"), [(1e-4, 0.01), (3e-4, 0.7)])
+def test_a_hand_at_rest_has_no_corners(deviation_m: float, peaks: float) -> None:
+    """Nor has a noisy sensor, of whose steps most are as long as those of a slow movement."""
+    tremor = np.random.default_rng(1).normal(0.0, deviation_m, (400, 3))
+    steps = np.linalg.norm(np.diff(tremor, axis=0), axis=1)
+    assert np.mean(steps > SLOW) == pytest.approx(peaks, abs=0.05)
     weights = CORNER.log_evidence(rows_after(CORNER, observed(tremor)))
     assert (weights == 0.0).all()
 

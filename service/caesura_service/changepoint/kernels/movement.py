@@ -17,7 +17,6 @@ from caesura_service.numba_support.decorators import compiled
 WEIGHTS, DENSITIES = 0, 1  # fields of guided motion; densities have one a scale
 PEAK, TOTAL = 5, 6  # rows of the work
 OWN_STEPS = 2  # observations of a segment after which the steps before it play no part
-LENGTH_FLOOR = 1e-9
 MOST = 50.0  # of the logistic function's argument
 
 
@@ -176,8 +175,6 @@ def largest(values, first, last):
 def corner_weight(past, squared, age, chord, reach, channel):
     """`CornerWeight._log_weight`. squared: of `squared_steps`."""
     peak2 = min(largest(squared, 0, age), largest(squared, age + 1, age + 1 + reach))
-    if math.sqrt(peak2) <= channel.pace:
-        return 0.0
     last, first = past.shape[0] - 1, column(channel)
     start = last - age
     before2 = after2 = product = 0.0
@@ -187,7 +184,7 @@ def corner_weight(past, squared, age, chord, reach, channel):
         after2 += after**2
         product += before * after
     length_before, length_after = math.sqrt(before2), math.sqrt(after2)
-    if min(length_before, length_after) <= LENGTH_FLOOR:
+    if min(math.sqrt(peak2), length_before / chord, length_after / age) <= channel.pace:
         return 0.0
     turn = math.degrees(math.acos(min(max(product / (length_before * length_after), -1.0), 1.0)))
     turned = (turn - channel.turn) / channel.turn_width

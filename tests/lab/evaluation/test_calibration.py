@@ -235,7 +235,10 @@ def test_json_has_the_bins(tmp_path: Path):
         ((BUTTON, "--calibration", "--diagram", "x.jpg"), "expected one of .svg, .png, .pdf"),
         ((BUTTON, "--calibration", "--diagram", "/nowhere/x.svg"), "cannot write"),
         (("--calibration",), "either files or one --suite"),
-        (("--calibration", "--suite", "thesis"), "a suite of ['teacher', 'skills', 'real', 'sensors']"),
+        (
+            ("--calibration", "--suite", "thesis"),
+            "a suite of ['teacher', 'skills', 'real', 'sensors', 'tempo']",
+        ),
         ((BUTTON, "--calibration", "--ablate"), "without --ablate"),
     ],
 )

@@ -9,8 +9,9 @@ have nothing to do spin, and a test of small matrices takes four times the CPU.
 
 Simulations are shared by the processes of a run, and by later runs of the same sources (`harness/once.py`).
 
-Files of tests are in memory where the machine has room: a journal waits 4 ms for a disk at each commit. They go
-with the run. With `TMPDIR=FOLDER make test` they are in a folder of a disk and stay there, as pytest keeps them.
+Files of tests are in memory where the machine has room: a journal waits 4 ms for a disk at each commit. They
+go with the run. With `TMPDIR=FOLDER make test` they are in a folder of a disk and stay there, as pytest keeps
+them.
 
 What is imported and collected lives as long as the process, so the garbage collector passes over it. The
 examples of a test make many objects, so it begins after more of them than usual: it took 7 % of the CPU.

@@ -65,8 +65,7 @@ GUIDED_RULE = (
     " 5 mm/s for 0.3 s, a pause is optional, and a start or stop is accepted at either end. A pause below"
     " 0.3 s, a rest that is never below 5 mm/s for 0.3 s, a corner with less than 10 mm beside it, one within"
     " 0.25 s of a start or stop, and one whose two readings do not both exceed 50 deg are optional. A gradual"
-    " edge"
-    " has a wider tol, up to 0.4 s. A release that lasts is accepted at either end."
+    " edge has a wider tol, up to 0.4 s. A release that lasts is accepted at either end."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
 HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement
@@ -147,8 +146,9 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
     decays = _decays(state, contacts)
     if guided:
         marks = [_with_edge(state, mark) for mark in _beside_rests(state, spans, marks)]
-        spans, marks = _without_doubtful_rests(state, spans, marks)
-        marks = _with_doubtful_pauses(state, spans, marks)
+        speed = _smooth(state.reference_speed, state.dt)
+        spans, marks = _without_doubtful_rests(state, speed, spans, marks)
+        marks = _with_doubtful_pauses(state, speed, spans, marks)
         marks, decays = _with_both_ends(marks, decays)
     marks += decays + _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
@@ -231,8 +231,13 @@ def _motion_spans(
 
 def _speed_inputs(state: TrueState, velocity: Array) -> tuple[Array, Array, float]:
     """Velocity, smoothed speed (n,) [m/s] and tick [s]: what movements are found in."""
-    speed = uniform_filter1d(np.linalg.norm(velocity, axis=1), round(SMOOTH_S / state.dt), mode="nearest")
-    return velocity, speed, state.dt
+    return velocity, _smooth(np.linalg.norm(velocity, axis=1), state.dt), state.dt
+
+
+def _smooth(values: Array, dt: float) -> Array:
+    """Values (n,) at ticks [s], each the mean of those around it."""
+    smooth: Array = uniform_filter1d(values, round(SMOOTH_S / dt), mode="nearest")
+    return smooth
 
 
 def _in_place(state: TrueState, first: int, turn: TickSpan) -> bool:
@@ -423,14 +428,13 @@ def _with_edge(state: TrueState, mark: dict[str, Any]) -> dict[str, Any]:
 
 
 def _without_doubtful_rests(
-    state: TrueState, spans: list[TickSpan], marks: list[dict[str, Any]]
+    state: TrueState, speed: Array, spans: list[TickSpan], marks: list[dict[str, Any]]
 ) -> tuple[list[TickSpan], list[dict[str, Any]]]:
     """Leave open what is a rest by one reading only: below 10 mm/s, but never below 5 mm/s for 0.3 s.
 
     Such a span has no class, and a start or stop beside it is optional. In contact a press may move the hand.
-    marks: one for each pair of spans.
+    speed: (n,) [m/s], smoothed; marks: one for each pair of spans.
     """
-    speed = _smoothed_speed(state)
     spans = [s._replace(clear=s.cls not in ("steady", "hold") or _is_rest(speed, s, state.dt)) for s in spans]
     marks = [
         mark if (before.clear and after.clear) or mark["kind"] not in ("start", "stop") else _optional(mark)
@@ -440,14 +444,14 @@ def _without_doubtful_rests(
 
 
 def _with_doubtful_pauses(
-    state: TrueState, spans: list[TickSpan], marks: list[dict[str, Any]]
+    state: TrueState, speed: Array, spans: list[TickSpan], marks: list[dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Leave open what is movement by one reading only: traced, but below 5 mm/s for 0.3 s.
 
     Inside of a movement the edges of such a pause are optional. Where less than a correction parts it from
-    the movement's start or stop, either end is accepted. marks: one for each pair of spans.
+    the movement's start or stop, either end is accepted. speed: (n,) [m/s], smoothed; marks: one for each
+    pair of spans.
     """
-    speed = _smoothed_speed(state)
     marks, pauses = [dict(mark) for mark in marks], []
     for index, span in enumerate(spans):
         if not _large(span):
@@ -457,7 +461,7 @@ def _with_doubtful_pauses(
                 continue
             begun, ended = span.first + first, span.first + last
             if _is_correction(state, span.first, begun):
-                _accept(marks[:index][-1:], "start", _time(state, ended))
+                _accept(marks[max(index - 1, 0) : index], "start", _time(state, ended))
             elif _is_correction(state, ended, span.last):
                 _accept(marks[index : index + 1], "stop", _time(state, begun))
             else:
@@ -476,11 +480,6 @@ def _accept(marks: Sequence[dict[str, Any]], kind: str, t: float) -> None:
     for mark in marks:
         if mark["kind"] == kind:
             mark["t_alt"] = t
-
-
-def _smoothed_speed(state: TrueState) -> Array:
-    smooth: Array = uniform_filter1d(state.reference_speed, round(SMOOTH_S / state.dt), mode="nearest")
-    return smooth
 
 
 def _is_rest(speed: Array, span: TickSpan, dt: float) -> bool:
@@ -543,9 +542,7 @@ def _decays(state: TrueState, contacts: list[tuple[int, int]]) -> list[dict[str,
     """Where the force of each contact begins to decay for good."""
     marks = []
     for first, last in contacts:
-        hand_force_n = uniform_filter1d(
-            state.hand_force_n[first:last], round(SMOOTH_S / state.dt), mode="nearest"
-        )
+        hand_force_n = _smooth(state.hand_force_n[first:last], state.dt)
         strong = np.flatnonzero(hand_force_n > DECAY_BEGINS * _plateau(hand_force_n))
         if strong.size and (last - first - strong[-1]) * state.dt > DECAY_LEAST_S:
             marks.append(_mark(_time(state, first + int(strong[-1])), "optional", "decay"))

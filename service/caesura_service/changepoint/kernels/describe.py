@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
 from caesura_service.changepoint.channel_model import AXES, Channel, ChannelModel, Noise, Origin
@@ -171,8 +171,6 @@ def _blocks(model: ProfileModel) -> int:
 
 
 def _record_of_noise(noise: Noise) -> Record:
-    shares = np.zeros(MOST_SHARES)
-    shares[: len(noise.shares)] = np.square(noise.shares)
     return {
         "nu0": noise.nu0,
         "rho": noise.correlation,
@@ -180,7 +178,7 @@ def _record_of_noise(noise: Noise) -> Record:
         "floor2": noise.floor**2,
         "joint": noise.joint,
         "shares": len(noise.shares),
-        "share2": shares,
+        "share2": _padded(np.square(noise.shares), MOST_SHARES),
         "pooled": AXES if noise.joint else 1,
         "whitening": -0.5 * np.log1p(-(noise.correlation**2)) * (AXES if noise.joint else 1),
         "offset": 0.5 * noise.nu0 * np.log(noise.nu0 * noise.floor**2),
@@ -297,8 +295,6 @@ def _friction(model: FrictionConeWeight) -> Record:
 
 
 def _guided(model: GuidedMotion) -> Record:
-    scales2 = np.zeros(MOST_SHARES)
-    scales2[: len(model.scales)] = np.square(model.scales)
     return {
         "model": layout.GUIDED,
         "signal": SIGNALS["position"],
@@ -308,7 +304,7 @@ def _guided(model: GuidedMotion) -> Record:
         "floor2": model.floor**2,
         "scale2": model.share**2,
         "shares": len(model.scales),
-        "share2": scales2,
+        "share2": _padded(np.square(model.scales), MOST_SHARES),
         "burst2": model.burst**2,
         "away": model.away,
         "away_steps": model.away_steps,
@@ -329,17 +325,18 @@ def _corner(model: CornerWeight) -> Record:
         "turn_width": model.turn_width_deg,
         "dip": model.dip,
         "dip_width": model.dip_width,
-        "chords": _padded(model.chords),
-        "reaches": _padded(model.reaches),
+        "chords": _padded(model.chords, MOST_CHORDS),
+        "reaches": _padded(model.reaches, MOST_CHORDS),
         "chord_count": len(model.chords),
         "longest_reach": max(model.reaches),
     }
 
 
-def _padded(numbers: Sequence[int]) -> Ints:
+def _padded(values: ArrayLike, room: int) -> NDArray[Any]:
     """As many as there is room for; zeros behind."""
-    padded = np.zeros(MOST_CHORDS, np.int64)
-    padded[: len(numbers)] = numbers
+    given = np.asarray(values)
+    padded = np.zeros(room, given.dtype)
+    padded[: given.size] = given
     return padded
 
 

@@ -281,7 +281,7 @@ def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
 
     name: of the suite, None where files are judged.
     """
-    if name not in ("real", "sensors", "tempo"):
+    if name not in SUITES or name in TAUGHT:
         return []
     return [
         f"{file}: not in {extent.data}, left out; its source: {source.source or 'not stated'}"

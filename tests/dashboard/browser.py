@@ -105,12 +105,13 @@ class SlowSocket:
             self._held.append(message)
 
 
-# Of an element with plots: what is drawn was loaded for what is in sight.
-SETTLED = "({ plots }) => plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading"
+# Of an element with plots: what is in sight is loaded, and no drawing of it is due in the next frame.
+SETTLED = """({ plots }) => plots && plots.state.data && !plots.state.lacksData() && !plots.state.loading
+  && plots.painters.every(({ frame }) => !frame)"""
 
 
 def settled(page: Page) -> None:
-    """Until what is drawn was loaded for what is in sight."""
+    """Wait until what is in sight is loaded and drawn."""
     page.wait_for_function(f"() => ({SETTLED})(document.querySelector('.plots'))")
 
 

@@ -158,6 +158,27 @@ def test_an_existing_annotation_is_continued(file: Path, annotation: Path, visit
     ]
 
 
+def test_keys_before_the_connection_stands_keep_their_order(file: Path, annotation: Path, visitor: Visitor):
+    """A key that is pressed as the connection comes to stand was carried out before earlier ones."""
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        expect(page.locator(".selection")).to_contain_text("1 changepoints, saved")
+        page.wait_for_function("window.did_handshake")
+        page.evaluate(
+            """() => {
+              const canvas = document.querySelector("canvas");
+              const press = (key) => canvas.dispatchEvent(new KeyboardEvent("keydown", { key }));
+              window.did_handshake = false;
+              press("]");
+              press("-");
+              window.did_handshake = true;
+              press("s");
+            }"""
+        )
+        expect(page.locator(".message")).to_contain_text("guided.ann.json")
+    assert json.loads(annotation.read_text(encoding="utf-8"))["changepoints"][0]["tol"] == 0.1
+
+
 def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(shared: Annotate, visitor: Visitor):
     page = opened(shared, visitor)
     box = page.locator("canvas").bounding_box()

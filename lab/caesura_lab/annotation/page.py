@@ -85,24 +85,24 @@ def _extent(document: Document, t: float) -> str:
 
 
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
-    """Signals, marks and keys. Emits `command` with a name and a time."""
+    """Signals, marks and keys. Emits `command` with a name and a time, and the next one after the answer."""
 
     def __init__(self, annotation_session: AnnotationSession) -> None:
         super().__init__()
-        self._workplace = annotation_session
+        self._annotation_session = annotation_session
         self._props["signals"] = annotation_session.signals.as_payload()
         self._props["initial"] = annotation_session.state()
         self.on("command", self._run_command)
 
     def _run_command(self, event: GenericEventArguments) -> None:
+        command = str(event.args["name"])
+        message, failed = f"{command} failed: the terminal shows why", True
         try:
-            message, failed = (
-                self._workplace.run_command(str(event.args["name"]), float(event.args["t"])),
-                False,
-            )
+            message, failed = self._annotation_session.run_command(command, float(event.args["t"])), False
         except CaesuraError as error:
-            message, failed = str(error), True
-        self.run_method("show", self._workplace.state(message, failed=failed))
+            message = str(error)
+        finally:
+            self.run_method("answered", self._annotation_session.state(message, failed=failed))
 
 
 def serve(annotation_session: AnnotationSession, address: Address) -> None:

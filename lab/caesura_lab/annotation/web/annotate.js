@@ -22,6 +22,7 @@ export default {
     };
   },
   created() {
+    this.commands = []; // that the server has not answered
     this.show(this.initial);
   },
   mounted() {
@@ -60,8 +61,15 @@ export default {
       Object.assign(this, state);
       this.redraw();
     },
+    // One command at a time: before the connection stands, events do not arrive in the order of the keys.
     command(name) {
-      this.$emit("command", { name, t: this.cursor });
+      this.commands.push({ name, t: this.cursor });
+      if (this.commands.length === 1) this.$emit("command", this.commands[0]);
+    },
+    answered(state) {
+      this.show(state);
+      this.commands.shift();
+      if (this.commands.length) this.$emit("command", this.commands[0]);
     },
     key(event) {
       if (event.ctrlKey || event.metaKey || event.altKey) return;

@@ -30,6 +30,8 @@ FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
 )  # fmt: skip
+# V8 compiles no short page for speed, and one thread draws it: an eighth less processor time.
+FOR_SHORT_PAGES = ("--js-flags=--no-maglev --no-turbofan --single-threaded-gc", "--num-raster-threads=1")
 TABLET = {"width": 1180, "height": 820}
 PATIENCE_MS = 60_000
 AXE = {"resultTypes": ["violations"], "preload": False}
@@ -56,10 +58,10 @@ THEMES: dict[Theme, tuple[str, ...]] = {"light": (), "dark": ("color-contrast",)
 
 
 @contextmanager
-def chromium() -> Iterator[Browser]:
-    """A browser without a screen."""
+def chromium(*flags: str) -> Iterator[Browser]:
+    """A browser without a screen, with further flags."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=list(FLAGS))
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=[*FLAGS, *flags])
         try:
             yield browser
         finally:

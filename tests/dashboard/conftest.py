@@ -29,9 +29,9 @@ def ran(coroutine: Coroutine[Any, Any, T]) -> T:
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """One browser for all tests of this package; each test or module has pages of its own."""
-    from dashboard.browser import chromium  # noqa: PLC0415 - playwright may not be installed
+    from dashboard.browser import FOR_SHORT_PAGES, chromium  # noqa: PLC0415 - playwright may not be installed
 
-    with chromium() as browser:
+    with chromium(*FOR_SHORT_PAGES) as browser:
         yield browser
 
 

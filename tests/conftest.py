@@ -37,7 +37,7 @@ from harness.once import KEPT, RUN
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 GARBAGE = (20_000, 20, 20)  # objects, and collections of a younger generation, that begin one of an older
 MEMORY = Path("/dev/shm")
-LEAST_FREE = 4 << 30  # [bytes] in memory; a run writes 0.5 GB
+LEAST_FREE = 4 << 30  # [bytes] in memory
 # Files that take long, the longest first. Two of the first five have no browser: with five browsers at once,
 # pages are slow, and what is live is drawn for longer.
 LONG = (

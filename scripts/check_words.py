@@ -80,19 +80,6 @@ NAMES_ONLY = ("tests",)  # where names are checked, and no text
 LEFT_OUT = {"scripts/check_words.py": "it lists the words"}
 # Where a class name may occur once; scripts and examples stand each for itself.
 SOURCE = ("protocol/", "service/", "clients/", "lab/")
-# A ruled-out word or a class name that is right in its place: (file, word, reason).
-EXCUSED: tuple[tuple[str, str, str], ...] = (
-    (
-        "service/caesura_service/journal/edits.py",
-        "Edit",
-        "the codec names a record by its class, and journals hold the record as the command Edit",
-    ),
-    (
-        "service/caesura_service/journal/edits.py",
-        "EditProgram",
-        "as Edit: journals hold the record as the command EditProgram",
-    ),
-)
 
 
 class Finding(NamedTuple):
@@ -112,9 +99,7 @@ def words_in(path: str, line: int, text: str) -> Iterator[Finding]:
     prose = re.sub(r"`[^`\n]*`", lambda code: " " * len(code.group()), text)
     for rule, pattern in WORDS.items():
         for match in pattern.finditer(prose):
-            word = match.group()
-            if not _is_excused(path, word):
-                yield Finding(path, line + prose.count("\n", 0, match.start()), rule, repr(word))
+            yield Finding(path, line + prose.count("\n", 0, match.start()), rule, repr(match.group()))
 
 
 def in_markdown(path: str, text: str) -> Iterator[Finding]:
@@ -165,7 +150,7 @@ def names_in(path: str, text: str) -> Iterator[Finding]:
 def classes_in(path: str, text: str) -> Iterator[tuple[str, str, int]]:
     """Yield (name, path, line) of each class of a module, nested ones too."""
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ClassDef) and not _is_excused(path, node.name):
+        if isinstance(node, ast.ClassDef):
             yield node.name, path, node.lineno
 
 
@@ -210,10 +195,6 @@ def mean_sentence_words(text: str) -> float:
     """Return the mean number of words of a document's sentences; 0 where it has none."""
     counts = [len(sentence.split()) for _, sentence in _sentences(_without_code(text)) if sentence]
     return sum(counts) / len(counts) if counts else 0.0
-
-
-def _is_excused(path: str, word: str) -> bool:
-    return any(path == file and word.lower() == excused.lower() for file, excused, _ in EXCUSED)
 
 
 def _without_code(text: str) -> str:

@@ -129,7 +129,7 @@ def _is_packed(value: object) -> bool:
 @cache
 def encoding_of(model: type[Message]) -> str:
     """`application/msgpack;caesura.{Type}.v1`."""
-    return f"application/msgpack;caesura.{model.__name__}.v{MAJOR_VERSION}"
+    return f"application/msgpack;caesura.{model.type_name()}.v{MAJOR_VERSION}"
 
 
 def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_MESSAGE_BYTES) -> M:
@@ -289,7 +289,7 @@ def check_size(payload: bytes, limit: int = MAX_MESSAGE_BYTES) -> None:
 
 @lru_cache(maxsize=256)
 def _model_of(encoding: str, expected: tuple[type[M], ...]) -> tuple[type[M], Bounds]:
-    names = [model.__name__ for model in expected]
+    names = [model.type_name() for model in expected]
     match = _ENCODING.fullmatch(encoding)
     if match is None:
         raise ProtocolError(
@@ -303,7 +303,7 @@ def _model_of(encoding: str, expected: tuple[type[M], ...]) -> tuple[type[M], Bo
             expected=MAJOR_VERSION,
         )
     for model in expected:
-        if model.__name__ == match[1]:
+        if model.type_name() == match[1]:
             return model, bounds_of(model)
     raise ProtocolError("malformed", "not a type that is expected here", value=match[1], expected=names)
 

@@ -133,13 +133,6 @@ def test_a_module_opens_with_a_sentence(words, text):
     assert rules(words.in_source("a.py", '"""Words with a full stop."""\nx = 1\n')) == []
 
 
-def test_an_excuse_names_a_word_that_is_there(words):
-    """An excuse that is no longer needed has to go, and each states its reason."""
-    for path, word, reason in words.EXCUSED:
-        assert word in (TOP / path).read_text(encoding="utf-8"), path
-        assert len(reason.split()) >= 3, path
-
-
 def test_every_room_is_there(words):
     assert [room for room in [*words.ROOMS, *words.LEFT_OUT] if not (TOP / room).exists()] == []
     assert all(len(reason.split()) >= 3 for reason in words.LEFT_OUT.values())

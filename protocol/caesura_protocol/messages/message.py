@@ -14,6 +14,11 @@ class Message(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
+    @classmethod
+    def type_name(cls) -> str:
+        """Return the name that the type has on the wire and in a journal."""
+        return cls.__name__
+
     def model_post_init(self, context: Any, /) -> None:
         """Drop the set of given fields: nothing reads it, and it is half of the memory of a message."""
         object.__setattr__(self, "__pydantic_fields_set__", _NOT_ASKED)

@@ -1,6 +1,6 @@
 """The journal: the ordered records of a session, whose replay rebuilds it bit for bit."""
 
-from caesura_service.journal.edits import Edit, EditProgram, Resolution
+from caesura_service.journal.edits import AppliedEdit, AppliedProgramEdit, Resolution
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
@@ -28,11 +28,11 @@ from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.sqlite import SqliteJournal
 
 __all__ = [
+    "AppliedEdit",
+    "AppliedProgramEdit",
     "BatchRow",
     "BatchSource",
     "Copy",
-    "Edit",
-    "EditProgram",
     "EncodedBatch",
     "FileBatches",
     "Journal",

@@ -7,8 +7,7 @@ collects edits without filtering in between. Only edits that were carried out ar
 
 from __future__ import annotations
 
-from caesura_protocol import messages
-from caesura_protocol.messages import App, Message
+from caesura_protocol.messages import App, Edit, EditProgram, Message
 
 Run = tuple[int, int]  # observations: the first one, and the one behind the last
 
@@ -24,11 +23,16 @@ class Resolution(Message):
     name: tuple[float, str] | None = None  # [s], of a phase
 
 
-class Edit(messages.Edit):
-    """A recorded edit. It has the name of the command, so that older journals are read by the same model."""
+class AppliedEdit(Edit):
+    """An edit that was carried out, as it is recorded."""
 
     resolution: Resolution | None = None  # of undo and redo: none
     version: int | None = None  # of the program that the edit made; None in journals before version 4
+
+    @classmethod
+    def type_name(cls) -> str:
+        """Return the command's name: older journals hold commands, and are read as this type."""
+        return Edit.type_name()
 
     @property
     def is_resolved(self) -> bool:
@@ -36,10 +40,15 @@ class Edit(messages.Edit):
         return self.version is not None
 
 
-class EditProgram(messages.EditProgram):
-    """A recorded edit of the program. The apps that it puts in place are in the record itself.
+class AppliedProgramEdit(EditProgram):
+    """An edit of the program, as it is recorded. The apps that it puts in place are in the record itself.
 
     So the session that they were taught in may be edited, corrected or deleted later.
     """
 
     apps: tuple[App, ...] = ()  # of `replace_part`
+
+    @classmethod
+    def type_name(cls) -> str:
+        """Return the command's name, as for `AppliedEdit`."""
+        return EditProgram.type_name()

@@ -26,9 +26,9 @@ from caesura_protocol.messages import (
     SampleBatch,
     Snapshot,
 )
-from caesura_service.journal.edits import Edit
+from caesura_service.journal.edits import AppliedEdit
 
-Recordable = Open | SampleBatch | Edit | Describe | EditProgram | Error | Close
+Recordable = Open | SampleBatch | AppliedEdit | Describe | EditProgram | Error | Close
 Key = tuple[str, str]  # station and session
 
 
@@ -122,7 +122,7 @@ class Journal(Protocol):
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """Return the records of a session in the order of their appending; none for an unknown one."""
 
-    def edits(self, station: str, session: str) -> tuple[Edit, ...]:
+    def edits(self, station: str, session: str) -> tuple[AppliedEdit, ...]:
         """Return the edits of a session, oldest first."""
 
     def sessions(self) -> tuple[Key, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Set
 
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Close, Describe, EditProgram, JournalReport, SampleBatch
-from caesura_service.journal.edits import Edit
+from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
@@ -80,10 +80,10 @@ class MemoryJournal:
         """Return the records of a session as they are now; later ones do not appear in the iteration."""
         return iter(tuple(self._records.get((station, session), ())))
 
-    def edits(self, station: str, session: str) -> tuple[Edit, ...]:
+    def edits(self, station: str, session: str) -> tuple[AppliedEdit, ...]:
         """Return the edits of a session, oldest first."""
         messages = (record.message for record in self._records.get((station, session), ()))
-        return tuple(message for message in messages if isinstance(message, Edit))
+        return tuple(message for message in messages if isinstance(message, AppliedEdit))
 
     def sessions(self) -> tuple[Key, ...]:
         """Return (station, session) of every session, oldest first."""
@@ -150,7 +150,7 @@ class MemoryJournal:
         numbers = [record.message.seq for record in records if isinstance(record.message, SampleBatch)]
         opened, touched = records[0].at, records[-1].at
         closed, size = _is_closed(records), self._sizes[key]
-        edits = sum(isinstance(record.message, Edit) for record in records)
+        edits = sum(isinstance(record.message, AppliedEdit) for record in records)
         described = sum(isinstance(record.message, Describe | EditProgram) for record in records)
         return Copy(*key, opened, touched, closed, max(numbers, default=-1), size, edits, described)
 

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 from urllib.parse import quote
 
 from caesura_protocol.errors import ProtocolError
-from caesura_service.journal.edits import Edit
+from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.journal import Copy, JournalError, Outcome, Record
 from caesura_service.journal.rows import (
     Stored,
@@ -79,7 +79,7 @@ class PeerJournals:
         row = self._query(found.path, lambda kept: kept.execute(SELECT_OUTCOME, found.copy.key).fetchone())
         return outcome_of(found.copy.key, *row) if row else None
 
-    def edits(self, found: PeerCopy) -> tuple[Edit, ...]:
+    def edits(self, found: PeerCopy) -> tuple[AppliedEdit, ...]:
         """Return the edits of a copy, oldest first; none where they cannot be read."""
         try:
             rows = self._query(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())

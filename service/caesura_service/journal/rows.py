@@ -19,7 +19,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_service.journal.checksums import checksum, is_intact
-from caesura_service.journal.edits import Edit, EditProgram
+from caesura_service.journal.edits import AppliedEdit, AppliedProgramEdit
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
@@ -41,7 +41,15 @@ logger = logging.getLogger(__name__)
 
 PAGE = 500  # records read at once
 ROW_BYTES = 100  # of a record beside its payload
-_RECORDABLE: tuple[type[Recordable], ...] = (Open, SampleBatch, Edit, Describe, EditProgram, Error, Close)
+_RECORDABLE: tuple[type[Recordable], ...] = (
+    Open,
+    SampleBatch,
+    AppliedEdit,
+    Describe,
+    AppliedProgramEdit,
+    Error,
+    Close,
+)
 
 
 class RecordRow(NamedTuple):
@@ -115,10 +123,10 @@ def record_of(key: Key, row: Stored) -> Record:
     return Record(*key, row.at, decode(row.payload, row.encoding, *_RECORDABLE))
 
 
-def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[Edit, ...]:
+def edits_of(key: Key, rows: Iterable[tuple[Any, ...]]) -> tuple[AppliedEdit, ...]:
     """Decode the edits among rows. Raises JournalDamagedError, or ProtocolError where one is unreadable."""
     messages = (record_of(key, verify(key, Stored(*row))).message for row in rows)
-    return tuple(message for message in messages if isinstance(message, Edit))
+    return tuple(message for message in messages if isinstance(message, AppliedEdit))
 
 
 class SessionRow(NamedTuple):

@@ -18,13 +18,13 @@ from pathlib import Path
 from caesura_protocol.codec import encoding_of
 from caesura_protocol.messages import Close, Describe, EditProgram
 from caesura_service.journal.checksums import checksum
-from caesura_service.journal.edits import Edit
+from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
 
 APPLICATION_ID = 0x43616573  # "Caes"
 SCHEMA_VERSION = 8  # with version 8 an edit may take back any correction
 LOCK_SUFFIX = ".lock"
-CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(Edit), encoding_of(Describe)
+CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(AppliedEdit), encoding_of(Describe)
 EDIT_PROGRAM = encoding_of(EditProgram)
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 

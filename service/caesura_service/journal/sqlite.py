@@ -30,7 +30,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.deletion import delete_batch, mark_deleted
-from caesura_service.journal.edits import Edit
+from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
 from caesura_service.journal.journal import (
     Copy,
@@ -210,7 +210,7 @@ class SqliteJournal:
             found = self._database.execute(SELECT_EXTENT, (station, session)).fetchone()
         return iter(()) if found is None else self._pages(SessionRow(*found[:-1]), found[-1])
 
-    def edits(self, station: str, session: str) -> tuple[Edit, ...]:
+    def edits(self, station: str, session: str) -> tuple[AppliedEdit, ...]:
         """Return the edits of a session, oldest first. Raises JournalError."""
         self.commit()
         with self._writing, map_sqlite_errors(self.path):

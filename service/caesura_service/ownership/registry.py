@@ -35,8 +35,7 @@ from caesura_protocol.messages import (
     SampleBatch,
 )
 from caesura_service.cooperative_scheduler import Slices
-from caesura_service.journal import EditProgram as AppliedProgramEdit
-from caesura_service.journal import Journal, JournalError, Key, PeerJournals
+from caesura_service.journal import AppliedProgramEdit, Journal, JournalError, Key, PeerJournals
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from caesura_service.journal import Copy, Edit, Journal, Outcome, PeerCopy, PeerJournals, Record
+from caesura_service.journal import AppliedEdit, Copy, Journal, Outcome, PeerCopy, PeerJournals, Record
 
 
 class SessionCopies(NamedTuple):
@@ -66,11 +66,11 @@ class JournalSet:
         """Return the own journal's records of a session. Raises JournalError or ProtocolError on the way."""
         return self._own.replay(*copy.key)
 
-    def own_edits(self, copy: Copy) -> Sequence[Edit]:
+    def own_edits(self, copy: Copy) -> Sequence[AppliedEdit]:
         """Return the edits among them. Raises as `own_records`."""
         return self._own.edits(*copy.key) if copy.edits else ()
 
-    def peer_edits(self, found: PeerCopy) -> Sequence[Edit]:
+    def peer_edits(self, found: PeerCopy) -> Sequence[AppliedEdit]:
         """Return a peer's edits of a session; none where they cannot be read."""
         return self._peers.edits(found) if found.copy.edits else ()
 

@@ -40,7 +40,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_service.journal import Edit, Resolution
+from caesura_service.journal import AppliedEdit, Resolution
 
 REACH_S = 0.5  # a changepoint this close is meant
 AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
@@ -209,7 +209,7 @@ class EditHistory:
             )
             raise ProtocolError("conflict", why, value=one.number, expected=made.number)
 
-    def again(self, edit: Edit, kinds: Sequence[str], at: float) -> EditHistory:
+    def again(self, edit: AppliedEdit, kinds: Sequence[str], at: float) -> EditHistory:
         """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
 
         kinds: of segments in the session, which another version of the service may have changed; at: time of

@@ -26,8 +26,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_service.journal import Edit as AppliedEdit
-from caesura_service.journal import EditProgram as AppliedProgramEdit
+from caesura_service.journal import AppliedEdit, AppliedProgramEdit
 from caesura_service.program import check_applies
 from caesura_service.publishing import messages
 from caesura_service.publishing.effect import effect_of

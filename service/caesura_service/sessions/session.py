@@ -36,8 +36,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_service.journal import Edit as AppliedEdit
-from caesura_service.journal import Journal, Outcome, Record
+from caesura_service.journal import AppliedEdit, Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
 from caesura_service.publishing.lifecycle import next_state
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of

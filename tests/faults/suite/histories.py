@@ -41,8 +41,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
-from caesura_service.journal import Edit as AppliedEdit
-from caesura_service.journal import Record, SqliteJournal
+from caesura_service.journal import AppliedEdit, Record, SqliteJournal
 from caesura_service.segmentation.corrections import correction_of
 from caesura_service.segmentation.pipeline import make_pipeline
 from faults.suite.outcome import Row

@@ -7,10 +7,9 @@ from contextlib import nullcontext
 
 import pytest
 
-from caesura_protocol.messages import Edit as EditCommand
-from caesura_protocol.messages import Error, Insert, Undo
+from caesura_protocol.messages import Edit, Error, Insert, Undo
 from caesura_service.journal import (
-    Edit,
+    AppliedEdit,
     Journal,
     JournalError,
     JournalSettings,
@@ -77,8 +76,10 @@ def test_a_message_comes_back_as_it_was(journal, message, now):
 
 def test_edits_come_back_with_what_they_came_to_in_their_order(journal):
     made = [
-        Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0), version=3, resolution=EVERYTHING),
-        Edit(session="s1", revision=1, author="Bob", action=Undo(), version=4),
+        AppliedEdit(
+            session="s1", revision=0, author="Ann", action=Insert(t=1.0), version=3, resolution=EVERYTHING
+        ),
+        AppliedEdit(session="s1", revision=1, author="Bob", action=Undo(), version=4),
     ]
     journal.append(record("s1", 0))
     for edit in made:
@@ -254,11 +255,11 @@ def test_what_cannot_be_sent_again_is_written_at_once():
         session.receive(made, 0.0)
     session.receive(batch(7), 0.0)
     session.receive(ReplayEnded(session.name, 6, answered=False, evicted=True, oldest=7), 1.0)
-    session.receive(EditCommand(session=session.name, revision=0, author="Ann", action=Insert(t=0.5)), 2.0)
+    session.receive(Edit(session=session.name, revision=0, author="Ann", action=Insert(t=0.5)), 2.0)
     session.receive(opening(epoch=1), 3.0)
     session.receive(closing(7), 4.0)
     assert [kind for kind, now in journal.at_once if not now] == ["SampleBatch"] * 7
-    assert [kind for kind, now in journal.at_once if now] == ["Open", "Error", "Edit", "Open", "Close"]
+    assert [kind for kind, now in journal.at_once if now] == ["Open", "Error", "AppliedEdit", "Open", "Close"]
 
 
 def test_copies_show_how_far_along_each_session_is(journal):

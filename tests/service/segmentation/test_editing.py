@@ -36,8 +36,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_service.journal import Edit as AppliedEdit
-from caesura_service.journal import JournalError, MemoryJournal
+from caesura_service.journal import AppliedEdit, JournalError, MemoryJournal
 from caesura_service.offline_segmentation import batches as batches_of
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.ownership.registry import Registry

@@ -195,6 +195,32 @@ def test_a_press_needs_a_contact_before_it_and_pushes_within_the_limit(robot: Ro
     assert "presses 70 mm deep, at most 40 mm" in str(check(deep, here, robot=robot).errors[0])
 
 
+@pytest.mark.parametrize(("deep_m", "refused"), [(0.035, False), (0.05, True)])
+def test_a_contact_may_be_as_far_from_where_it_was_taught_as_the_arm_searches(
+    deep_m: float, refused: bool, robot: Robot
+) -> None:
+    """It was an error where the touch was taught 3 mm too deep, though the arm stops at the touch."""
+    touch, grasp, *rest = pick_and_place()
+    assert touch.target is not None
+    x, y, z = touch.target
+    deep = changed((touch, grasp, *rest), 0, target=(x, y, z - deep_m))
+    found = check(deep, cell("pick_and_place"), robot=robot).errors
+    assert any("inside of what stands there" in str(one) for one in found) == refused
+
+
+@pytest.mark.parametrize(("aside_m", "refused"), [(0.0, False), (0.035, True)])
+def test_what_springs_back_is_left_in_as_many_movements_as_were_taught(
+    aside_m: float, refused: bool, robot: Robot
+) -> None:
+    """A pump follows the hand: at the end of the first movement the fingers were still below its top."""
+    touch, pressing, leave = press()
+    rising = app("cartesian_motion", 4.2, 4.6, (-0.02, -0.52, 0.18))
+    aside = leave.model_copy(update={"t0": 4.6, "target": (-0.02 + aside_m, -0.52, 0.182)})
+    up = leave.model_copy(update={"t0": 5.7, "tn": 7.0})
+    found = check((touch, pressing, rising, aside, up), cell("dispenser"), robot=robot).errors
+    assert any("inside of what stands there" in str(one) for one in found) == refused
+
+
 def test_a_contact_that_was_left_is_none(robot: Robot) -> None:
     lifted, pressed = press()[2], press()[1].model_copy(update={"t0": 6.0, "tn": 7.0})
     report = check((*press(), pressed), cell("dispenser"), robot=robot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,7 +29,7 @@ EDGE_M = 0.01  # from the edge of the workspace
 BEGINS_M = 1e-6  # a way may begin there
 ASTRAY_M = 0.03  # between a target and where its joints lead
 DEPTH_M = 0.003  # below the top of an obstacle
-LEAVING_M = 0.03  # aside, a movement may rise out of what it was pressed in
+BESIDE_M = 0.03  # aside of where it touches, a movement may end in a contact or rise out of one
 DEPTH_PARTS = 8  # pieces of a leg in which its depth is summed
 
 
@@ -70,7 +71,9 @@ class _ReachabilityChecker:
     ) -> tuple[list[Finding], _ArmState]:
         """Check one app; return its findings and the state of the arm after it."""
         ends = ends_in_contact(app.kind, following)
-        after = _state_after(app, state, touching=ends or (state.touching and APP_KINDS[app.kind].in_contact))
+        after = _state_after(app, state, touching=ends)
+        if state.touching and (APP_KINDS[app.kind].in_contact or not self._has_left(after)):
+            after = replace(after, touching=True)
         reasons = [*self._check_joints(app), *self._check_target(app)]
         joints = after.joints
         if app.target is not None and not reasons:
@@ -163,11 +166,11 @@ class _ReachabilityChecker:
         """Check that the path to the target is within reach and free of obstacles."""
         longest = float(np.linalg.norm(np.diff(path.values[:, :3], axis=0), axis=1).max())
         points = path.sampled(max(1, int(np.ceil(longest / STEP_M))))
-        start, q = points[0, :3], joints
+        start, end, q = points[0, :3], points[-1, :3] if ends else None, joints
         for pose in points[::-1]:
             point = pose[:3]
             turned = pose[3:] if len(pose) == 7 else _quaternion(None, state)
-            if reason := self._collision(point, turned, start, state, ends=ends):
+            if reason := self._collision(point, turned, state, start, end):
                 yield reason
                 return
             if (point < self._low_place).any() or (point > self._high_place).any():
@@ -180,18 +183,33 @@ class _ReachabilityChecker:
                     return
 
     def _collision(
-        self, point: Array, turned: Array, start: Array, state: _ArmState, *, ends: bool
+        self, point: Array, turned: Array, state: _ArmState, start: Array, end: Array | None
     ) -> str | None:
-        """Return why a pose of the flange collides: its fingertips are inside an obstacle."""
-        x, y, z = (point + lever_along(matrix_of(turned)[:, 2])).tolist()
+        """Return why a pose of the flange collides: its fingertips are inside an obstacle.
+
+        start: of the way (3,) [m]; end: where it ends in a contact, None where it ends free. There the arm
+        stops at the touch, which may be as far from where it was taught as the arm searches for it.
+        """
+        depth, yields = self._depth(point, matrix_of(turned))
+        allowed = DEPTH_M
+        if end is not None and _is_beside(point, end):
+            allowed += max(yields, self._safety.search_m)
+        leaves = state.touching and _is_beside(point, start) and point[2] >= start[2] - DEPTH_M
+        if depth <= allowed or leaves:
+            return None
+        return f"its way leads through {_mm(point)}, {1000 * depth:.0f} mm inside of what stands there"
+
+    def _depth(self, point: Array, rotation: Array) -> tuple[float, float]:
+        """Return how deep [m] the fingertips of a pose are inside an obstacle, and by how much it yields."""
+        x, y, z = (point + lever_along(rotation[:, 2])).tolist()
         top = self._cell.surface_height(x, y)
-        if top is None or z >= top - DEPTH_M - (self._cell.compliance_depth(x, y) if ends else 0.0):
-            return None
-        aside = float(np.linalg.norm(point[:2] - start[:2]))
-        if state.touching and aside < LEAVING_M and point[2] >= start[2] - DEPTH_M:
-            return None
-        inside = 1000 * (top - z)
-        return f"its way leads through {_mm(point)}, {inside:.0f} mm inside of what stands there"
+        return (-math.inf, 0.0) if top is None else (top - z, self._cell.compliance_depth(x, y))
+
+    def _has_left(self, state: _ArmState) -> bool:
+        """Return whether the fingertips are out of what they pressed in: it may follow them."""
+        if state.place is None or state.rotation is None:
+            return True
+        return self._depth(state.place, state.rotation)[0] <= DEPTH_M
 
     def _check_press(self, app: App, state: _ArmState, path: Curve | None) -> Iterator[str]:
         force = np.array(app.force)
@@ -207,6 +225,10 @@ class _ReachabilityChecker:
 
     def _within_joint_limits(self, q: Array) -> bool:
         return bool(((q >= self._low) & (q <= self._high)).all())
+
+
+def _is_beside(point: Array, other: Array) -> bool:
+    return float(np.linalg.norm(point[:2] - other[:2])) < BESIDE_M
 
 
 def _state_after(app: App, state: _ArmState, *, touching: bool) -> _ArmState:

@@ -167,7 +167,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        if edit.revision != self.revision:\n",
         "        if edit.revision > self.revision:\n",
         (
-            "tests/service/segmentation/test_editing.py::test_of_two_editors_the_slower_one_is_refused_with_the_revision_that_there_is",
+            "tests/service/sessions/test_edits.py::test_of_two_editors_the_slower_one_is_refused_with_the_revision_that_there_is",
         ),
     ),
     Mutation(
@@ -176,7 +176,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "            case AppliedEdit() as edit if edit.revision == self.revision:\n",
         "            case AppliedEdit() as edit:\n",
         (
-            "tests/service/segmentation/test_editing.py::test_a_reader_that_looks_again_and_again_has_each_edit_once",
+            "tests/service/ownership/test_edits_of_two_instances.py::test_a_reader_that_looks_again_and_again_has_each_edit_once",
         ),
     ),
     Mutation(
@@ -195,7 +195,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        self._journal.append(self._edit_record(edit, prepared.outcome.corrections), now)\n",
         "        self._edit_record(edit, prepared.outcome.corrections)\n",
         (
-            "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
+            "tests/service/sessions/test_edit_replay.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),
         row="histories",
     ),
@@ -205,7 +205,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "    self._host.replay_edit(edit, record.at)\n                    case EditProgram()",
         "    pass\n                    case EditProgram()",
         (
-            "tests/service/segmentation/test_editing.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
+            "tests/service/sessions/test_edit_replay.py::test_a_restart_filters_no_observation_twice_however_many_edits_there_are",
         ),
         row="histories",
     ),
@@ -214,7 +214,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SEGMENTATION}/corrections.py",
         "active, undone, number = self.active, self.undone, self.revision + 1\n",
         "active, undone, number = self.active, self.undone, self.revision + (edit.action.do != 'undo')\n",
-        ("tests/service/segmentation/test_editing.py::test_undo_and_redo_are_edits_too",),
+        ("tests/service/sessions/test_edits.py::test_undo_and_redo_are_edits_too",),
         row="histories",
     ),
     Mutation(
@@ -244,7 +244,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        return self._prepare(edit, at, copy(self._pipeline)).effect\n",
         "        return self._prepare(edit, at, self._pipeline).effect\n",
         (
-            "tests/service/segmentation/test_editing.py::"
+            "tests/service/sessions/test_previews.py::"
             "test_a_preview_is_neither_recorded_nor_published_and_changes_no_later_result",
         ),
     ),

@@ -1,0 +1,180 @@
+"""Edits where two instances serve a station in turn: none that was acknowledged is lost."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    Ack,
+    Insert,
+    Redo,
+    SessionStatus,
+    TakeBack,
+    Undo,
+)
+from caesura_service.journal import AppliedEdit
+from caesura_service.publishing.events import TakeoverFailed
+from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
+from harness.sessions import (
+    NAME,
+    STATION,
+    answer,
+    closing,
+    published,
+)
+from service.ownership.test_takeover import COUNT, Instance
+from service.sessions.edits import T, compared, edit, refused, stepped
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+    with ExitStack() as stack:
+        yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+
+
+def corrected(instance: Instance, revision: int = 0, action: Any = None) -> Ack | ProtocolError:
+    return answer(instance.registry.handle_command(STATION, edit(revision, action), 9.0))
+
+
+def test_an_instance_that_takes_a_station_over_has_its_corrections(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    assert corrected(a).revision == 1
+    a.kill()
+    b.take()
+    assert (b.standing.revision, b.standing.program_header.author) == (1, "Ann")
+    b.feed(*range(9, COUNT))
+    b.close()
+    assert corrected(b, 1, Insert(t=0.5)).revision == 2
+    a.take()
+    assert compared(a.standing) == compared(b.standing)
+
+
+def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_all_of_it(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(COUNT))
+    a.close()
+    a.registry.release(STATION)
+    b.take()
+    assert refused(corrected(b)).code == "overloaded"
+    stepped(b.registry)
+    assert corrected(b).revision == 1
+    a.path.unlink()
+    b.kill()
+    b.take()
+    assert (b.standing.revision, b.standing.lifecycle) == (1, "closed")
+    assert T in [one.t for one in b.standing.view.changepoints]
+
+
+def test_an_edit_of_a_closed_session_elsewhere_is_found_when_one_looks_again(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(COUNT))
+    a.close()
+    b.take()
+    stepped_back = b.standing
+    assert corrected(a).revision == 1
+    said = b.take(renew=False)
+    assert [status.revision for status in published(said, SessionStatus)] == [1]
+    assert stepped_back.revision == 0
+    assert compared(b.standing) == compared(a.standing)
+
+
+def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.journal.commit()
+    b.take()
+    assert corrected(a).revision == 1
+    b.take(renew=False)
+    assert b.standing.revision == 1
+    b.feed(*range(9, COUNT))
+    a.registry.release(STATION)
+    b.close()
+    assert T in [one.t for one in b.standing.view.changepoints]
+
+
+def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.journal.commit()
+    b.take()
+    for revision, t in enumerate((0.155, 0.525, 1.155)):
+        assert corrected(a, revision, Insert(t=t)).revision == revision + 1
+        b.take(renew=False)
+        assert b.standing.revision == revision + 1
+    b.kill()
+    b.take()
+    assert b.standing.revision == 3
+    assert sum(isinstance(one.message, AppliedEdit) for one in b.journal.replay(STATION, NAME)) == 3
+
+
+# What may happen: a batch, an edit, a close, the station changes hands, somebody is killed, somebody hangs.
+steps = st.lists(
+    st.one_of(
+        st.integers(0, COUNT - 1),
+        st.sampled_from(
+            [Insert(t=0.155), Insert(t=0.525), Insert(t=1.155), Undo(), Redo(), TakeBack(number=1)]
+        ),
+        st.sampled_from(["commit", "hand", "kill", "freeze", "look", "close"]),
+    ),
+    max_size=30,
+)
+
+
+def edited(instance: Instance, action: Any) -> bool:
+    """Was it acknowledged? A session that is known by its outcome is rebuilt first."""
+    revision = instance.standing.revision
+    reply = corrected(instance, revision, action)
+    if isinstance(reply, ProtocolError) and reply.code == "overloaded":
+        assert not [said for said in stepped(instance.registry) if isinstance(said, TakeoverFailed)]
+        reply = corrected(instance, revision, action)
+    return isinstance(reply, Ack)
+
+
+@settings(deadline=None, max_examples=50)
+@given(steps)
+def test_whatever_happens_between_two_instances_no_acknowledged_edit_is_lost(steps: list[Any]):
+    with tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
+        owner, other = (Instance(Path(directory), name, stack) for name in "ab")
+        owner.open()
+        model, expected = EditHistory(), 0
+        for step in steps:
+            match step:
+                case int():
+                    owner.feed(step)
+                case "commit":
+                    owner.journal.commit()
+                case "look":
+                    owner.take(renew=False)
+                case "close":
+                    close = closing(owner.next_seq - 1)
+                    owner.registry.handle_command(STATION, close, 0.0)
+                case str():
+                    if step == "hand":
+                        owner.registry.release(STATION)
+                    elif step == "kill":
+                        owner.kill()
+                    owner, other = other, owner
+                    owner.take()
+                case action if edited(owner, action):
+                    model = model.after(
+                        edit(action=action), 0.0, lambda change: ResolvedEdit(inserted=change.t)
+                    )
+                    expected += 1
+            assert owner.standing.revision == expected
+            shown = {one.t for one in owner.standing.view.changepoints}
+            assert {one.inserted for one in model.active} == shown & {0.155, 0.525, 1.155}

@@ -1,8 +1,9 @@
 """Hints from the posterior: a boundary that is as probable as not.
 
-The models of segments look five observations ahead: then the weight of a corner does not change any more
-(`changepoint.corner_weight`). After that the smoothed probability that a boundary is near is mostly below 0.1
-or above 0.9. In between, the demonstration does not show whether a segment ends there. A boundary that stays
+The models of segments look five observations ahead at a corner that takes 0.3 s: then its weight does not
+change any more (`changepoint.corner_weight`). After that the smoothed probability that a boundary is near is
+mostly below 0.1 or above 0.9. In between, the demonstration does not show whether a segment ends there. Of a
+slower corner the weight is settled after seven. To wait for it gives no fewer false hints. A boundary that stays
 so until it leaves the window of the posterior is in a part that is to be shown again. A hint needs two
 observations in a row at which a boundary is unclear, because most resolve with the second.
 """
@@ -15,7 +16,7 @@ from typing import NamedTuple, Protocol
 from caesura_protocol.messages import Hint
 from caesura_service.coaching.coach import HintLog
 
-LAG = 5  # observations after a boundary at which it is judged: the look-ahead of the models
+LAG = 5  # observations after a boundary at which it is judged: the look-ahead at a corner of 0.3 s
 REACH = 3  # observations to either side at which the same boundary may lie
 UNSURE, SURE = 1.0 / 3.0, 2.0 / 3.0  # odds of two to one, either way
 RESOLVED = 0.8  # probability for or against it, above which the hint is cleared

@@ -48,7 +48,7 @@ class ArmLimits:
     jacobian: Callable[[Array], Array]
 
     def nearest(self, joints: Array, speeds: Array) -> tuple[int, float]:
-        """Which joint is nearest to a limit in AHEAD_S at these speeds [rad/s], and how near then [rad]."""
+        """Which joint comes nearest to a limit within AHEAD_S at its speed [rad/s], and how near [rad]."""
         later = joints + AHEAD_S * speeds
         low, high = np.minimum(joints, later), np.maximum(joints, later)
         left = np.minimum(low - self.lower, self.upper - high)
@@ -96,7 +96,7 @@ class ArmMeasures(NamedTuple):
 
     singular_value: float = math.nan  # the smallest of the flange's Jacobian
     joint: int = 0  # which is nearest to a limit
-    joint_left_rad: float = math.nan  # how near it is, or will be in AHEAD_S
+    joint_left_rad: float = math.nan  # the least within AHEAD_S
 
 
 NO_ARM = ArmMeasures()

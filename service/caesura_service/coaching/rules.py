@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from caesura_protocol.wrench_reading import FROZEN_S
 from caesura_service.coaching.coach import Trigger, Words
-from caesura_service.coaching.measures import PUSH_LIMIT, CoachingSetup, Measures
+from caesura_service.coaching.measures import AHEAD_S, PUSH_LIMIT, CoachingSetup, Measures
 
 ALONG_SCALES, SIZE_SCALES = 2.33, 3.37  # that 99 % stay below, of one component and of three
 SINGULAR_BELOW = 0.05
@@ -91,7 +91,7 @@ RULES: tuple[SignalRule, ...] = (
         _joint_level,
         lambda m, _setup: (
             f"Joint {m.arm.joint + 1} nears its limit: "
-            f"{max(math.degrees(m.arm.joint_left_rad), 0.0):.0f}° are left.",
+            f"{max(math.degrees(m.arm.joint_left_rad), 0.0):.0f}° will be left within {AHEAD_S:g} s.",
             f"Move joint {m.arm.joint + 1} back.",
         ),
     ),

@@ -2,10 +2,11 @@
 
 The models of segments look five observations ahead at a corner that takes 0.3 s: then its weight does not
 change any more (`changepoint.corner_weight`). After that the smoothed probability that a boundary is near is
-mostly below 0.1 or above 0.9. In between, the demonstration does not show whether a segment ends there. Of a
-slower corner the weight is settled after seven. To wait for it gives no fewer false hints. A boundary that stays
-so until it leaves the window of the posterior is in a part that is to be shown again. A hint needs two
-observations in a row at which a boundary is unclear, because most resolve with the second.
+mostly below 0.1 or above 0.9. In between, the demonstration does not show whether a segment ends there.
+Of a slower corner the weight is settled after seven. To wait for it gives no fewer false hints. A
+boundary that stays so until it leaves the window of the posterior is in a part that is to be shown again.
+A hint needs two observations in a row at which a boundary is unclear, because most resolve with the
+second.
 """
 
 from __future__ import annotations

@@ -37,6 +37,7 @@ from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognor
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.segment_model_set import SegmentKind
 from caesura_service.changepoint.thesis_presets import thesis_force_library
+from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
 from caesura_service.constants import CREEP_M_PER_S, HANDS_BREADTH_M, REST_M_PER_S, TURN_SHARE
@@ -53,6 +54,8 @@ MEMORY_S = 0.5
 TAIL_NU = 4.0  # of a guiding hand's errors: one in a hundred is four times as large as the median
 NORMAL_NU = 1e4  # as good as a normal distribution
 SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at these speeds
+TRACING = 0.025 * STEP_S  # [m] a step: slower movements are corrections, or lines that are traced
+TRACING_S = 2.0  # for which a traced line keeps its velocity: a segment
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
@@ -89,6 +92,12 @@ def guided_motion() -> GuidedMotion:
         pace=REST,
         away=REST_M_PER_S * PAUSE_S,
     )
+
+
+def traced_motion() -> TracedMotion:
+    """A tool that sticks and slips along a line. It errs as a guiding hand wanders."""
+    guided = guided_motion()
+    return TracedMotion(guided.floor, TRACING, correlation(TRACING_S), nu=guided.nu, away=guided.away)
 
 
 def corner() -> CornerWeight:
@@ -146,6 +155,7 @@ def default_channels(bias_n: float) -> Mapping[str, ChannelModel]:
     beyond = 2.0 * bias_n  # a force that the bias does not explain
     return {
         "moving": guided_motion(),
+        "traced": traced_motion(),
         "corner": corner(),
         "still": StudentRandomWalk("position", scale=REST_STEP_M, still=REST),
         "stopped": StudentRandomWalk("position", scale=REST_STEP_M),
@@ -190,12 +200,14 @@ STROKE_KINDS = (
 
 _MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
 _FREE = {"free": ("not_set_in",), "contact": (), "transport": ("not_set_in",)}
+_TRACED = SegmentKind("motion", "motion", "free", ("traced", "untouched", "not_set_in", "empty"), 0.5)
 _TURN = ("turning", "turned_back", "about_a_point")
 ALL_KINDS = (
     *(
         replace(kind, channels=(*kind.channels, *_MORE[kind.motion], *_FREE[kind.contact]))
         for kind in STROKE_KINDS
     ),
+    _TRACED,
     SegmentKind("turning", "motion", "free", (*_TURN, "untouched", "not_set_in", "empty")),
     *(
         SegmentKind("turning", "motion", "contact", (*_TURN, "pressed", "gripping", torque), 0.5)
@@ -306,6 +318,11 @@ def _torqueless(bias_n: float) -> Channels:
     return {"resisted": HeldTorque(), "unresisted": HeldTorque()}
 
 
+def _untraced(bias_n: float) -> Channels:
+    """What moves is guided: each step follows from the last two."""
+    return {name: model for name, model in default_channels(bias_n).items() if name != "traced"}
+
+
 def _begun_anyhow(kind: SegmentKind) -> SegmentKind:
     """A load may begin with a rise of the force."""
     if kind.contact != "transport":
@@ -343,6 +360,12 @@ WITHOUT: Mapping[str, Preset] = {
             name="without_load_by_weight",
             channels=partial(_with, _laden_by_sample),
             kinds=tuple(_begun_anyhow(kind) for kind in ALL_KINDS),
+        ),
+        replace(
+            DEFAULT,
+            name="without_traced_motion",
+            channels=_untraced,
+            kinds=tuple(kind for kind in ALL_KINDS if kind != _TRACED),
         ),
         replace(DEFAULT, name="without_transitions", unrepeated=()),
         replace(DEFAULT, name="without_refractory", refractory_s=0.0),

@@ -37,6 +37,7 @@ from caesura_service.changepoint.profile_model import DisplacementPrior, Profile
 from caesura_service.changepoint.profiles import ProfileLibrary, first_order, minimum_jerk, overdamped
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
+from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
 
@@ -180,6 +181,13 @@ def _guided() -> Iterator[tuple[str, Entry]]:
     yield "guided motion, away", Entry(replace(model, away=1.0), WEIGHTED, unweighed=3)
 
 
+def _traced() -> Iterator[tuple[str, Entry]]:
+    model = TracedMotion(floor=0.4, speed=1.0, discount=0.9)
+    yield "traced motion", Entry(model, DENSITY)
+    yield "traced motion, one scale", Entry(replace(model, scales=(1.0,), discount=1.0), DENSITY, size=0.8)
+    yield "traced motion, away", Entry(replace(model, away=1.0), WEIGHTED, unweighed=3)
+
+
 def _preset_channels() -> Iterator[tuple[str, ChannelModel]]:
     for preset in PRESETS.values():
         for name, model in preset.channels(1.5).items():
@@ -209,6 +217,7 @@ MODELS: dict[str, Entry] = {
     **dict(_profiled()),
     **dict(_walks()),
     **dict(_guided()),
+    **dict(_traced()),
     **{
         f"contact, state {state}": Entry(ContactMixture(state, contact2=1.5), DENSITY, "force")
         for state in (FREE, CONTACT, TRANSPORT)

@@ -32,6 +32,7 @@ from caesura_service.changepoint.kernels.layout import (
     ROTATION,
     STATES,
     TORSION,
+    TRACED,
     VELOCITY,
     WALK,
 )
@@ -51,6 +52,7 @@ from caesura_service.changepoint.kernels.residuals import (
     student,
     whole,
 )
+from caesura_service.changepoint.kernels.tracing import traced
 from caesura_service.numba_support.decorators import compiled
 
 WEIGHT, VARIANCE, INSIDE = 5, 6, 7  # rows of the work
@@ -88,6 +90,8 @@ def take_weighing(here, c, joins):
         friction(here, c, joins)
     elif which == GUIDED:
         guided(here, c, joins)
+    elif which == TRACED:
+        traced(here, c)
     elif which == CORNER:
         corner(here, c)
     elif which == PIVOT:

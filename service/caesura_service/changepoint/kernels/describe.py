@@ -49,6 +49,7 @@ from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.profile_model import ProfileModel
 from caesura_service.changepoint.random_walk import StudentRandomWalk
 from caesura_service.changepoint.segment_model_set import SegmentModelSet
+from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
 from caesura_service.constants import GRAVITY
@@ -67,7 +68,7 @@ def can_compile(lattice: SegmentModelSet) -> bool:
 def _fits(model: ChannelModel) -> bool:
     """Whether the options of a model are within what the arrays have room for."""
     match model:
-        case GuidedMotion():
+        case GuidedMotion() | TracedMotion():
             return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
         case CornerWeight():
             return model.memory <= PAST and len(model.chords) <= MOST_CHORDS
@@ -313,6 +314,22 @@ def _guided(model: GuidedMotion) -> Record:
     }
 
 
+def _traced(model: TracedMotion) -> Record:
+    return {
+        "model": layout.TRACED,
+        "signal": SIGNALS["position"],
+        "nu": model.nu,
+        "constant": float(student_log_density(0.0, AXES, model.nu, 1.0)),
+        "rho": model.discount,
+        "floor2": model.floor**2,
+        "reach2": (model.speed / model.floor) ** 2,
+        "shares": len(model.scales),
+        "share2": _padded(np.square(model.scales), MOST_SHARES),
+        "away": model.away,
+        "away_steps": model.away_steps,
+    }
+
+
 def _corner(model: CornerWeight) -> Record:
     return {
         "model": layout.CORNER,
@@ -380,6 +397,7 @@ RECORDS: Mapping[type, Callable[[Any], Record]] = {
     ConstantVelocity: _velocity,
     FrictionConeWeight: _friction,
     GuidedMotion: _guided,
+    TracedMotion: _traced,
     CornerWeight: _corner,
     TurnInPlace: _pivot,
     TurnRate: _pace,
@@ -399,6 +417,7 @@ _WIDTHS: Mapping[type, int] = {
     ConstantVelocity: 12,
     FrictionConeWeight: 1,
     GuidedMotion: 1 + MOST_SHARES,
+    TracedMotion: 2 + MOST_SHARES + AXES,
     CornerWeight: MOST_CHORDS,
     TurnInPlace: 15,
     TurnRate: 1,

@@ -192,6 +192,8 @@ def _each(content: Mapping[str, Any], what: str, read: Callable[[Mapping[str, An
         raise ValueError(f"{what} is {entries!r}, expected a list")
     found = []
     for index, entry in enumerate(entries):
+        if not isinstance(entry, Mapping):
+            raise ValueError(f"{what}[{index}] is {entry!r}, expected an object")
         try:
             found.append(read(entry))
         except KeyError as error:

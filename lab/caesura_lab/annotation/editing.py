@@ -33,13 +33,10 @@ class EditError(CaesuraError, ValueError):
 
 def insert_point(document: Document, t: float, *, kind: str | None, level: str = "major") -> Document:
     """Add a changepoint at t [s]. Raises EditError outside of the window, or where one is already."""
-    t = round(t, 3)
-    first, last = document["window"]
-    if not first <= t <= last:
-        raise EditError(f"{t:g} s is outside of the window from {first:g} to {last:g} s")
+    _check_window(document, t)
     points = list(document["changepoints"])
     if any(abs(point["t"] - t) < SAME_S for point in points):
-        raise EditError(f"there is a changepoint at {t:g} s already")
+        raise EditError(f"there is a changepoint at {t:.3f} s already")
     named = {} if kind is None else {"kind": kind}
     points.append({"t": t, **named, "tol": TOLERANCE_S, "level": level})
     return _with_points(document, points)
@@ -65,8 +62,14 @@ def change_tolerance(document: Document, t: float, *, by_s: float) -> Document:
 
 
 def set_second_time(document: Document, t: float) -> Document:
-    """Accept t [s] as well for the nearest changepoint: the other end of a slow release."""
-    return _replace(document, t, lambda _point: {"t_alt": round(t, 3)})
+    """Accept t [s] as well for the nearest changepoint: the other end of a slow release.
+
+    Raises EditError outside of the window, or at the changepoint itself.
+    """
+    _check_window(document, t)
+    if abs(document["changepoints"][nearest(document, t)]["t"] - t) < SAME_S:
+        raise EditError(f"the changepoint is at {t:.3f} s itself: move the cursor to its second time")
+    return _replace(document, t, lambda _point: {"t_alt": t})
 
 
 def set_class(document: Document, t: float, *, kind: str | None) -> Document:
@@ -75,7 +78,7 @@ def set_class(document: Document, t: float, *, kind: str | None) -> Document:
     Where no segment is yet, a new one reaches to the next major changepoints, segments or ends of the window.
     """
     segments = list(document["segments"])
-    at = next((i for i, segment in enumerate(segments) if segment["t0"] <= t < segment["t1"]), None)
+    at = segment_at(document, t)
     if kind is None:
         if at is None:
             raise EditError(f"there is no class at {t:.3f} s")
@@ -86,6 +89,16 @@ def set_class(document: Document, t: float, *, kind: str | None) -> Document:
         first, last = _stretch(document, t)
         segments.append({"t0": first, "t1": last, "cls": kind})
     return {**document, "segments": sorted(segments, key=lambda segment: segment["t0"])}
+
+
+def segment_at(document: Document, t: float) -> int | None:
+    """Return the index of the segment at t [s]; None where there is none.
+
+    Where two meet it is the one that begins. At the end of the window it is the one that ends there.
+    """
+    last = document["window"][1]
+    spans = ((segment["t0"], segment["t1"]) for segment in document["segments"])
+    return next((i for i, (t0, t1) in enumerate(spans) if t0 <= t < t1 or t == t1 == last), None)
 
 
 def nearest(document: Document, t: float) -> int:
@@ -110,13 +123,19 @@ def _with_points(document: Document, points: Sequence[Entry]) -> Document:
 
 def _stretch(document: Document, t: float) -> tuple[float, float]:
     """Return the ends [s] of the free stretch around t."""
+    _check_window(document, t)
     first, last = document["window"]
-    if not first <= t <= last:
-        raise EditError(f"{t:.3f} s is outside of the window from {first:g} to {last:g} s")
     majors = [point["t"] for point in document["changepoints"] if point["level"] == "major"]
     before = [*majors, *(segment["t1"] for segment in document["segments"])]
     after = [*majors, *(segment["t0"] for segment in document["segments"])]
-    return max([first, *(x for x in before if x <= t)]), min([last, *(x for x in after if x > t)])
+    end = min([last, *(x for x in after if x > t)])
+    return max([first, *(x for x in before if x <= t and x < end)]), end
+
+
+def _check_window(document: Document, t: float) -> None:
+    first, last = document["window"]
+    if not first <= t <= last:
+        raise EditError(f"{t:.3f} s is outside of the window from {first:.3f} to {last:.3f} s")
 
 
 EDITS: Mapping[str, Edit] = {
@@ -153,10 +172,10 @@ class AnnotationEditor:
         return self.document == self._saved
 
     def edit(self, name: str, t: float) -> None:
-        """Apply an edit of EDITS at t [s]. Raises EditError, which changes nothing."""
+        """Apply an edit of EDITS at t [s], to the millisecond. Raises EditError, which changes nothing."""
         if name not in EDITS:
             raise EditError(f"unknown edit {name!r}, expected one of {list(EDITS)}")
-        self._documents.append(EDITS[name](self.document, t))
+        self._documents.append(EDITS[name](self.document, round(t, 3)))
 
     def undo(self) -> None:
         """Return to the document before the last edit. Raises EditError where there is none."""

@@ -16,7 +16,7 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.server import Address, run
-from caesura_lab.annotation.editing import AnnotationEditor, Document
+from caesura_lab.annotation.editing import AnnotationEditor, Document, segment_at
 from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation
 from caesura_lab.annotations import KINDS
@@ -49,12 +49,12 @@ class AnnotationSession(NamedTuple):
         if command == "undo":
             self.editor.undo()
             return "undone"
+        t = round(t, 3)
         self.editor.edit(command, t)
-        return (
-            f"{command} from {_extent(self.editor.document, t)}"
-            if command in KINDS
-            else f"{command} at {t:.3f} s"
-        )
+        at = segment_at(self.editor.document, t)
+        if command in KINDS and at is not None:
+            return f"{command} from {_extent(self.editor.document, at)}"
+        return f"{command} at {t:.3f} s"
 
     def state(self, message: str = "", *, failed: bool = False) -> dict[str, Any]:
         """Return what the browser shows of the annotation."""
@@ -69,9 +69,9 @@ class AnnotationSession(NamedTuple):
         }
 
 
-def _extent(document: Document, t: float) -> str:
-    """State which part has the class at t [s], and which changepoints lie within it."""
-    segment = next(one for one in document["segments"] if one["t0"] <= t <= one["t1"])
+def _extent(document: Document, index: int) -> str:
+    """State which part a segment is, and which changepoints lie within it."""
+    segment = document["segments"][index]
     within = [
         point
         for point in document["changepoints"]

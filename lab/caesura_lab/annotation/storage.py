@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from caesura_lab.annotation.editing import Document
-from caesura_lab.annotations import RecordingSource, TruthError, read_annotation, truth_of
+from caesura_lab.annotations import SUFFIX, RecordingSource, TruthError, read_annotation, truth_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
 
@@ -74,6 +74,16 @@ def _hand_in_wrench(recording: Recording) -> bool | None:
         return recording.hand_on_robot != "no"
     stated = {"flange_sensor": False, "none": False, "flange_sensor_with_hand": True}
     return stated.get(recording.wrench_source or "")
+
+
+def check_writable(path: Path) -> None:
+    """Check that an annotation can be saved, before one is made. Raises SourceError."""
+    if path.is_dir():
+        raise SourceError(f"cannot write {path}: it is a directory, expected FILE{SUFFIX}")
+    if not path.parent.is_dir():
+        raise SourceError(f"cannot write {path}: no such directory")
+    if not os.access(path.parent, os.W_OK):
+        raise SourceError(f"cannot write {path}: {path.parent} is read-only; name another file with --out")
 
 
 def save_annotation(document: Document, path: Path) -> None:

@@ -50,7 +50,12 @@ def annotate(
     from caesura_lab.annotation.editing import AnnotationEditor  # noqa: PLC0415
     from caesura_lab.annotation.page import AnnotationSession, serve  # noqa: PLC0415
     from caesura_lab.annotation.signals import plotted_signals  # noqa: PLC0415
-    from caesura_lab.annotation.storage import drafts, open_annotation, save_draft  # noqa: PLC0415
+    from caesura_lab.annotation.storage import (  # noqa: PLC0415
+        check_writable,
+        drafts,
+        open_annotation,
+        save_draft,
+    )
 
     with reported():
         address = Address(port=port)  # loopback: an annotation is no service
@@ -65,6 +70,7 @@ def annotate(
             mapping=mapping,
         )
         path = truth_file(file) if out is None else out
+        check_writable(path)
         document = open_annotation(path, recording, file, annotator or getpass.getuser())
         for draft in takewhile(Path.exists, drafts(path)):
             typer.echo(f"note: {draft} was not saved; rename it to {path} to go on with it", err=True)

@@ -91,6 +91,27 @@ def test_a_new_class_does_not_overlap_the_segments_beside_it():
     }
 
 
+@pytest.mark.parametrize("steps", [(), (("motion", 5.0),), (("stop", 10.0),)])
+def test_a_class_at_the_end_of_the_window_is_of_the_segment_that_ends_there(steps):
+    """The key End and a class made a segment without a length."""
+    assert edited(*steps, ("steady", 10.0))["segments"] == [{"t0": 0.0, "t1": 10.0, "cls": "steady"}]
+    assert edited(*steps, ("steady", 10.0), ("no class", 10.0))["segments"] == []
+
+
+def test_a_time_is_that_of_its_millisecond():
+    """A recording begins at 0.0006 s and its window at 0.001 s: there was no class at its first sample."""
+    document = {**EMPTY, "window": [0.001, 10.0]}
+    assert edited(("steady", 0.0006), document=document)["segments"][0]["t0"] == 0.001
+
+
+def test_a_time_of_day_is_named_to_the_millisecond():
+    document = {**EMPTY, "window": [1732561234.123, 1732561244.5]}
+    with pytest.raises(EditError, match=r"1732561230\.000 s is .* from 1732561234\.123 to 1732561244\.500 s"):
+        edited(("start", 1732561230.0), document=document)
+    with pytest.raises(EditError, match=r"a changepoint at 1732561235\.000 s already"):
+        edited(("start", 1732561235.0), ("stop", 1732561235.0), document=document)
+
+
 @pytest.mark.parametrize(
     ("steps", "words"),
     [
@@ -99,6 +120,8 @@ def test_a_new_class_does_not_overlap_the_segments_beside_it():
         ([("steady", 11.0)], "outside of the window"),
         ([("start", 1.0), ("stop", 1.0004)], "already"),
         ([("no class", 1.0)], "no class at"),
+        ([("stop", 9.8), ("second", 10.2)], r"10\.200 s is outside of the window from 0\.000 to 10\.000 s"),
+        ([("stop", 9.8), ("second", 9.8)], r"the changepoint is at 9\.800 s itself"),
         ([("jump", 1.0)], "expected one of"),
     ],
 )

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from caesura_lab.annotation.editing import AnnotationEditor
-from caesura_lab.annotation.storage import new_annotation, open_annotation, save_annotation, save_draft
+from caesura_lab.annotation.storage import (
+    check_writable,
+    new_annotation,
+    open_annotation,
+    save_annotation,
+    save_draft,
+)
 from caesura_lab.annotations import TruthError, read_annotation
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.read import load_recording
@@ -106,6 +112,15 @@ def test_a_file_that_cannot_be_written_is_named(file: Path):
     document = new_annotation(load_recording(file), file, "A")
     with pytest.raises(SourceError, match="nowhere"):
         save_annotation(document, file.parent / "nowhere" / "x.ann.json")
+
+
+def test_an_annotation_is_not_begun_where_it_cannot_be_saved(file: Path):
+    """The marks were lost at the end: neither the annotation nor its draft could be written."""
+    with pytest.raises(SourceError, match=r"nowhere/x\.ann\.json: no such directory"):
+        check_writable(file.parent / "nowhere" / "x.ann.json")
+    with pytest.raises(SourceError, match="it is a directory"):
+        check_writable(file.parent)
+    check_writable(file.with_name("x.ann.json"))
 
 
 def test_there_are_annotations_to_read():

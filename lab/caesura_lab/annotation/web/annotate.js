@@ -46,7 +46,8 @@ export default {
       return this.points.reduce((best, point) => (best && Math.abs(best.t - this.cursor) <= Math.abs(point.t - this.cursor) ? best : point), null);
     },
     here() {
-      const segment = this.segments.find(({ t0, t1 }) => t0 <= this.cursor && this.cursor < t1);
+      const end = this.window[1];
+      const segment = this.segments.find(({ t0, t1 }) => t0 <= this.cursor && (this.cursor < t1 || (t1 === end && this.cursor === end)));
       return segment ? `${segment.cls} from ${segment.t0.toFixed(2)} to ${segment.t1.toFixed(2)} s` : "no class";
     },
     near() {

@@ -13,8 +13,9 @@ import typer
 from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
-from caesura_clients.cli.options import reported
+from caesura_clients.cli.options import AngleUnit, ForceUnit, LengthUnit, TimeUnit, reported
 from caesura_lab.annotations import ToleranceOptions, TruthError
+from caesura_lab.commands.options import Mapping as MappingFile
 from caesura_lab.evaluation import calibration, diagram
 from caesura_lab.evaluation import library_comparison as libraries
 from caesura_lab.evaluation.calibration import calibrate
@@ -22,10 +23,12 @@ from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMeth
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import Verdict, judge_all
 from caesura_lab.evaluation.suites import (
+    AS_STATED,
     OPEN,
     SUITES,
     TAUGHT,
     Case,
+    ReadingOptions,
     SuiteOptions,
     files,
     missing_recordings,
@@ -108,7 +111,7 @@ def evaluate(
     data: Annotated[
         Path,
         typer.Option(
-            help="Real, sensors and coaching: the directory of the recordings.",
+            help="Real, sensors, tempo, realism and coaching: the directory of the recordings.",
             envvar=DATA_VARIABLE,
             show_default="data/real",
         ),
@@ -153,6 +156,11 @@ def evaluate(
     ] = None,
     output_format: Annotated[Format, typer.Option("--format", help="How to write it.")] = Format.TEXT,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
+    mapping: MappingFile = None,
+    length_unit: LengthUnit = None,
+    time_unit: TimeUnit = None,
+    angle_unit: AngleUnit = None,
+    force_unit: ForceUnit = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = WORKERS,
 ) -> None:
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
@@ -163,9 +171,11 @@ def evaluate(
             )
             _check_robot(robot, suite_name)
             _check_speed(speed, suite_name, spoilt=mutated is not None)
+            reading = ReadingOptions(mapping, length_unit, time_unit, angle_unit, force_unit)
+            _check_reading(reading, suite_name)
             if evidence:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
-                cases = _cases(recordings or [], suite_name, extent, known=list(SUITES))
+                cases = _cases(recordings or [], suite_name, extent, reading, known=list(SUITES))
                 for note in missing_recordings(suite_name, extent):
                     typer.echo(note, err=True)
                 page = _evidence_page(suite_name, cases, workers)
@@ -181,7 +191,7 @@ def evaluate(
                 page = made(data, range(first_seed, first_seed + (seeds or usual_seeds)), workers)
             else:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)
-                cases = _cases(recordings or [], suite_name, extent)
+                cases = _cases(recordings or [], suite_name, extent, reading)
                 missing = missing_recordings(suite_name, extent)
                 if calibrated:
                     methods = _methods(preset or [DEFAULT_PRESET], with_baselines=False)
@@ -353,6 +363,13 @@ def _check_speed(speed: RunSpeed, suite_name: str | None, *, spoilt: bool) -> No
         import caesura_lab.retiming  # noqa: F401, PLC0415
 
 
+def _check_reading(reading: ReadingOptions, suite_name: str | None) -> None:
+    """Check that options of files come with files. Raises TruthError."""
+    given = [f"--{name.replace('_', '-')} {value}" for name, value in reading._asdict().items() if value]
+    if given and suite_name is not None:
+        raise TruthError(f"{given[0]} is for files, and --suite {suite_name} reads its own")
+
+
 def _draw(result: calibration.CalibrationReport, file: Path) -> None:
     try:
         diagram.write(result, file)
@@ -379,6 +396,7 @@ def _cases(
     recordings: Sequence[Path],
     suite_name: str | None,
     extent: SuiteOptions,
+    reading: ReadingOptions = AS_STATED,
     *,
     known: Sequence[str] = ALL_SUITES,
 ) -> list[Case]:
@@ -388,7 +406,7 @@ def _cases(
         raise TruthError(f"no suite {suite_name!r}, known: {known}")
     if suite_name is not None:
         return suite(suite_name, extent)
-    return files(recordings)
+    return files(recordings, reading)
 
 
 def _judged(

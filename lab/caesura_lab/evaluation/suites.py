@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 from zlib import crc32
 
 import numpy as np
@@ -28,7 +29,9 @@ from caesura_lab.evaluation.sensor_conditions import CONDITIONS
 from caesura_lab.evaluation.tempo import TEMPI, in_tempo
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
+from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.read import is_bag, load_recording
+from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import Recording
 
 OPEN = Path(__file__).parents[3] / "data" / "real"  # annotations of the repository, without recordings
@@ -55,12 +58,26 @@ class Case(Protocol):
         """Read or simulate it. Raises TruthError or RecordingError."""
 
 
+class ReadingOptions(NamedTuple):
+    """How files are read, as `load_recording` takes it: names and units that they do not state."""
+
+    mapping: Path | None = None
+    length_unit: str | None = None
+    time_unit: str | None = None
+    angle_unit: str | None = None
+    force_unit: str | None = None
+
+
+AS_STATED = ReadingOptions()
+
+
 @dataclass(frozen=True)
 class FileCase:
     """A recording in a file. annotation: where its truth stands, None for beside the recording."""
 
     path: Path
     annotation: Path | None = None
+    reading: ReadingOptions = AS_STATED
 
     @property
     def name(self) -> str:
@@ -82,8 +99,9 @@ class FileCase:
         truth = read_truth(self.path) if self.annotation is None else read_annotation(self.annotation)
         if truth.source is not None:
             check_hash(self.path, truth.source)
-        stated = truth.wrench_source if is_bag(self.path) or self.path.suffix in BAGS else None
-        recording = load_recording(self.path, wrench_source=stated)  # a bag of other software is asked for it
+        recording = load_recording(
+            self.path, wrench_source=self._asked_source(truth), **self.reading._asdict()
+        )
         first, last = float(recording.t.min()), float(recording.t.max())
         if truth.window[1] <= first or truth.window[0] >= last:
             window = f"window is [{truth.window[0]:g}, {truth.window[1]:g}] s"
@@ -91,6 +109,14 @@ class FileCase:
                 f"{truth.name}: {window}, and the recording lasts from {first:.10g} to {last:.10g} s"
             )
         return with_declarations(recording, truth), replace(truth, name=self.name)
+
+    def _asked_source(self, truth: Truth) -> str | None:
+        """Where the wrench was measured: a bag of other software is asked for it, unless its mapping says."""
+        mapping = self.reading.mapping
+        if not (is_bag(self.path) or self.path.suffix.lower() in BAGS):
+            return None
+        mapped = mapping is not None and "wrench_source" in load_mapping(mapping).options
+        return None if mapped else truth.wrench_source
 
 
 def check_hash(path: Path, source: RecordingSource) -> None:
@@ -169,6 +195,14 @@ class ChangedCase(ABC):
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]: ...
 
 
+def _in_metres(recording: Recording) -> Recording:
+    """The recording with its positions in metres, whatever unit the file has."""
+    if "pos" not in recording.signals:
+        return recording
+    positions = METRES[recording.length_unit] * recording.signals["pos"]
+    return replace(recording, signals=dict(recording.signals) | {"pos": positions}, length_unit="m")
+
+
 class PoorerCase(ChangedCase):
     """A case whose recording is changed as of one of CONDITIONS; its truth stays.
 
@@ -177,7 +211,7 @@ class PoorerCase(ChangedCase):
 
     def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
         rng = np.random.default_rng(crc32(self.case.name.encode()))
-        return CONDITIONS[self.condition](recording, rng), truth
+        return CONDITIONS[self.condition](_in_metres(recording), rng), truth
 
 
 class OtherTempoCase(ChangedCase):
@@ -230,20 +264,22 @@ def _taught(scenarios: Iterable[str], extent: SuiteOptions) -> list[Case]:
     ]
 
 
-def files(paths: Sequence[Path]) -> list[Case]:
-    """Recordings by name; a directory that is no rosbag2 stands for all annotated ones in it."""
-    cases: list[Case] = []
-    for path in paths:
-        cases += directory(path) if path.is_dir() and not is_bag(path) else [FileCase(path)]
-    return cases
+def files(paths: Sequence[Path], reading: ReadingOptions = AS_STATED) -> list[Case]:
+    """Recordings by name, each once; a directory that is no rosbag2 stands for all annotated ones in it."""
+    named = [file for path in paths for file in (directory(path) if _holds_recordings(path) else [path])]
+    once = {os.path.abspath(file): file for file in named}
+    return [FileCase(file, reading=reading) for file in once.values()]
 
 
-def directory(path: Path) -> list[Case]:
+def directory(path: Path) -> list[Path]:
     """Every annotated recording of a directory. Raises TruthError where there is none."""
-    cases: list[Case] = [FileCase(file) for file in _annotated(path)]
-    if not cases:
+    if not (found := _annotated(path)):
         raise TruthError(f"{path}: no annotated recording, expected x.npz with x{SUFFIX} beside it")
-    return cases
+    return found
+
+
+def _holds_recordings(path: Path) -> bool:
+    return path.is_dir() and not is_bag(path)
 
 
 def real(extent: SuiteOptions) -> list[Case]:

@@ -23,7 +23,10 @@ TEMPI: Mapping[str, tuple[float, float]] = {
 
 
 def in_tempo(recording: Recording, truth: Truth, tempo: str) -> tuple[Recording, Truth]:
-    """Return recording and truth in one of TEMPI; the wrench stays, joints of a path of another size go."""
+    """Return recording and truth in one of TEMPI; the wrench stays, joints of a path of another size go.
+
+    Joints without positions are the path themselves.
+    """
     duration, size = TEMPI[tempo]
     begun = float(recording.t[0])
 
@@ -32,9 +35,11 @@ def in_tempo(recording: Recording, truth: Truth, tempo: str) -> tuple[Recording,
 
     signals = dict(recording.signals)
     if size != 1.0:
-        middle = signals["pos"].mean(axis=0)
-        signals["pos"] = middle + size * (signals["pos"] - middle)
-        signals.pop("q", None)
+        path = "pos" if "pos" in signals else "q"
+        middle = signals[path].mean(axis=0)
+        signals[path] = middle + size * (signals[path] - middle)
+        if path == "pos":
+            signals.pop("q", None)
     retimed = replace(recording, t=begun + duration * (recording.t - begun), signals=signals)
     return retimed, _retimed(truth, time_of)
 

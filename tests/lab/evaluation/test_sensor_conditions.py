@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,16 @@ RNG_SEED = 7
 
 def under(condition: str) -> Recording:
     return CONDITIONS[condition](BASE, np.random.default_rng(RNG_SEED))
+
+
+def test_noise_is_in_metres_whatever_unit_the_file_has(tmp_path: Path):
+    """A recording in mm had 0.001 mm of noise in place of 1 mm."""
+    signals = dict(BASE.signals) | {"pos": 1000.0 * BASE.signals["pos"]}
+    replace(BASE, signals=signals, length_unit="mm").save(tmp_path / "x.npz")
+    (tmp_path / "x.ann.json").write_text(json.dumps({"window": [0, 5], "changepoints": []}))
+    noisy, _ = PoorerCase(FileCase(tmp_path / "x.npz"), "position noise 1 mm").load()
+    assert noisy.length_unit == "m"
+    assert np.std(noisy.signals["pos"] - BASE.signals["pos"]) == pytest.approx(0.001, rel=0.05)
 
 
 def of(recording: Recording, *names: str) -> np.ndarray:

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from caesura_lab.annotation.storage import new_annotation, save_annotation
-from caesura_lab.annotations import ToleranceOptions, TrueSegment, Truth, TruthError, truth_of
+from caesura_lab.annotations import (
+    ToleranceOptions,
+    TrueSegment,
+    Truth,
+    TruthError,
+    truth_file,
+    truth_of,
+)
 from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
 from caesura_lab.evaluation.baselines import Baseline, thresholds
@@ -23,6 +32,7 @@ from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import judge, judge_all
 from caesura_lab.evaluation.suites import (
     FileCase,
+    ReadingOptions,
     SimulatedDemonstration,
     SuiteOptions,
     missing_recordings,
@@ -324,6 +334,59 @@ def test_a_bag_beside_its_recording_is_not_judged_twice(tmp_path: Path):
     (tmp_path / "one" / "metadata.yaml").touch()
     (tmp_path / "one.mcap").touch()
     assert [case.name for case in suites.files([tmp_path])] == ["one.npz"]
+
+
+def test_a_recording_that_is_named_twice_is_judged_once(tmp_path: Path):
+    """`caesura evaluate data/button.npz data` counted it twice, and its interval was too narrow."""
+    for name in ("one", "two"):
+        shutil.copy(BUTTON, tmp_path / f"{name}.npz")
+        (tmp_path / f"{name}.ann.json").write_text(json.dumps(EMPTY))
+    named = [tmp_path / "two.npz", tmp_path, tmp_path / ".." / tmp_path.name / "two.npz"]
+    assert [case.name for case in suites.files(named)] == ["two.npz", "one.npz"]
+
+
+MAPPING = """
+wrench_source = "flange_sensor"
+[time]
+column = "Time [ms]"
+unit = "ms"
+[columns]
+px = { column = "X", unit = "mm" }
+py = { column = "Y", unit = "mm" }
+pz = { column = "Z", unit = "mm" }
+"""
+
+
+def test_a_csv_of_other_software_is_judged_with_its_mapping(tmp_path: Path):
+    """`caesura annotate log.csv --mapping log.toml` made an annotation that nothing could be judged by."""
+    table, mapping = tmp_path / "log.csv", tmp_path / "log.toml"
+    mapping.write_text(MAPPING)
+    rows = np.column_stack([BASE.t, BASE.signals["pos"]])[::10] * 1000.0
+    np.savetxt(table, rows, delimiter=",", header="Time [ms],X,Y,Z", comments="")
+    save_annotation(new_annotation(load_recording(table, mapping=mapping), table, "A"), truth_file(table))
+    (case,) = suites.files([table], ReadingOptions(mapping=mapping))
+    recording, truth = pickle.loads(pickle.dumps(case)).load()
+    np.testing.assert_allclose(recording.signals["pos"], BASE.signals["pos"][::10], atol=1e-9)
+    assert truth.window == pytest.approx((0.0, recording.t[-1]), abs=1e-3)
+
+
+def test_a_csv_in_another_unit_is_judged_in_it(tmp_path: Path):
+    table = tmp_path / "log.csv"
+    rows = np.column_stack([BASE.t, 1000.0 * BASE.signals["pos"]])[::10]
+    np.savetxt(table, rows, delimiter=",", header="t,px,py,pz", comments="")
+    truth_file(table).write_text(json.dumps(EMPTY))
+    (case,) = suites.files([table], ReadingOptions(length_unit="mm"))
+    assert case.load()[0].length_unit == "mm"
+
+
+def test_the_source_of_a_bags_wrench_is_its_mappings_before_its_annotations(tmp_path: Path):
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(BASE), "mcap")
+    annotation = new_annotation(load_recording(bag, wrench_source="flange_sensor"), bag, "A")
+    save_annotation(annotation, tmp_path / "bag.ann.json")
+    for stated, source in (('wrench_source = "none"', "none"), ("", "flange_sensor")):
+        (tmp_path / "bag.toml").write_text(stated)
+        (case,) = suites.files([bag], ReadingOptions(mapping=tmp_path / "bag.toml"))
+        assert case.load()[0].wrench_source == source
 
 
 def test_the_environment_names_the_directory_of_recordings(tmp_path: Path):

@@ -32,6 +32,13 @@ def test_duration_and_path_have_their_factors_and_the_wrench_stays(tempo: str) -
     assert ("q" in changed.signals) == (size == 1.0 and "q" in BASE.signals)
 
 
+def test_a_path_of_joints_alone_has_its_size() -> None:
+    """A recording without positions beside the others ended the suite with KeyError: 'pos'."""
+    joints = replace(BASE, signals={"q": BASE.signals["q"]})
+    changed, _ = in_tempo(joints, TRUTH, "twice the size")
+    assert path_m(changed.signals["q"]) == pytest.approx(2.0 * path_m(BASE.signals["q"]))
+
+
 def test_every_true_time_stays_at_its_sample() -> None:
     later = replace(BASE, t=BASE.t + 1000.0)
     at = replace(TRUTH.points[0], t=float(later.t[40]), t_alt=float(later.t[20]))

@@ -7,17 +7,20 @@ are held for longer, it is cut at them. Pure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.columns import signal_columns
 from caesura_protocol.sample_limits import HOLD_S
 
 Array = NDArray[np.float64]
 
 NEEDED_HZ = 25.0  # two poses and a half for each step of 0.1 s; slower ones are named
 LEAST_HELD = 20  # poses that repeat; a hand that stops now and then has fewer
+LATEST = 400  # readings of a live pose that are judged
 LEAST_REPEATED = 0.25  # of the samples between poses that are read
 SELDOM_S = 0.5  # between two readings of a moving robot at most
 LEAST_TOO_SELDOM = 0.25  # of the poses that are read: those that are held for longer than the limit
@@ -42,20 +45,64 @@ def slow_pose(t: Array, signals: Mapping[str, Array]) -> str | None:
     >>> slow_pose(t, {"pos": np.column_stack([np.floor(t * 10.0 + 1e-9)] * 3)}).partition(" and ")[0]
     'The pose is read about 10 times a second'
     """
-    names = ("pos", "quat") if "pos" in signals else ("q",)
-    pose = np.hstack([signals[name] for name in names if name in signals])
+    names = _pose_signals(signals)
+    if not names:
+        return None
+    pose = np.hstack([signals[name] for name in names])
     new = np.flatnonzero((pose[1:] != pose[:-1]).any(axis=1)) + 1
-    apart, samples = np.diff(t[new]), np.diff(new)
+    return _slow(np.diff(t[new]), np.diff(new))
+
+
+class PoseReadings:
+    """How often a live pose is read: a fold over samples that keeps the newest `LATEST` readings.
+
+    columns: of the samples, `t` first. What is found once stands.
+    """
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        known = signal_columns(columns)
+        names = [name for signal in _pose_signals(known) for name in known[signal]]
+        self.slow: str | None = None  # as of `slow_pose`
+        self._places = [list(columns).index(name) for name in names]
+        self._last: Array | None = None  # the newest pose
+        self._count = 0  # of samples
+        self._held = 0  # readings that were repeated, since they were judged
+        self._read: deque[tuple[float, int]] = deque(maxlen=LATEST)  # time [s] and number of its sample
+
+    def push(self, rows: NDArray[np.floating]) -> None:
+        """Take further samples (k, columns)."""
+        if self.slow is not None or not self._places or not len(rows):
+            return
+        pose = np.asarray(rows, np.float64)[:, self._places]
+        before = np.concatenate([pose[:1] if self._last is None else self._last[None], pose[:-1]])
+        for i in np.flatnonzero((pose != before).any(axis=1)).tolist():
+            number = self._count + i
+            self._held += bool(self._read) and number - self._read[-1][1] > 1
+            self._read.append((float(rows[i, 0]), number))
+        self._last, self._count = pose[-1].copy(), self._count + len(rows)
+        if self._held >= LEAST_HELD:
+            self._held = 0
+            t, numbers = (np.array(column) for column in zip(*self._read, strict=True))
+            self.slow = _slow(np.diff(t), np.diff(numbers))
+
+
+def _pose_signals(there: Mapping[str, object]) -> list[str]:
+    """Names of the signals that are the pose."""
+    return [name for name in (("pos", "quat") if "pos" in there else ("q",)) if name in there]
+
+
+def _slow(apart: Array, samples: NDArray[np.int64]) -> str | None:
     return _held_too_long(apart, samples) or _held(apart, samples)
 
 
 def _held_too_long(apart: Array, samples: NDArray[np.int64]) -> str | None:
     """Name readings that are too seldom; apart [s], and how many samples apart."""
     read = (apart > 0.0) & (apart <= SELDOM_S)
-    long = read & (apart > HOLD_S) & (samples > 1)
+    repeated = read & (samples > 1)
+    long = repeated & (apart > HOLD_S)
     if np.count_nonzero(long) < max(LEAST_HELD, LEAST_TOO_SELDOM * np.count_nonzero(read)):
         return None
-    return TOO_SELDOM.format(read=1.0 / float(np.median(apart[read])), limit=HOLD_S, needed=ENOUGH_HZ)
+    return TOO_SELDOM.format(read=1.0 / float(np.median(apart[repeated])), limit=HOLD_S, needed=ENOUGH_HZ)
 
 
 def _held(apart: Array, samples: NDArray[np.int64]) -> str | None:

@@ -99,6 +99,17 @@ def test_a_lost_tail_is_determined_by_the_heartbeat_while_the_robot_rests(memory
     assert service.beats[-1].seq == 2
 
 
+def test_a_source_that_reads_its_pose_seldom_is_named(memory):
+    t = np.arange(1000) / 100.0
+    x = 0.1 * np.floor(t * 7.0) / 7.0
+    source = LiveSource([np.column_stack([t, x, x, x])])
+    with FakeService(memory.transport()), Bridge(memory.transport(), "cell-1", source) as bridge:
+        bridge.wait_open(30.0)
+        assert bridge.slow_pose is None
+        bridge.run()
+        assert "about 7.1 times a second" in bridge.slow_pose
+
+
 def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
     now_s = [0.0]
     with (

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli import build
-from caesura_clients.cli.bridge import _teller, reporting_storage
+from caesura_clients.cli.bridge import _teller, reporting_pose, reporting_storage
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
@@ -115,6 +115,25 @@ def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeyp
         opened.stuck_s = 0.0
         eventually(lambda: printed("the service stores again"))
     assert "".join(said).count("cannot store") == 1
+
+
+def test_bridge_says_once_that_the_pose_is_read_seldom(monkeypatch, capsys):
+    monkeypatch.setattr("caesura_clients.cli.bridge.LOOK_S", 0.01)
+
+    class Seldom:
+        slow_pose = None
+
+    opened, said = Seldom(), []
+
+    def printed(words: str) -> bool:
+        said.append(capsys.readouterr().err)
+        return words in "".join(said)
+
+    with reporting_pose(opened):
+        opened.slow_pose = "The pose is read about 7.1 times a second."
+        eventually(lambda: printed("warning: The pose is read about 7.1 times a second."))
+    printed("")
+    assert "".join(said).count("The pose") == 1
 
 
 def refusing(**changes):

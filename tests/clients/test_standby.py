@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 
+import numpy as np
 import pytest
 
 from caesura_clients import describing
@@ -134,6 +135,32 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
             assert stopped.result(DEADLINE_S).session == session
         assert (service.state, service.next_seq) == ("closed", 2)
         assert standby.status.outcome == "closed with 2 batches"
+        over.set()
+
+
+def test_the_outcome_says_that_the_pose_is_read_seldom(over):
+    network, given = MemoryNetwork(), threading.Event()
+    t = np.arange(1000) / 100.0
+    x = 0.1 * np.floor(t * 7.0) / 7.0
+
+    def one_chunk() -> Iterator:
+        given.wait(DEADLINE_S)
+        yield np.column_stack([t, x, x, x])
+        given.clear()
+        over.wait(DEADLINE_S)
+
+    with (
+        FakeService(network.transport()) as service,
+        standing_by(network, lambda: nullcontext(Robot(over, one_chunk))) as standby,
+    ):
+        eventually(lambda: standby.status.state == "ready")
+        operator = network.transport()
+        describing.start(operator, STATION)
+        given.set()
+        eventually(lambda: service.batches)
+        eventually(lambda: not given.is_set())
+        describing.stop(operator, STATION)
+        assert "; The pose is read about 7.1 times a second" in standby.status.outcome
         over.set()
 
 

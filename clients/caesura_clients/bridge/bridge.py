@@ -42,6 +42,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Un
 from caesura_protocol.keys import check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
 from caesura_protocol.plausibility import FirstSecond
+from caesura_protocol.pose_reading import PoseReadings
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.transport.inbox import Inbox
@@ -100,6 +101,7 @@ class Bridge:
         self._holds_token = holds_token
         opening = self._open
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
+        self._pose_readings = PoseReadings(opening.columns)
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,
             max_samples=self.settings.ring_samples,
@@ -145,6 +147,11 @@ class Bridge:
     def is_open(self) -> bool:
         """Has a service acknowledged the session?"""
         return self._is_open
+
+    @property
+    def slow_pose(self) -> str | None:
+        """What is said of a pose that the source reads seldom and repeats; None where it does not."""
+        return self._pose_readings.slow
 
     @property
     def stuck_s(self) -> float:
@@ -215,6 +222,7 @@ class Bridge:
         for start in range(0, len(chunk), step):
             self._check_units(chunk[start : start + step])
             self._sender.push(chunk[start : start + step])
+            self._pose_readings.push(chunk[start : start + step])
             if self._source.can_wait:
                 self._wait_for_room()
 

@@ -207,6 +207,8 @@ class Standby:
                 why = self._follow(one, bridge, source, feed)
                 self._change(state="stopping", session=one.session)
                 outcome = self._store(one, bridge) + why
+                if bridge.slow_pose is not None and not source.can_wait:  # a file names it when it is opened
+                    outcome += f"; {bridge.slow_pose.rstrip('.')}"
         except Unreachable as error:
             self._abandoned.add(one.session)
             outcome = f"not stored as a whole: {error}"

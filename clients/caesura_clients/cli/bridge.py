@@ -179,6 +179,7 @@ def bridge(
             with (
                 watch_services(caesura.transport, _teller()),
                 reporting_storage(opened),
+                nullcontext() if samples.can_wait else reporting_pose(opened),  # a file names it at once
                 marking(opened) if marker else nullcontext(),
                 ended_by_sigterm(),
             ):
@@ -271,6 +272,26 @@ def reporting_storage(opened: Bridge) -> Iterator[None]:
                 typer.echo("the service stores again", err=True)
 
     with ThreadPoolExecutor(1, thread_name_prefix="storage") as pool:
+        looking = pool.submit(look)
+        try:
+            yield
+        finally:
+            over.set()
+            looking.result()
+
+
+@contextmanager
+def reporting_pose(opened: Bridge) -> Iterator[None]:
+    """Says once that the source reads its pose seldom."""
+    over = threading.Event()
+
+    def look() -> None:
+        while opened.slow_pose is None and not over.wait(LOOK_S):
+            pass
+        if opened.slow_pose is not None:
+            typer.echo(f"warning: {opened.slow_pose}", err=True)
+
+    with ThreadPoolExecutor(1, thread_name_prefix="pose") as pool:
         looking = pool.submit(look)
         try:
             yield

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.messages import Quantity
 from caesura_protocol.plausibility import METRES, implausible
+from caesura_protocol.pose_reading import slow_pose
 from caesura_protocol.recording import Recording, unit_remedy
 from caesura_protocol.sample_limits import HOLE_S
 
@@ -46,10 +47,17 @@ Samples = CheckedSamples | Recording
 
 
 def check_samples(samples: Samples) -> Iterator[CheckResult]:
-    """Rate, signals and noise."""
+    """Rate, pose, signals and noise."""
     yield from check_rate(samples)
+    yield from check_pose(samples)
     yield check_signals(samples)
     yield from check_noise(samples)
+
+
+def check_pose(samples: Samples) -> Iterator[CheckResult]:
+    """Whether the pose is read often enough."""
+    if (slow := slow_pose(samples.t, samples.signals)) is not None:
+        yield CheckResult("warn", "pose", slow, "look at what the source reads the pose from")
 
 
 def check_rate(samples: Samples) -> Iterator[CheckResult]:

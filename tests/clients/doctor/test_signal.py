@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_clients.doctor.run_checks import examine_recording
-from caesura_clients.doctor.signal import cells_at_rest
+from caesura_clients.doctor.signal import CheckedSamples, cells_at_rest, check_samples
 from caesura_protocol.recording import Recording
 from clients.doctor.judged import grades, said
 
@@ -75,6 +75,15 @@ def test_samples_are_judged(taught, check, grade, words):
     found = list(examine_recording(taught))
     assert grades(found, check) == [grade]
     assert words in said(found, check)
+
+
+def test_a_live_pose_that_is_read_seldom_is_named():
+    t = np.arange(1000) / 100.0
+    x = 0.1 * np.floor(t * 7.0) / 7.0
+    live = CheckedSamples(t, {"pos": np.column_stack([x, x, x])})
+    found = list(check_samples(live))
+    assert grades(found, "pose") == ["warn"]
+    assert "about 7.1 times a second" in said(found, "pose")
 
 
 def test_a_robot_that_never_rests_says_nothing_of_noise():

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.plausibility import METRES
-from caesura_protocol.recording import ASSUMED_ORDER, QUATERNION_ORDERS, Recording
+from caesura_protocol.recording import ASSUMED_ORDER, Recording
 from caesura_protocol.rotations import matrices_of
 from caesura_protocol.sample_limits import TARE_S
 from caesura_service.changepoint.presets import PRESETS, Preset
@@ -25,6 +25,13 @@ Array = NDArray[np.float64]
 
 COMPARED = 200  # samples whose orientation is compared with the joints
 AGREES_RAD, DIFFERS_RAD = 0.1, 0.3
+READ_ORDER = "xyzw"
+WRONG_ORDERS = {  # of columns that are read as x, y, z, w: what is said of them
+    "wxyz": "w, x, y, z and not in x, y, z, w, in which they are read: reorder them, or state "
+    "quaternion_order wxyz in the npz file.",
+    # x, y, z, w of a file that states w, x, y, z, once reordered
+    "yzwx": "x, y, z, w and not in w, x, y, z, which the file states: state quaternion_order xyzw.",
+}
 ASSUMED_ARM = "panda"  # of seven joints, as the service reads them
 CELL_S = 0.1
 RISING_M_PER_S = 0.01
@@ -45,15 +52,15 @@ def _of_assumptions(recording: Recording) -> Iterator[str]:
     """What the reader assumed; where joints show the order of the quaternions, that order."""
     order = order_of_quaternions(recording)
     yield from (one for one in recording.assumed if one != ASSUMED_ORDER or order is None)
-    if order == "wxyz":
-        yield (
-            "Warning: the quaternions agree with the joints in the order w, x, y, z and not in x, y, z, w, "
-            "in which they are read: reorder them, or state quaternion_order wxyz in the npz file."
-        )
+    if order in WRONG_ORDERS:
+        yield f"Warning: the quaternions agree with the joints in the order {WRONG_ORDERS[order]}"
 
 
 def order_of_quaternions(recording: Recording) -> str | None:
-    """`xyzw` or `wxyz` where the joints fit one order and not the other; None where both may be."""
+    """The order that the joints fit, where they do not fit the others: `xyzw`, or one of `WRONG_ORDERS`.
+
+    Else None.
+    """
     signals, name = recording.signals, recording.setting.robot or ASSUMED_ARM
     if not {"quat", "q"} <= set(signals):
         return None
@@ -65,9 +72,9 @@ def order_of_quaternions(recording: Recording) -> str | None:
     read = signals["quat"][chosen]
     errors = {
         order: _disagreements(expected, read[:, [order.index(axis) for axis in "xyzw"]])
-        for order in QUATERNION_ORDERS
+        for order in (READ_ORDER, *WRONG_ORDERS)
     }
-    for one, other in (QUATERNION_ORDERS, QUATERNION_ORDERS[::-1]):
+    for one, other in ((READ_ORDER, "wxyz"), *((wrong, READ_ORDER) for wrong in WRONG_ORDERS)):
         pairs = zip(errors[one], errors[other], strict=True)
         if any(fits < AGREES_RAD and differs > DIFFERS_RAD for fits, differs in pairs):
             return one

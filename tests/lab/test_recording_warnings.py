@@ -59,6 +59,19 @@ def test_quaternions_that_fit_the_joints_in_another_order_are_named():
     assert "quaternion_order wxyz" in warning
 
 
+def test_an_order_that_is_stated_and_that_the_joints_do_not_fit_is_named(tmp_path: Path):
+    """A program had the orientations of a wrong order, because the file stated one."""
+    file = tmp_path / "stated.npz"
+    PICK_AND_PLACE.save(file)
+    stored = {**np.load(file), "quaternion_order": "wxyz"}
+    np.savez(file, **stored)
+    (warning,) = recording_warnings(load_recording(file), "default")
+    assert "in the order x, y, z, w and not in w, x, y, z, which the file states" in warning
+    stored["quat"] = stored["quat"][:, [3, 0, 1, 2]]
+    np.savez(file, **stored)
+    assert recording_warnings(load_recording(file), "default") == ()
+
+
 def test_an_assumed_order_is_shown_unless_the_joints_confirm_it():
     assert ASSUMED_ORDER in PICK_AND_PLACE.assumed
     assert recording_warnings(PICK_AND_PLACE, "default") == ()

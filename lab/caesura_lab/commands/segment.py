@@ -168,8 +168,8 @@ def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> 
     if ignored := ignored_line(recording):
         yield ignored
     if view.repeats:
-        verb = "was" if view.repeats == 1 else "were"
-        yield f"{view.repeats} of {view.samples} samples {verb} dropped: their time did not advance"
+        verb, whose = ("was", "its") if view.repeats == 1 else ("were", "their")
+        yield f"{view.repeats} of {view.samples} samples {verb} dropped: {whose} time did not advance"
     for gap in view.gaps[:SHOWN_GAPS]:
         yield f"nothing is known between {clock.shown(gap.t0)} s and {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:

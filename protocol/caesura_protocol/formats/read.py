@@ -24,7 +24,13 @@ from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.npz import read_npz
 from caesura_protocol.formats.raw_recording import Array, RawRecording
-from caesura_protocol.formats.sample_checks import check_clock, check_time_steps, check_values, left_out
+from caesura_protocol.formats.sample_checks import (
+    check_clock,
+    check_time_steps,
+    check_values,
+    left_out,
+    stray_places,
+)
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
 from caesura_protocol.plausibility import UNITS
@@ -118,7 +124,8 @@ def load_recording(
     if check_units:
         check_clock(recording)
     slow = slow_pose(recording.t, recording.signals)
-    recording = replace(recording, cautions=(*left_out(recording), *([slow] if slow else [])))
+    of_places = filter(None, (slow, stray_places(recording)))
+    recording = replace(recording, cautions=(*left_out(recording), *of_places))
     return recording if as_stated else _with_usable_wrench(recording)
 
 

@@ -6,7 +6,7 @@ advance; those that follow a step back are named here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,13 @@ from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERA
 SHOWN = 3  # steps back that are listed
 FAR_S = 1e6  # from here on times are shown from the first sample on: six digits do not separate them
 REPEATED_SHARE = 0.1
+MOST_STRAY = 3  # samples that follow each other
+LEAST_LEAP_S = 0.01  # times of samples that came in a burst are closer
+#: Factor and unit of a recording's places, and the speed and the leap above which no arm's are.
+LEAPS: Mapping[str, Callable[[Recording], tuple[float, str, float, float]]] = {
+    "pos": lambda recording: (METRES[recording.length_unit], "m", 5.0, 0.02),
+    "q": lambda _: (1.0, "rad", 20.0, 0.1),
+}
 
 
 def check_values(recording: Recording) -> None:
@@ -70,6 +77,40 @@ def left_out(recording: Recording) -> tuple[str, ...]:
             "written twice, or are digits of their times cut off?"
         )
     return tuple(found)
+
+
+def stray_places(recording: Recording) -> str | None:
+    """Name samples whose place is far from those before and after, which are near each other; else None.
+
+    A value that was lost and written as 0 leaps so. No robot is there and back within a few samples.
+    """
+    signal = "pos" if "pos" in recording.signals else "q"
+    scale, unit, speed, least = LEAPS[signal](recording)
+    t, places = recording.t, scale * recording.signals[signal]
+    stray = np.zeros(t.size, bool)
+    for run in range(1, MOST_STRAY + 1):
+        if t.size <= run + 1:
+            break
+        before, first, last, after = places[: -run - 1], places[1:-run], places[run:-1], places[run + 1 :]
+        limit = least + speed * np.maximum(t[run + 1 :] - t[: -run - 1], LEAST_LEAP_S)
+        leap = np.minimum(_distances(before, first), _distances(last, after))
+        found = np.flatnonzero((leap > limit) & (_distances(before, after) < 0.5 * leap))
+        for offset in range(run):
+            stray[found + 1 + offset] = True
+    if not stray.any():
+        return None
+    row = int(stray.argmax())
+    leapt = float(_distances(places[row - 1 : row], places[row : row + 1])[0])
+    return (
+        f"{recording.place(row).capitalize()}: {signal} leaps by {leapt:.3g} {unit} and comes back. "
+        f"{stray.sum()} of {t.size} samples lie so apart from those before and after. Are they lost values? "
+        "Leave these samples out."
+    )
+
+
+def _distances(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    distances: NDArray[np.float64] = np.linalg.norm(other - one, axis=1)
+    return distances
 
 
 def check_clock(recording: Recording) -> None:

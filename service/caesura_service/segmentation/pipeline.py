@@ -20,6 +20,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Change, Gap, Open, Phase, WrenchReport
 from caesura_protocol.plausibility import UNITS, FirstSecond
+from caesura_protocol.robots import RobotError
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.preset import Preset
@@ -100,7 +101,8 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         robot = _robot_of(opening)
         return SegmentationPipeline(_layout(opening, robot), preset, opening, arm=_arm_of(opening, robot))
     except ValueError as error:
-        raise ProtocolError("malformed", str(error), value=list(opening.columns)) from error
+        value = opening.robot if isinstance(error, RobotError) else list(opening.columns)
+        raise ProtocolError("malformed", str(error), value=value) from error
 
 
 def layout_of(opening: Open) -> SampleLayout:
@@ -123,7 +125,7 @@ def _robot_of(opening: Open) -> Robot | None:
     robot = None if name is None else load_robot(name)
     if robot is not None and joints not in {0, robot.joints}:
         stated = f"robot is {name!r}, which has {robot.joints} joints"
-        raise ValueError(f"{stated}; the columns have {joints}: q1 to q{joints}")
+        raise RobotError(f"{stated}; the columns have {joints}: q1 to q{joints}")
     return robot
 
 

@@ -88,6 +88,7 @@ def test_a_robot_that_does_not_fit_is_refused_with_both_values(
     with pytest.raises(ProtocolError) as refusal:
         make_pipeline(opening(columns, robot), "default")
     assert said in refusal.value.message
+    assert refusal.value.value == (robot or list(columns))
 
 
 def test_six_joints_beside_a_pose_need_no_robot() -> None:

@@ -18,7 +18,14 @@ from caesura_protocol.keys import (
     session_key,
     station_key,
 )
-from caesura_protocol.messages import Heartbeat, SampleBatch, ServiceStatus, SessionStatus, Snapshot
+from caesura_protocol.messages import (
+    BridgeStatus,
+    Heartbeat,
+    SampleBatch,
+    ServiceStatus,
+    SessionStatus,
+    Snapshot,
+)
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.network import Transport
 
@@ -57,6 +64,7 @@ class ProbeResult:
     )  # of each session, in order
     batches: dict[tuple[str, str], list[SampleBatch]] = field(default_factory=dict)  # where that is allowed
     parallel: ParallelSessions = field(default_factory=ParallelSessions)
+    standby: dict[str, BridgeStatus] = field(default_factory=dict)  # the last of each station's, in standby
     refusals: list[ProtocolError] = field(default_factory=list)
     listened_s: float = 0.0
     others: list[str] = field(default_factory=list)  # stations, where the one that was asked for is not there
@@ -74,7 +82,8 @@ def probe_network(transport: Transport, station: str = "*", *, seconds: float) -
     probed.reported = _statuses(transport, probed)
     with ExitStack() as stack:
         inbox = Inbox(MOST_BATCHES)
-        for key in (session_key(station, "*", "status"), station_key(station, "samples")):
+        listened = [station_key(station, part) for part in ("samples", "bridge_status")]
+        for key in (session_key(station, "*", "status"), *listened):
             stack.enter_context(transport.subscribe(key, inbox))
         began = time.monotonic()
         for one in _snapshots(transport, station, probed):
@@ -130,7 +139,10 @@ def _add_message(probed: ProbeResult, item: ReceivedSample, at: float) -> None:
         _add_status(probed, ReceivedStatus(at, status))
         probed.parallel.reach(status.station, status.session, status.t)
         return
-    name = parse_station_key(item.key)[0]
+    name, part = parse_station_key(item.key)
+    if part == "bridge_status":
+        probed.standby[name] = decode(item.payload, item.encoding, BridgeStatus)
+        return
     message = decode(item.payload, item.encoding, SampleBatch, Heartbeat)
     if isinstance(message, SampleBatch):
         probed.batches.setdefault((name, message.session), []).append(message)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from caesura_clients.doctor.findings import CheckResult, first_of, graded
+from caesura_clients.doctor.findings import Case, CheckResult, first_of, graded
 from caesura_clients.doctor.probes import ProbeResult, ReceivedStatus
 from caesura_clients.doctor.signal import (
     CheckedSamples,
@@ -19,7 +19,7 @@ from caesura_clients.doctor.signal import (
 from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, SampleBatch, SessionStatus
+from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, BridgeStatus, SampleBatch, SessionStatus
 
 FEWEST_SAMPLES = 100  # that say something of a rate
 UNWRITABLE = "cannot write its journal"
@@ -46,6 +46,7 @@ class StationProbe:
     listened_s: float
     open_sessions: frozenset[str] = frozenset()
     parallel: Sequence[str] = ()  # those that several bridges teach at once
+    standby: BridgeStatus | None = None  # of its bridge, where that is in standby
     unwritable: str | None = None  # the instance that serves it and cannot write its journal
 
     @property
@@ -103,7 +104,15 @@ def _station(probed: ProbeResult, name: str) -> StationProbe:
     unwritable = min(owner, default=None) if owner <= full else None
     parallel = [session for session in probed.parallel.at(name) if session in opened]
     return StationProbe(
-        name, name in probed.bridges, current, batches, probed.listened_s, opened, parallel, unwritable
+        name,
+        name in probed.bridges,
+        current,
+        batches,
+        probed.listened_s,
+        opened,
+        parallel,
+        probed.standby.get(name),
+        unwritable,
     )
 
 
@@ -125,6 +134,7 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
             "bridge",
             (station.strangers and station.unwritable, "bad", full, ROOM),
             (station.strangers, "bad", f"samples come, and {last}", refused),
+            *_standby_cases(station.standby, last),
             (station.connected, "warn", f"connected, and {last}", passing),
             (True, "ok", f"not connected, and {last}", ""),
         )
@@ -137,6 +147,20 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
         (len(station.parallel) > 1, "bad", in_words(station.name, station.parallel), REMEDY),
         (station.connected, "ok", f"connected, session {status.session} on {status.instance}", ""),
         (True, "bad", f"session {status.session} is open and no bridge is connected", again),
+    )
+
+
+def _standby_cases(standby: BridgeStatus | None, last: str) -> tuple[Case, ...]:
+    """What is said of a bridge in standby while no session is open."""
+    if standby is None:
+        return ()
+    failed = f"in standby, and cannot teach: {standby.problem or standby.state}"
+    if standby.outcome:
+        last = f"{standby.last_session} {standby.outcome}"
+    return (
+        (standby.state == "failed", "bad", failed, "look at the robot, and at the bridge's terminal"),
+        (standby.problem, "warn", f"in standby: {standby.problem}", "see the bridge's terminal"),
+        (standby.state == "ready", "ok", f"in standby, waits for a start; {last}", ""),
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from caesura_clients.doctor.probes import ReceivedStatus
 from caesura_clients.doctor.run_checks import judge
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Gap, Refusal, ServiceStatus
+from caesura_protocol.messages import BridgeStatus, Gap, Refusal, ServiceStatus
 from clients.doctor.judged import NOW, batch_of, grades, received, said, service, status, well
 from clients.examples import example
 
@@ -59,6 +59,33 @@ def test_a_journal_in_trouble_in_memory_or_full_is_said():
         found = list(judge(well(reported=[service(journal=whole.model_copy(update=update))])))
         assert grades(found, "journal") == [grade]
         assert words in said(found, "journal")
+
+
+@pytest.mark.parametrize(
+    ("changes", "grade", "words"),
+    [
+        ({}, "ok", "in standby, waits for a start; no session is open"),
+        (
+            {"last_session": "s1", "outcome": "closed with 9 batches; the source has ended"},
+            "ok",
+            "s1 closed with 9 batches; the source has ended",
+        ),
+        ({"problem": "the button was pressed, and nothing began"}, "warn", "in standby: the button"),
+        (
+            {"state": "failed", "problem": "the source is lost: no route"},
+            "bad",
+            "the source is lost: no route",
+        ),
+    ],
+)
+def test_a_bridge_in_standby_is_well_while_it_waits(changes, grade, words):
+    """One that waited for a start was named as one that has just ended, or is beginning."""
+    probed = received(well(), state="closed")
+    station = probed.bridges[0]
+    standby = BridgeStatus(station=station, bridge="host-1", state="ready", source="franky")
+    found = list(judge(replace(probed, standby={station: standby.model_copy(update=changes)})))
+    assert grades(found, "bridge") == [grade]
+    assert words in said(found, "bridge")
 
 
 FULL = "/var/caesura.sqlite cannot be written, there is no room left"

@@ -22,8 +22,8 @@ from caesura_clients.query import snapshots
 from caesura_protocol.codec import Encoded, encode
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import AccessDenied, Unreachable
-from caesura_protocol.keys import service_key, session_key
-from caesura_protocol.messages import ServiceStatus
+from caesura_protocol.keys import service_key, session_key, station_key
+from caesura_protocol.messages import BridgeStatus, ServiceStatus
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.answering import Answering
 from clients.conftest import free_port
@@ -66,6 +66,24 @@ def test_rubbish_that_a_peer_publishes_is_reported_and_not_fatal():
     shouting.join()
     assert probed.refusals
     assert probed.batches == {}
+
+
+def test_what_a_bridge_in_standby_says_is_listened_to():
+    memory, over = MemoryNetwork(), threading.Event()
+    waits = BridgeStatus(station="cell-1", bridge="host-1", state="ready", source="franky")
+
+    def publish() -> None:
+        while not over.wait(0.005):
+            memory.transport().put(station_key("cell-1", "bridge_status"), encode(waits))
+
+    publishing = threading.Thread(target=publish, daemon=True)
+    publishing.start()
+    try:
+        probed = probe_network(memory.transport(), seconds=0.1)
+    finally:
+        over.set()
+        publishing.join()
+    assert (probed.standby, probed.refusals) == ({"cell-1": waits}, [])
 
 
 @pytest.fixture

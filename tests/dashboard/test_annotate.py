@@ -130,7 +130,7 @@ def test_what_was_not_saved_at_the_end_is_in_a_file(
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
         press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "q")
-        expect(page.locator(".selection")).to_contain_text("1 changepoints, not saved")
+        expect(page.locator(".selection")).to_contain_text("1 changepoint, not saved")
         press(page, "Home", "2", "Shift+ArrowRight", "c", "2")
         expect(page.locator(".message")).to_contain_text(
             "motion from 0.00 to 1.00 s, over 1 major changepoint"
@@ -146,7 +146,7 @@ def test_what_was_not_saved_at_the_end_is_in_a_file(
 def test_an_existing_annotation_is_continued(file: Path, annotation: Path, visitor: Visitor):
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
-        expect(page.locator(".selection")).to_contain_text("1 changepoints, saved")
+        expect(page.locator(".selection")).to_contain_text("1 changepoint, saved")
         press(page, "]", "-", "s")
         expect(page.locator(".message")).to_contain_text("guided.ann.json")
         page.reload()
@@ -162,7 +162,7 @@ def test_keys_before_the_connection_stands_keep_their_order(file: Path, annotati
     """A key that is pressed as the connection comes to stand was carried out before earlier ones."""
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
-        expect(page.locator(".selection")).to_contain_text("1 changepoints, saved")
+        expect(page.locator(".selection")).to_contain_text("1 changepoint, saved")
         page.wait_for_function("window.did_handshake")
         page.evaluate(
             """() => {
@@ -189,6 +189,33 @@ def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(shared: Ann
     expect(said).to_contain_text(re.compile(r"nearest: corner at \d\.\d{3} s"))
     at = float(re.search(r"Time (\d\.\d{3})", said.inner_text()).group(1))  # type: ignore[union-attr]
     assert at == pytest.approx(guided().t[-1] / 2, rel=0.1)
+
+
+def test_a_key_with_caps_lock_does_what_it_does_without(file: Path, visitor: Visitor):
+    """Q W E R stand in the docs, and with the caps lock on, the page took none of them."""
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "Q")
+        expect(page.locator(".message")).to_have_text("start at 1.000 s")
+        expect(page.locator(".selection")).to_contain_text("1 changepoint, not saved")
+
+
+def test_at_a_changepoint_page_and_message_mean_the_segment_that_begins(file: Path, visitor: Visitor):
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        press(
+            page,
+            *["ArrowRight"] * STEPS_TO_A_SECOND,
+            "q",
+            "Home",
+            "1",
+            *["ArrowRight"] * STEPS_TO_A_SECOND,
+            "2",
+        )
+        expect(page.locator(".message")).to_contain_text("motion from 1.00 to")
+        expect(page.locator(".selection")).to_contain_text("motion from 1.00 to")
+        press(page, "End")
+        expect(page.locator(".selection")).to_contain_text("motion from 1.00 to")
 
 
 def test_an_edit_that_does_not_apply_says_why(shared: Annotate, visitor: Visitor):

@@ -9,6 +9,7 @@ const LEAST_S = 0.2;
 const STEP_S = 0.05;
 const FINE_STEP_S = 0.005;
 const PANELS = 4;
+const milliseconds = (t) => Math.round(1000 * t) / 1000; // as the annotation has it
 
 export default {
   props: { signals: Object, initial: Object },
@@ -17,7 +18,7 @@ export default {
   data() {
     const t = this.signals.t;
     return {
-      first: t[0], last: t[t.length - 1], from: t[0], to: t[t.length - 1], cursor: t[0],
+      first: t[0], last: t[t.length - 1], from: t[0], to: t[t.length - 1], cursor: milliseconds(t[0]),
       points: [], segments: [], window: [t[0], t[t.length - 1]], saved: true, message: "", failed: false, keys, kinds: KINDS,
     };
   },
@@ -88,14 +89,15 @@ export default {
         "]": () => this.hop(1),
         v: () => this.toggleWindow(),
       };
-      const known = keys.find(({ key, alias }) => key === event.key || alias === event.key);
-      const action = actions[event.key] || (known && (() => this.command(known.name)));
+      const pressed = event.key.length === 1 ? event.key.toLowerCase() : event.key; // the caps lock may be on
+      const known = keys.find(({ key, alias }) => key === pressed || alias === pressed);
+      const action = actions[pressed] || (known && (() => this.command(known.name)));
       if (!action) return;
       event.preventDefault();
       action();
     },
     goto(t) {
-      this.cursor = Math.round(1000 * Math.min(Math.max(t, this.first), this.last)) / 1000;
+      this.cursor = milliseconds(Math.min(Math.max(t, this.first), this.last));
       if (this.cursor < this.from || this.cursor > this.to) this.look(this.cursor - (this.to - this.from) / 2, this.to - this.from);
     },
     hop(by) {

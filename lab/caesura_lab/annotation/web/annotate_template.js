@@ -41,7 +41,7 @@ export const template = `
       aria-label="Speed, position and force against time, with changepoints and classes" aria-describedby="plot-help"
       @pointerdown="pressed" @wheel.prevent="wheeled" @keydown="key"></canvas>
     <p class="selection" role="status">Time {{ cursor.toFixed(3) }} s: {{ here }}; {{ near }}. {{ points.length }}
-      changepoints, {{ saved ? "saved" : "not saved" }}.</p>
+      {{ points.length === 1 ? "changepoint" : "changepoints" }}, {{ saved ? "saved" : "not saved" }}.</p>
     <p id="plot-help" class="help">In the plot: ← → move the cursor (⇧ finely), ↑ ↓ or the wheel zoom, Page ↑ ↓ go on,
       V shows 4 s or everything, [ and ] go from changepoint to changepoint. A click sets the cursor.</p>
   </section>`;

@@ -22,6 +22,7 @@ from caesura_lab.evaluation.calibration import calibrate
 from caesura_lab.evaluation.methods import Method, MissingExtraError, PresetMethod, baselines
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import Verdict, judge_all
+from caesura_lab.evaluation.score import Score
 from caesura_lab.evaluation.suites import (
     AS_STATED,
     OPEN,
@@ -206,6 +207,8 @@ def evaluate(
                     verdicts=_judged(cases, methods, tolerance_options, workers),
                     missing=missing,
                 )
+                if suite_name in {None, "real"}:  # the others change recordings, or make them
+                    _warn(judged.verdicts)
                 if calibrated:
                     page = _calibration(judged, diagram_file)
                 else:
@@ -424,6 +427,14 @@ def _with_progress(results: Iterator[R], of: Sized) -> Iterator[R]:
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield from progress.track(results, total=len(of), description="judging")
+
+
+def _warn(verdicts: Sequence[Verdict]) -> None:
+    """Say once what is doubtful of each recording, as `caesura segment` does."""
+    scores = sorted((one for one in verdicts if isinstance(one, Score)), key=lambda one: one.recording)
+    said = (f"warning: {one.recording}: {caution}" for one in scores for caution in one.cautions)
+    for line in dict.fromkeys(said):
+        typer.echo(line, err=True)
 
 
 def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:

@@ -41,7 +41,11 @@ def judge(
     recording, truth = case.load()
     rest = "rests first" if grid_signals(recording).tared else "does not rest first"
     groups = tuple(dict.fromkeys(filter(None, (truth.robot, case.group))))
-    about: dict[str, Any] = {"tags": (*case.tags, rest), "groups": groups}
+    about: dict[str, Any] = {
+        "tags": (*case.tags, rest),
+        "groups": groups,
+        "cautions": (*recording.cautions, *recording.doubts),
+    }
     verdicts: list[Verdict] = []
     for method in methods:
         try:

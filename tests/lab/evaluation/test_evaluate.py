@@ -43,6 +43,18 @@ def test_text_has_a_row_for_every_method():
     assert max(map(len, result.stdout.splitlines())) <= 80
 
 
+def test_what_is_doubtful_of_a_recording_is_said_as_by_segment(tmp_path: Path):
+    """A recording in m that was declared to be in mm had an F1 of 0.71 in place of 0.90, without a word."""
+    shutil.copy(BUTTON, tmp_path / "one.npz")
+    shutil.copy(truth_file(BUTTON), tmp_path / "one.ann.json")
+    result = run(tmp_path / "one.npz", "--length-unit", "mm", "--no-baselines", "--workers", "1")
+    assert result.exit_code == 0
+    (line,) = [one for one in result.stderr.splitlines() if one.startswith("warning")]
+    assert line.startswith("warning: one.npz: positions are within 0.000")
+    assert "is the declared unit right?" in line
+    assert "warning" not in run(BUTTON, "--preset", "default", "--no-baselines").stderr
+
+
 def test_json_says_the_same_as_markdown(tmp_path: Path):
     out = tmp_path / "out.json"
     one = ("--preset", "default", "--no-baselines")

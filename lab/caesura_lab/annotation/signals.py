@@ -34,6 +34,17 @@ class PlottedSignals(NamedTuple):
     force: Array | None
     unit: str
 
+    @property
+    def coarse(self) -> str | None:
+        """How far the points are apart, where a recording is too long for PLOT_HZ; else None."""
+        if self.t.size < MAX_ROWS:
+            return None
+        span = float(self.t[-1] - self.t[0])
+        return (
+            f"a point is drawn every {span / (MAX_ROWS - 1):.2g} s, because the recording lasts "
+            f"{span:.0f} s; parts of at most {MAX_ROWS / PLOT_HZ:.0f} s have one every {1 / PLOT_HZ:g} s"
+        )
+
     def as_payload(self) -> dict[str, Any]:
         """Return the signals as the browser takes them: lists, one a line."""
         return {

@@ -74,10 +74,13 @@ def annotate(
         document = open_annotation(path, recording, file, annotator or getpass.getuser())
         for draft in takewhile(Path.exists, drafts(path)):
             typer.echo(f"note: {draft} was not saved; rename it to {path} to go on with it", err=True)
+        signals = plotted_signals(recording)
+        if signals.coarse is not None:
+            typer.echo(f"note: {signals.coarse}", err=True)
         editor = AnnotationEditor(document)
         signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C
         with suppress(KeyboardInterrupt):
-            serve(AnnotationSession(file.name, path, editor, plotted_signals(recording)), address)
+            serve(AnnotationSession(file.name, path, editor, signals), address)
         if not editor.is_saved:
             draft = save_draft(editor.document, path)
             typer.echo(f"not saved: the marks are in {draft}; rename it to {path} to keep them", err=True)

@@ -63,3 +63,13 @@ def test_a_recording_of_joints_is_drawn_in_radians():
 def test_a_single_sample_is_drawn():
     shown = plotted_signals(recording(np.zeros(1), np.zeros(1)))
     assert shown.as_payload()["speed"] == [0.0]
+
+
+def test_a_recording_that_is_too_long_to_be_drawn_finely_says_so():
+    """Forty minutes had a point every 0.12 s, in windows of 4 s, and nothing said so."""
+    t = np.arange(0.0, 2400.0, 0.02)
+    drawn = plotted_signals(Recording(t, {"pos": np.outer(t, [0.0001, 0.0, 0.0])}, wrench_source="none"))
+    assert drawn.coarse is not None
+    assert "every 0.12 s, because the recording lasts 2400 s; parts of at most 200 s" in drawn.coarse
+    short = plotted_signals(Recording(t[:500], {"pos": np.outer(t[:500], [0.1, 0, 0])}, wrench_source="none"))
+    assert short.coarse is None

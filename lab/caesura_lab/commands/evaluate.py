@@ -13,9 +13,8 @@ import typer
 from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
-from caesura_clients.cli.options import AngleUnit, ForceUnit, LengthUnit, TimeUnit, reported
+from caesura_clients.cli.options import AngleUnit, ForceUnit, TimeUnit, reported
 from caesura_lab.annotations import ToleranceOptions, TruthError
-from caesura_lab.commands.options import Mapping as MappingFile
 from caesura_lab.evaluation import calibration, diagram
 from caesura_lab.evaluation import library_comparison as libraries
 from caesura_lab.evaluation.calibration import calibrate
@@ -157,8 +156,12 @@ def evaluate(
     ] = None,
     output_format: Annotated[Format, typer.Option("--format", help="How to write it.")] = Format.TEXT,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file.")] = None,
-    mapping: MappingFile = None,
-    length_unit: LengthUnit = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="Names and units in a csv or rosbag2 of other software.")
+    ] = None,
+    length_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Of positions: m, cm, mm; overrides the file.")
+    ] = None,
     time_unit: TimeUnit = None,
     angle_unit: AngleUnit = None,
     force_unit: ForceUnit = None,

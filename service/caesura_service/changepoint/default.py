@@ -200,7 +200,7 @@ STROKE_KINDS = (
 
 _MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
 _FREE = {"free": ("not_set_in",), "contact": (), "transport": ("not_set_in",)}
-_TRACED = SegmentKind("motion", "motion", "free", ("traced", "untouched", "not_set_in", "empty"), 0.5)
+_TRACED = SegmentKind("motion", "motion", "free", ("traced", "untouched", "not_set_in", "empty"), 0.1)
 _TURN = ("turning", "turned_back", "about_a_point")
 ALL_KINDS = (
     *(

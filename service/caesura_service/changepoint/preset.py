@@ -21,7 +21,7 @@ SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is kno
 # What is left where the force does not show contact: the kinds, and the channels that look at the position.
 MOVEMENT = (
     SegmentKind("motion", "motion", "free", ("moving", "corner")),
-    SegmentKind("motion", "motion", "free", ("traced",), 0.5),
+    SegmentKind("motion", "motion", "free", ("traced",), 0.1),
     SegmentKind("steady", "steady", "free", ("still", "unturned")),
     SegmentKind("turning", "motion", "free", ("turning", "turned_back", "about_a_point")),
 )

@@ -18,7 +18,6 @@ from caesura_lab.execution.checks import DemonstrationQuality, check
 from caesura_lab.execution.safety_monitor import RobotStopped
 from caesura_lab.execution.simulated_arm import SimulatedArm
 from caesura_lab.execution.skills import SkillController
-from caesura_lab.execution.trajectories import ASTRAY_M
 from caesura_lab.teacher.guided_arm import SimulationTrace
 from caesura_lab.teacher.hand_force import force_profile
 from caesura_lab.teacher.person import Person
@@ -32,6 +31,7 @@ from caesura_protocol.recording import Recording
 from caesura_service.robot import Robot, load_panda
 
 BEGIN_S, END_S, BRAKE_S = 0.6, 0.8, 0.3
+START_M = 0.02  # from home, up to which a program is begun where it was taught to begin
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def run(
 def _start_position(apps: Sequence[App], home: Vector) -> Vector:
     """Return the start of the first path [m] where it is near home, else home."""
     path = apps[0].path if apps else None
-    near = path is not None and math.dist(path.start.position, home) <= ASTRAY_M
+    near = path is not None and math.dist(path.start.position, home) <= START_M
     return path.start.position if path is not None and near else home
 
 

@@ -444,3 +444,14 @@ def test_a_screw_is_driven_along_its_helix_and_a_tight_one_is_left(robot: Robot)
     most_nm, stopped_nm = (float(one.trace.environment[:, 5].max()) for one in (done, torque_stop))
     assert most_nm == pytest.approx(0.66, abs=0.05)
     assert stopped_nm == pytest.approx(1.5 * 0.3, abs=0.03), "at one and a half times what was taught"
+
+
+def test_a_program_is_begun_where_it_was_taught_to_begin(robot: Robot) -> None:
+    """A hand had crept by 10.1 mm before it moved: the robot cut the beginning of the path."""
+    home = PRESSING.scenario.start
+    begun = (home[0] + 0.012, home[1], home[2])
+    target = (-0.02, -0.58, 0.32)
+    path = path_from(begun, 0.0, 0.6, 0.03)
+    moving = app("cartesian_motion", 0.0, 0.6, target, path=path)
+    done = run((moving,), PRESSING, robot=robot)
+    assert done.recording.signals["pos"][0] == pytest.approx(begun, abs=1e-3)

@@ -53,6 +53,7 @@ from caesura_service.program.strokes import (
     with_approaches,
     with_ends,
     with_rests,
+    with_whole_turns,
 )
 
 BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up
@@ -107,7 +108,9 @@ def kept_steps(
             kept += [] if _stands(contact or last, read) else [read]
         earlier, before = before, step
     based = _with_short_movements(_with_bases(_as_one_hold(kept), grips, moment_at), short)
-    return with_rests(with_ends(with_approaches(based, grips), grips, moment_at), grips, moment_at)
+    movements = with_approaches(based, grips)
+    strokes = with_ends(with_whole_turns(movements, moment_at), grips, moment_at)
+    return with_rests(strokes, grips, moment_at)
 
 
 def _with_short_movements(

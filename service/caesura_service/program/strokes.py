@@ -4,10 +4,12 @@
   lasts for half a second. What is pressed otherwise before or after that rest is a press of its own.
 - A short slide or a tilt beside a stroke is an end of it, where it is pressed as the stroke is.
 - The last centimetres before a contact are an end of the movement into it.
+- A turn in contact that goes on about its axis without a stop is one.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import dropwhile, groupby, pairwise, takewhile, zip_longest
@@ -16,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol.messages import Segment, Vector
-from caesura_protocol.rotations import matrix_of
-from caesura_protocol.screw_motion import exerted, stop_torque_nm
+from caesura_protocol.messages import ScrewMotion, Segment, Vector
+from caesura_protocol.rotations import angle_between, matrix_of
+from caesura_protocol.screw_motion import exerted, stop_torque_nm, torque_about_axis
 from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
@@ -38,6 +40,8 @@ INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
 SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, and a bias a weak one
 PRESS_LOOKS = 100  # observations of a press that are looked at
 PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
+SAME_AXIS = 0.9  # cosine between two turns that are one
+STOPS_SHARE = 0.2  # of the lower of the peaks on both sides: a turn that is slower stops
 LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
 TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
 TIP_REACH_M = 0.2  # from the reported point to the tip of a tool
@@ -55,6 +59,17 @@ def with_approaches(steps: Sequence[ProgramSegment], grips: Sequence[GripperActi
             joined.append(step)
             continue
         joined[-1] = step.joined_to(last)
+    return joined
+
+
+def with_whole_turns(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> list[ProgramSegment]:
+    """The same steps; a turn in contact that goes on about its axis without a stop is one."""
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        if joined and _turns_on(joined[-1], step, moment_at):
+            joined[-1] = _one_turn(joined[-1], step)
+        else:
+            joined.append(step)
     return joined
 
 
@@ -341,6 +356,57 @@ def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
     }
     before = tuple(one for part in parts[:-1] for one in part.parts)
     return replace(last, segment=last.segment.model_copy(update=whole), approach=(*before, *last.approach))
+
+
+def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Does a turn go on in a step about the same axis, pressed as hard, and without a stop?"""
+    one, two = turn.segment, step.segment
+    named = one.corrected or two.corrected
+    if named or not one.kind == two.kind == "turning" or not (turn.touches and step.touches):
+        return False
+    if one.turn is None or two.turn is None or step.index != turn.index + 1:
+        return False
+    about_one_axis = float(np.dot(one.turn, two.turn)) >= SAME_AXIS * length(one.turn) * length(two.turn)
+    return about_one_axis and _pressed_as(turn, step, moment_at) and not _stops_between(turn, step, moment_at)
+
+
+def _stops_between(turn: ProgramSegment, following: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is it slower where one turn ends and the next begins than a share of the peaks of both?"""
+    before, after = (observed(step.segment.t0, step.segment.tn) for step in (turn, following))
+    seen = [moment_at(t).orientation for t in (*before, *after)]
+    turned = [angle_between(a, b) for a, b in pairwise(seen) if a is not None and b is not None]
+    if len(turned) < len(seen) - 1:
+        return True
+    place = len(before) - 1
+    peak = min(max(turned[: place + 1]), max(turned[place:]))
+    return min(turned[max(place - 1, 0) : place + 2]) <= STOPS_SHARE * peak
+
+
+def _one_turn(turn: ProgramSegment, following: ProgramSegment) -> ProgramSegment:
+    """A turn that was divided, as one."""
+    whole, one, two = following.joined_to(turn), turn.segment, following.segment
+    angle = None if one.turn is None or two.turn is None else tuple(np.add(one.turn, two.turn).tolist())
+    screw = _one_screw(one.screw, two.screw)
+    return replace(whole, segment=whole.segment.model_copy(update={"turn": angle, "screw": screw}))
+
+
+def _one_screw(one: ScrewMotion | None, two: ScrewMotion | None) -> ScrewMotion | None:
+    """The screw motion of a turn that was divided, with the larger torque of the two.
+
+    The advance of each part counts by its angle.
+    """
+    if one is None or two is None:
+        return None
+    share = one.angle / (one.angle + two.angle)
+    hardest = max((one, two), key=lambda part: abs(torque_about_axis(part) or 0.0))
+    whole = {
+        "angle": one.angle + two.angle,
+        "point": one.point,
+        "pitch_m": share * one.pitch_m + (1.0 - share) * two.pitch_m,
+        "pitch_sd_m": math.hypot(share * one.pitch_sd_m, (1.0 - share) * two.pitch_sd_m),
+        "torque": hardest.torque,
+    }
+    return two.model_copy(update=whole)
 
 
 def _is_end(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import App, ScrewMotion, Segment
+from caesura_protocol.messages import App, ScrewMotion, Segment, Vector
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.test_builder import kinds, moment_at, segment
@@ -694,6 +694,56 @@ def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> Non
         at=lambda t: there_and_back(t) if 2.0 < t < 3.0 else replace(moment_at(t), position=(t, 0.0, 0.0)),
     )
     assert [app.kind for app in made if app.segments] == ["transport", becomes, "transport"]
+
+
+def turned_at(t: float, stands_s: float) -> float:
+    """[rad] 1 rad within a second from 2 s on, a rest, and 1 rad within another second."""
+    return min(max(t - 2.0, 0.0), 1.0) + min(max(t - 3.0 - stands_s, 0.0), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "turns"),
+    [
+        ({}, [(1, 2)]),
+        ({"stands_s": 0.4}, [(1,), (2,)]),
+        ({"second_n": 16.0}, [(1,), (2,)]),
+        ({"second_turn": (0.0, 1.0, 0.0)}, [(1,), (2,)]),
+    ],
+)
+def test_a_turn_in_contact_that_goes_on_about_its_axis_is_one(
+    changes: dict[str, Any], turns: list[tuple[int, ...]]
+) -> None:
+    """A force that changed divided the turn back of a hand. The robot stopped there."""
+    stands_s, second_n = changes.get("stands_s", 0.0), changes.get("second_n", 9.0)
+
+    def at(t: float) -> Moment:
+        half = 0.5 * turned_at(t, stands_s)
+        pushed_n = 0.0 if t < 2.0 else 9.0 if t < 3.0 + 0.5 * stands_s else second_n
+        orientation = (0.0, 0.0, math.sin(half), math.cos(half))
+        return replace(drifted(t, pushed_n=pushed_n), position=(0.0, 0.0, 0.2), orientation=orientation)
+
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.2)}
+    middle, end = 3.0 + 0.5 * stands_s, 4.0 + stands_s
+    screw = {"axis": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 0.2), "angle": 1.0, "pitch_sd_m": 0.0}
+    tight, loose = (
+        ScrewMotion(**screw, pitch_m=m, torque=(0.0, 0.0, nm)) for m, nm in ((0.002, -0.8), (0.001, -0.2))
+    )
+
+    def turn(t0: float, tn: float, n: float, about: Vector, screw: ScrewMotion) -> Segment:
+        made = segment("sliding", t0, tn, **held(n), **here)
+        return made.model_copy(update={"kind": "turning", "turn": about, "screw": screw})
+
+    apps = program(
+        segment("motion", 0.0, 2.0, position_start=(0.0, 0.0, 0.4), position_end=(0.0, 0.0, 0.2)),
+        turn(2.0, middle, 9.0, (0.0, 0.0, 1.0), tight),
+        turn(middle, end, second_n, changes.get("second_turn", (0.0, 0.0, 1.0)), loose),
+        at=at,
+    )
+    assert [app.segments for app in apps[1:]] == turns
+    if len(turns) == 1:
+        assert apps[1].screw is not None
+        assert (apps[1].screw.angle, apps[1].screw.pitch_m) == pytest.approx((2.0, 0.0015))
+        assert apps[1].screw.torque == pytest.approx((0.0, 0.0, 0.8)), "as tight as the harder of the two"
 
 
 def test_holds_that_follow_each_other_are_one() -> None:

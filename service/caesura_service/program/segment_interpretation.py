@@ -32,6 +32,7 @@ from caesura_protocol.messages import Segment, Vector
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.program.program_segment import (
+    ACROSS_M,
     PUSHES_BACK_N,
     ROUNDED_S,
     UNLIKE_N,
@@ -47,11 +48,13 @@ from caesura_service.program.sensor_bias import bias_between
 from caesura_service.program.strokes import (
     DECAY_REACH_M,
     LEAST_TURN_RAD,
+    NOWHERE_M,
     OUT_M,
     OUT_SHARE,
     are_one_kind,
-    with_approaches,
+    is_directly_before,
     with_ends,
+    with_last_ways,
     with_rests,
     with_whole_turns,
 )
@@ -63,7 +66,6 @@ SURE_SDS = 2.0  # deviations of a load from nothing
 ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
 NOWHERE_RAD = math.radians(3.0)  # of a turn in the air: a check names what is more
-HELD_M = 0.01  # what is carried by less is held: its hold has the path
 IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 SHUT_M = 0.003  # between fingers that hold nothing
@@ -108,7 +110,7 @@ def kept_steps(
             kept += [] if _stands(contact or last, read) else [read]
         earlier, before = before, step
     based = _with_short_movements(_with_bases(_as_one_hold(kept), grips, moment_at), short)
-    movements = with_approaches(based, grips)
+    movements = _with_departures(with_last_ways(based, grips), moment_at)
     strokes = with_ends(with_whole_turns(movements, moment_at), grips, moment_at)
     return with_rests(strokes, grips, moment_at)
 
@@ -158,6 +160,28 @@ def _as_one_hold(kept: Sequence[ProgramSegment]) -> list[ProgramSegment]:
             continue
         joined[-1] = step.joined_to(last)
     return joined
+
+
+def _with_departures(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> list[ProgramSegment]:
+    """The same steps; what does not leave what was pressed in is part of the movement that it goes on to."""
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        if joined and is_directly_before(joined[-1], step) and _is_inside(joined[-1], joined[:-1], moment_at):
+            joined[-1] = step.joined_to(joined[-1])
+        else:
+            joined.append(step)
+    return joined
+
+
+def _is_inside(movement: ProgramSegment, before: Sequence[ProgramSegment], moment_at: MomentAt) -> bool:
+    """Does a movement end below where what gave way before it was touched, and not beside it?"""
+    pressed = list(takewhile(lambda step: step.touches and step.gives_way, reversed(before)))
+    if not pressed:
+        return False
+    normal = direction(pressed[0].force)
+    out = np.subtract(movement.segment.position_end, _touched_at(pressed[-1], moment_at))
+    risen_m = float(out @ normal)
+    return risen_m < 0.0 and length(out - risen_m * normal) < ACROSS_M
 
 
 def _with_bases(
@@ -372,7 +396,7 @@ def _resting(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: Mo
     seen = [moment_at(t) for t in observed(segment.t0, segment.tn)]
     way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
     turns = [one.orientation for one in seen if one.orientation is not None]
-    most_m, most_rad = (HELD_M, LEAST_TURN_RAD) if carried else (OUT_M, NOWHERE_RAD)
+    most_m, most_rad = (NOWHERE_M, LEAST_TURN_RAD) if carried else (OUT_M, NOWHERE_RAD)
     if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
         return step
     kind = KINDS["steady", segment.contact]

@@ -3,7 +3,7 @@
 - A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
   lasts for half a second. What is pressed otherwise before or after that rest is a press of its own.
 - A short slide or a tilt beside a stroke is an end of it, where it is pressed as the stroke is.
-- The last centimetres before a contact are an end of the movement into it.
+- The last centimetres before a contact are an end of the movement into it, the last one before a rest too.
 - A turn in contact that goes on about its axis without a stop is one.
 """
 
@@ -34,6 +34,7 @@ from caesura_service.program.program_segment import (
     observed,
 )
 
+NOWHERE_M = 0.01  # a movement shorter than this leads nowhere
 DECAY_REACH_M = 0.02  # a movement shorter than this beside a contact may belong to it
 APPROACH_REST_S = 0.3  # a movement that stands for less before its last centimetres goes on
 INSERTED_M = 0.01  # from which depth on what is pushed in is an app of its own
@@ -49,13 +50,12 @@ STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than thi
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 
 
-def with_approaches(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
-    """The same steps; the last centimetres before a contact are part of the movement that they go on from."""
+def with_last_ways(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
+    """The same steps; the last way into a contact, or to a rest, is part of the movement it goes on from."""
     joined: list[ProgramSegment] = []
-    for place, step in enumerate(steps):
-        touched = place + 1 < len(steps) and steps[place + 1].touches
+    for step, following in zip_longest(steps, steps[1:]):
         last = joined[-1] if joined else None
-        if last is None or not touched or not _ends(last, step) or _fingers_move(last.tn, step, grips):
+        if last is None or not _ends(last, step, following) or _fingers_move(last.tn, step, grips):
             joined.append(step)
             continue
         joined[-1] = step.joined_to(last)
@@ -238,10 +238,19 @@ def _axes(moment: Moment) -> NDArray[np.float64]:
     return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
 
 
-def _ends(movement: ProgramSegment, step: ProgramSegment) -> bool:
+def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegment | None) -> bool:
     """Is a step the last of a movement: short, of the same kind, and without a rest between the two?"""
+    touches = following is not None and following.touches
+    if following is not None and following.segment.motion == "motion" and not touches:
+        return False
+    short = may_end_movement(step) if touches else length(step.moved) < NOWHERE_M
+    return short and is_directly_before(movement, step)
+
+
+def is_directly_before(movement: ProgramSegment, step: ProgramSegment) -> bool:
+    """Does a movement in the air go on in another of its kind, without a rest between the two?"""
     at_once = step.segment.t0 - movement.segment.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
-    return are_one_kind(movement, step) and at_once and may_end_movement(step)
+    return are_one_kind(movement, step) and at_once
 
 
 def are_one_kind(movement: ProgramSegment, other: ProgramSegment) -> bool:

@@ -696,6 +696,61 @@ def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> Non
     assert [app.kind for app in made if app.segments] == ["transport", becomes, "transport"]
 
 
+@pytest.mark.parametrize(
+    ("way_m", "goes_on", "made_of"),
+    [(0.006, False, [(0, 1)]), (0.02, False, [(0,), (1,)]), (0.006, True, [(0,), (1,), (2,)])],
+)
+def test_the_last_way_to_a_rest_is_part_of_the_movement_that_it_goes_on_from(
+    way_m: float, goes_on: bool, made_of: list[tuple[int, ...]]
+) -> None:
+    """A hand crept by 4 to 8 mm before it rested: an app that the robot's run did not have."""
+    place, crept, there = (0.1, 0.0, 0.2), (0.1 + way_m, 0.0, 0.2), (0.3, 0.0, 0.2)
+    rest = segment("steady", 2.6, 4.0, position_start=crept, position_end=crept)
+    onward = segment("motion", 2.6, 4.0, position_start=crept, position_end=there)
+    made = program(
+        segment("motion", 0.0, 2.0, position_start=(0.0, 0.0, 0.2), position_end=place),
+        segment("motion", 2.0, 2.6, position_start=place, position_end=crept),
+        onward if goes_on else rest,
+    )
+    assert [app.segments for app in made] == made_of
+
+
+@pytest.mark.parametrize(("left_m", "aside_m", "moves"), [(0.02, 0.0, 1), (0.03, 0.0, 2), (0.02, 0.05, 2)])
+def test_what_does_not_leave_what_was_pressed_in_is_part_of_the_movement(
+    left_m: float, aside_m: float, moves: int
+) -> None:
+    """A movement out of a pump was divided inside of it. The robot's was not."""
+
+    def pumped(t: float) -> Moment:
+        z = 0.2 - 0.025 * np.clip(t - 2.0, 0.0, 1.0) + 0.1 * max(t - 3.4, 0.0)
+        return replace(drifted(t, pushed_n=9.0 if 2.0 < t < 3.4 else 0.0), position=(0.0, 0.0, float(z)))
+
+    below, divided = (0.0, 0.0, 0.175), (aside_m, 0.0, 0.175 + left_m)
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 3.0, **held(9.0), position_start=(0.0, 0.0, 0.2), position_end=below),
+        segment("contact", 3.0, 3.4, **held(9.0), position_start=below, position_end=below),
+        segment("motion", 3.4, 3.8, position_start=below, position_end=divided),
+        segment("motion", 3.8, 5.0, position_start=divided, position_end=(0.1, 0.0, 0.4)),
+        at=pumped,
+    )
+    assert kinds(made)[2:] == ["cartesian_motion"] * moves
+
+
+def test_a_movement_up_from_the_end_of_a_stroke_has_left_it() -> None:
+    """Friction tilts the force of a long stroke: by that, 2 cm up was still below where it was touched."""
+    along = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.3, 0.0, 0.2)}
+    up, on = (0.3, 0.0, 0.22), (0.3, 0.0, 0.4)
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 4.0, force_held=(DRIFT_N[0] - 4.0, DRIFT_N[1], DRIFT_N[2] + 9.0), **along),
+        segment("motion", 4.0, 4.4, position_start=along["position_end"], position_end=up),
+        segment("motion", 4.4, 6.0, position_start=up, position_end=on),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 4.0 else 0.0),
+    )
+    assert kinds(made)[-2:] == ["cartesian_motion"] * 2
+
+
 def turned_at(t: float, stands_s: float) -> float:
     """[rad] 1 rad within a second from 2 s on, a rest, and 1 rad within another second."""
     return min(max(t - 2.0, 0.0), 1.0) + min(max(t - 3.0 - stands_s, 0.0), 1.0)

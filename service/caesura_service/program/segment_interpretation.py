@@ -33,6 +33,7 @@ from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY, TARED_BIAS_N
 from caesura_service.program.program_segment import (
     ACROSS_M,
+    OBSERVED_S,
     PUSHES_BACK_N,
     ROUNDED_S,
     UNLIKE_N,
@@ -314,15 +315,23 @@ def _stands(last: ProgramSegment | None, step: ProgramSegment) -> bool:
 
 def _force_at_end(segment: Segment, moment_at: MomentAt) -> Vector:
     """[N] median of its last second, for its very end may lie in the contact; 0 where there is no force."""
-    forces = _forces(observed(max(segment.t0, segment.tn - BASE_S), segment.tn), moment_at)
-    x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
-    return x, y, z
+    return _free_force(observed(segment.t0, segment.tn)[::-1], moment_at)
 
 
 def _force_at_start(segment: Segment, moment_at: MomentAt) -> Vector:
     """[N] median of its first second; 0 where there is no force."""
-    forces = _forces(observed(segment.t0, min(segment.t0 + BASE_S, segment.tn)), moment_at)
-    x, y, z = map(median, forces.T.tolist()) if len(forces) else (0.0, 0.0, 0.0)
+    return _free_force(observed(segment.t0, segment.tn), moment_at)
+
+
+def _free_force(times: Sequence[float], moment_at: MomentAt) -> Vector:
+    """[N] median over `BASE_S`, beginning behind the contact that the first of these times may lie in."""
+    looks = round(BASE_S / OBSERVED_S)
+    forces = _forces(times[: 2 * looks], moment_at)
+    if not len(forces):
+        return 0.0, 0.0, 0.0
+    apart = np.linalg.norm(forces - np.median(forces, axis=0), axis=1) >= PUSHES_BACK_N
+    begun = 0 if apart.all() else int(np.argmin(apart))
+    x, y, z = map(median, forces[begun : begun + looks].T.tolist())
     return x, y, z
 
 

@@ -1,7 +1,8 @@
 """The force that a sensor makes up while the tool touches, from what it reads in the air before and after.
 
 It wanders with time and with the place: a tool's weight is never compensated quite right. So it is a line in
-both, fitted by ridge regression to the last two seconds before a contact and the first two after it.
+both, fitted by ridge regression to the last two seconds before a contact and the first two after it. What
+pushes back at the end of those before it lies in the contact, and is left out.
 """
 
 from __future__ import annotations
@@ -12,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
-from caesura_service.program.program_segment import Moment, MomentAt, observed
+from caesura_service.program.program_segment import (
+    PUSHES_BACK_N,
+    Moment,
+    MomentAt,
+    length,
+    observed,
+)
 
 AROUND_S = 2.0  # before and after a contact
 TOUCHING_S, LETTING_GO_S = 0.1, 0.3  # of that, what may lie in the contact: a boundary is only so exact
@@ -28,8 +35,9 @@ def bias_between(
 ) -> Callable[[float], Vector]:
     """Return the bias [N] at a time [s] between two segments in the air; base: before the contact."""
     origin = moment_at(observed(before.t0, before.tn)[-1])
+    approach = observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S)
     times = [
-        *observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S),
+        *_in_air(approach, base, moment_at),
         *observed(after.t0 + LETTING_GO_S, min(after.t0 + AROUND_S, after.tn)),
     ]
     seen = [(t, moment_at(t)) for t in times if before.t0 < t < before.tn or after.t0 < t < after.tn]
@@ -48,6 +56,16 @@ def bias_between(
         return x, y, z
 
     return at
+
+
+def _in_air(times: Sequence[float], base: Vector, moment_at: MomentAt) -> Sequence[float]:
+    """Of the times [s] before a contact, those before something pushes back; all where it does in all."""
+    pushes = [_pushes(moment_at(t).force, base) for t in reversed(times)]
+    return times[: len(times) - pushes.index(False)] if False in pushes else times
+
+
+def _pushes(force: Vector | None, base: Vector) -> bool:
+    return force is not None and length(np.subtract(force, base)) >= PUSHES_BACK_N
 
 
 def _row(t: float, moment: Moment, since: float, origin: Moment) -> Sequence[float]:

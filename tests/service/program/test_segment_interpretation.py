@@ -625,6 +625,21 @@ def test_a_rest_between_two_strokes_belongs_to_the_one_that_is_pressed_as_it_is(
     assert (hard.rest_before if rest_n < 10.0 else soft.rest_after) is None
 
 
+def test_what_is_touched_at_the_end_of_an_approach_is_no_bias() -> None:
+    """A hand pushed a pump in for half a second of the movement towards it: its force became the bias."""
+
+    def pushed(t: float) -> Moment:
+        return drifted(t, pushed_n=8.0 if 1.5 <= t < 4.0 else 0.0)
+
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(8.0)),
+        segment("motion", 4.0, 6.0),
+        at=pushed,
+    )
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -8.0), abs=0.3)
+
+
 def test_the_bias_of_a_sensor_is_read_on_both_sides_of_a_contact() -> None:
     """It wandered by 3 N over a stroke, whose force was said to be 1.5 N too large."""
 

@@ -271,13 +271,8 @@ def reporting_storage(opened: Bridge) -> Iterator[None]:
                 is_stuck = False
                 typer.echo("the service stores again", err=True)
 
-    with ThreadPoolExecutor(1, thread_name_prefix="storage") as pool:
-        looking = pool.submit(look)
-        try:
-            yield
-        finally:
-            over.set()
-            looking.result()
+    with _beside(look, over, "storage"):
+        yield
 
 
 @contextmanager
@@ -291,7 +286,14 @@ def reporting_pose(opened: Bridge) -> Iterator[None]:
         if opened.slow_pose is not None:
             typer.echo(f"warning: {opened.slow_pose}", err=True)
 
-    with ThreadPoolExecutor(1, thread_name_prefix="pose") as pool:
+    with _beside(look, over, "pose"):
+        yield
+
+
+@contextmanager
+def _beside(look: Callable[[], None], over: threading.Event, name: str) -> Iterator[None]:
+    """Look in a thread of this name until the work within is over, and raise what it raised."""
+    with ThreadPoolExecutor(1, thread_name_prefix=name) as pool:
         looking = pool.submit(look)
         try:
             yield

@@ -297,18 +297,11 @@ def _friction(model: FrictionConeWeight) -> Record:
 
 def _guided(model: GuidedMotion) -> Record:
     return {
+        **_movement(model),
         "model": layout.GUIDED,
-        "signal": SIGNALS["position"],
-        "nu": model.nu,
-        "constant": float(student_log_density(0.0, AXES, model.nu, 1.0)),
         "rho": model.correlation,
-        "floor2": model.floor**2,
         "scale2": model.share**2,
-        "shares": len(model.scales),
-        "share2": _padded(np.square(model.scales), MOST_SHARES),
         "burst2": model.burst**2,
-        "away": model.away,
-        "away_steps": model.away_steps,
         "burst_steps": model.burst_steps,
         "pace": model.pace,
     }
@@ -316,13 +309,20 @@ def _guided(model: GuidedMotion) -> Record:
 
 def _traced(model: TracedMotion) -> Record:
     return {
+        **_movement(model),
         "model": layout.TRACED,
+        "rho": model.discount,
+        "reach2": (model.speed / model.floor) ** 2,
+    }
+
+
+def _movement(model: GuidedMotion | TracedMotion) -> Record:
+    """The errors of a movement's steps, and the way that it makes."""
+    return {
         "signal": SIGNALS["position"],
         "nu": model.nu,
         "constant": float(student_log_density(0.0, AXES, model.nu, 1.0)),
-        "rho": model.discount,
         "floor2": model.floor**2,
-        "reach2": (model.speed / model.floor) ** 2,
         "shares": len(model.scales),
         "share2": _padded(np.square(model.scales), MOST_SHARES),
         "away": model.away,

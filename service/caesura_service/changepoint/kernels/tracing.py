@@ -25,8 +25,9 @@ def traced(here, c):
     work[SQUARED, living:lanes], work[LOGS, living:lanes] = 0.0, 1.0
     logarithms(work[LOGS], lanes)
     left = log_presence(way_squared(state.past, channel.away_steps), channel.away)
+    log_floor2 = math.log(channel.floor2)
     for i in range(living):
-        sums[WEIGHTS, i] -= 0.5 * AXES * (work[LOGS, i] + math.log(channel.floor2))
+        sums[WEIGHTS, i] -= 0.5 * AXES * (work[LOGS, i] + log_floor2)
         if state.ages[i] > channel.away_steps:
             sums[WEIGHTS, i] += left
     for k in range(channel.shares):

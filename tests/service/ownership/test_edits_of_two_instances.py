@@ -122,7 +122,7 @@ def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair):
     assert sum(isinstance(one.message, AppliedEdit) for one in b.journal.replay(STATION, NAME)) == 3
 
 
-# What may happen: a batch, an edit, a close, the station changes hands, somebody is killed, somebody hangs.
+# What may happen: a batch, an edit, a close, the station changes hands, an instance is killed or hangs.
 steps = st.lists(
     st.one_of(
         st.integers(0, COUNT - 1),

@@ -143,7 +143,8 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
     contacts = contact_spans(state)
     spans = _spans(state, contacts, guided=guided)
     marks = _boundaries(state, spans, contacts)
-    decays = _decays(state, contacts)
+    presses = [(first, last) for first, last in contacts if _strong(state.hand_force_n[first:last]) > 0.0]
+    decays = _decays(state, presses)
     if guided:
         marks = [_with_edge(state, mark) for mark in _beside_rests(state, spans, marks)]
         speed = _smooth(state.reference_speed, state.dt)
@@ -165,7 +166,7 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
         ],
         "gripper": gripper,
         "loads": _loads(state, spans),
-        "forces": [_force(state, first, last) for first, last in contacts],
+        "forces": [_force(state, first, last) for first, last in presses],
     }
 
 
@@ -538,10 +539,10 @@ def _without_coincident(marks: list[dict[str, Any]], *, corners_too: bool) -> li
     return [_optional(m) if m["kind"] in ("corner", "start", "stop") and beside(m) else m for m in marks]
 
 
-def _decays(state: TrueState, contacts: list[tuple[int, int]]) -> list[dict[str, Any]]:
-    """Where the force of each contact begins to decay for good."""
+def _decays(state: TrueState, presses: list[tuple[int, int]]) -> list[dict[str, Any]]:
+    """Where the force of each press begins to decay for good."""
     marks = []
-    for first, last in contacts:
+    for first, last in presses:
         hand_force_n = _smooth(state.hand_force_n[first:last], state.dt)
         strong = np.flatnonzero(hand_force_n > DECAY_BEGINS * _plateau(hand_force_n))
         if strong.size and (last - first - strong[-1]) * state.dt > DECAY_LEAST_S:
@@ -551,7 +552,12 @@ def _decays(state: TrueState, contacts: list[tuple[int, int]]) -> list[dict[str,
 
 def _plateau(hand_force_n: Array) -> float:
     """Force [N] of the press proper: approach, travel of a button and release left out."""
-    return float(np.median(hand_force_n[hand_force_n >= PLATEAU_SHARE * np.quantile(hand_force_n, 0.9)]))
+    return float(np.median(hand_force_n[hand_force_n >= PLATEAU_SHARE * _strong(hand_force_n)]))
+
+
+def _strong(hand_force_n: Array) -> float:
+    """Force [N] that is exceeded for a tenth of the time; 0 or less where a hand presses nothing."""
+    return float(np.quantile(hand_force_n, 0.9))
 
 
 def _force(state: TrueState, first: int, last: int) -> dict[str, float]:

@@ -70,6 +70,14 @@ def test_contact_edges_are_major_and_the_decay_optional() -> None:
     assert truth["forces"] == [{"t0": 2.0, "t1": 4.0, "newton": 15.0}]
 
 
+def test_a_load_that_touches_and_is_not_pressed_has_no_force() -> None:
+    """The median of no values was written as a force of NaN N, which no judge reads."""
+    touch = {"normal": during(5.0, 2.0, 2.2, 3.0), "load_kg": during(5.0, 1.0, 5.0, 0.5)}
+    truth = annotate(state(5.0, [], **touch))
+    assert [kind for kind, _ in majors(truth) if "contact" in kind] == ["contact_on", "contact_off"]
+    assert truth["forces"] == []
+
+
 def test_a_bounce_is_one_contact_and_a_graze_none() -> None:
     normal = during(5.0, 1.0, 1.05, 20.0) + during(5.0, 1.1, 2.0, 8.0) + during(5.0, 3.0, 3.02, 5.0)
     truth = annotate(state(5.0, [], normal=normal))

@@ -143,7 +143,7 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
     contacts = contact_spans(state)
     spans = _spans(state, contacts, guided=guided)
     marks = _boundaries(state, spans, contacts)
-    presses = [(first, last) for first, last in contacts if _strong(state.hand_force_n[first:last]) > 0.0]
+    presses = [contact for contact in contacts if _is_pressed(state, *contact)]
     decays = _decays(state, presses)
     if guided:
         marks = [_with_edge(state, mark) for mark in _beside_rests(state, spans, marks)]
@@ -550,13 +550,18 @@ def _decays(state: TrueState, presses: list[tuple[int, int]]) -> list[dict[str, 
     return marks
 
 
+def _is_pressed(state: TrueState, first: int, last: int) -> bool:
+    """Whether the hand presses: a load that touches as it is put down may carry itself."""
+    return _strong(_smooth(state.hand_force_n[first:last], state.dt)) > TOUCH_N
+
+
 def _plateau(hand_force_n: Array) -> float:
     """Force [N] of the press proper: approach, travel of a button and release left out."""
     return float(np.median(hand_force_n[hand_force_n >= PLATEAU_SHARE * _strong(hand_force_n)]))
 
 
 def _strong(hand_force_n: Array) -> float:
-    """Force [N] that is exceeded for a tenth of the time; 0 or less where a hand presses nothing."""
+    """Force [N] that is exceeded for a tenth of the time."""
     return float(np.quantile(hand_force_n, 0.9))
 
 

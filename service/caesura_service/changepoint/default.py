@@ -31,7 +31,7 @@ from caesura_service.changepoint.friction_cone import FrictionConeWeight
 from caesura_service.changepoint.guided_motion import GuidedMotion
 from caesura_service.changepoint.held_torque import HeldTorque
 from caesura_service.changepoint.parameters import FilterParameters
-from caesura_service.changepoint.preset import STEP_S, Preset
+from caesura_service.changepoint.preset import BESIDE_MOVEMENT, STEP_S, Preset
 from caesura_service.changepoint.profile_model import DisplacementPrior, ProfileModel
 from caesura_service.changepoint.profiles import Profile, ProfileLibrary, lognormal, minimum_jerk
 from caesura_service.changepoint.random_walk import StudentRandomWalk
@@ -200,14 +200,18 @@ STROKE_KINDS = (
 
 _MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
 _FREE = {"free": ("not_set_in",), "contact": (), "transport": ("not_set_in",)}
-_TRACED = SegmentKind("motion", "motion", "free", ("traced", "untouched", "not_set_in", "empty"), 0.1)
+_TRACED = tuple(
+    replace(kind, channels=("traced", *kind.channels[1:], *_FREE[kind.contact]), beside_movement=BESIDE_MOVEMENT)
+    for kind in STROKE_KINDS
+    if kind.motion == "motion"
+)
 _TURN = ("turning", "turned_back", "about_a_point")
 ALL_KINDS = (
     *(
         replace(kind, channels=(*kind.channels, *_MORE[kind.motion], *_FREE[kind.contact]))
         for kind in STROKE_KINDS
     ),
-    _TRACED,
+    *_TRACED,
     SegmentKind("turning", "motion", "free", (*_TURN, "untouched", "not_set_in", "empty")),
     *(
         SegmentKind("turning", "motion", "contact", (*_TURN, "pressed", "gripping", torque), 0.5)
@@ -365,9 +369,14 @@ WITHOUT: Mapping[str, Preset] = {
             DEFAULT,
             name="without_traced_motion",
             channels=_untraced,
-            kinds=tuple(kind for kind in ALL_KINDS if kind != _TRACED),
+            kinds=tuple(kind for kind in ALL_KINDS if kind not in _TRACED),
         ),
-        replace(DEFAULT, name="without_transitions", unrepeated=()),
+        replace(
+            DEFAULT,
+            name="without_transitions",
+            kinds=tuple(replace(kind, beside_movement=1.0) for kind in ALL_KINDS),
+            unrepeated=(),
+        ),
         replace(DEFAULT, name="without_refractory", refractory_s=0.0),
         replace(DEFAULT, name="without_power", power=1.0),
         replace(DEFAULT, name="without_explained_turns", turn_share=0.0),

@@ -17,11 +17,12 @@ from caesura_service.changepoint.turn_in_place import TurnInPlace
 SEGMENTATION_HZ = 10.0
 STEP_S = 1.0 / SEGMENTATION_HZ
 SENSOR_BIAS_N = 1.5  # scale of what free space reads, where nothing else is known of the wrench
+BESIDE_MOVEMENT = 0.01  # a tool that sticks and slips along a line mostly stands before and after it
 
 # What is left where the force does not show contact: the kinds, and the channels that look at the position.
 MOVEMENT = (
     SegmentKind("motion", "motion", "free", ("moving", "corner")),
-    SegmentKind("motion", "motion", "free", ("traced",), 0.1),
+    SegmentKind("motion", "motion", "free", ("traced",), beside_movement=BESIDE_MOVEMENT),
     SegmentKind("steady", "steady", "free", ("still", "unturned")),
     SegmentKind("turning", "motion", "free", ("turning", "turned_back", "about_a_point")),
 )

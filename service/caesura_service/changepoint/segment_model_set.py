@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -23,13 +24,17 @@ ContactState = Literal["free", "contact", "transport"]
 
 @dataclass(frozen=True)
 class SegmentKind:
-    """One kind of segment: its name, what moves, what is touched, and its prior weight."""
+    """One kind of segment: its name, what moves, what is touched, and its prior weight.
+
+    beside_movement: how much less likely the kind is directly before or after another movement, at most 1.
+    """
 
     name: str
     motion: Literal["motion", "steady"]
     contact: ContactState
     channels: tuple[str, ...]
     weight: float = 1.0
+    beside_movement: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,9 @@ class SegmentModelSet:
     (thesis (3.64)).
 
     `unrepeated` has groups of kinds, by name, of which no two segments follow each other: two rests in a row
-    are one rest, whether the hand holds something or not. All other kinds are one more group. Without
-    unrepeated kinds there is a single group, and every kind may follow every other.
+    are one rest, whether the hand holds something or not. Movements that are less likely beside a movement
+    (`beside_movement`) are one more group, and all other kinds are one. Where neither is stated there is a
+    single group, and every kind may follow every other.
 
     `power` is that of the joint of a segmentation and the observations in every probability, priors and
     evidence alike. The best segmentation is the same for every power. Below 1 the posterior allows for models
@@ -77,6 +83,9 @@ class SegmentModelSet:
             raise ValueError(f"kinds name channels {sorted(unknown)}, known: {sorted(self.channels)}")
         if not all(kind.weight > 0.0 for kind in self.kinds):
             raise ValueError(f"weights are {[kind.weight for kind in self.kinds]}, expected all above 0")
+        if not all(0.0 < kind.beside_movement <= 1.0 for kind in self.kinds):
+            found = [kind.beside_movement for kind in self.kinds]
+            raise ValueError(f"beside_movement is {found}, expected all above 0 and at most 1")
         if not 0.0 < self.power <= 1.0:
             raise ValueError(f"power is {self.power}, expected 0 < power ≤ 1")
         groups = _groups(self.kinds, self.unrepeated)
@@ -89,13 +98,14 @@ class SegmentModelSet:
         object.__setattr__(self, "tempered_transition", self.power * self.log_transition)
 
     def _log_transition(self, groups: NDArray[np.int64]) -> Array:
-        """(groups, groups): 0 between groups, −inf for an unrepeated one after itself, rows normalised."""
+        """(groups, groups): −inf where the second never follows the first, rows normalised."""
         weights = np.array([kind.weight for kind in self.kinds])
         total = np.bincount(groups, weights) / weights.sum()
         allowed = np.ones((total.size, total.size))
         apart = {name for names in self.unrepeated for name in names}
-        for group in {int(groups[i]) for i, kind in enumerate(self.kinds) if kind.name in apart}:
-            allowed[group, group] = 0.0
+        for (i, before), (j, after) in product(enumerate(self.kinds), repeat=2):
+            repeated = groups[i] == groups[j] and before.name in apart
+            allowed[groups[i], groups[j]] = 0.0 if repeated else _weight_beside(before, after)
         if total.size == 1:
             return np.zeros((1, 1))
         with np.errstate(divide="ignore"):
@@ -161,8 +171,19 @@ class SegmentModelSet:
 
 
 def _groups(kinds: tuple[SegmentKind, ...], unrepeated: tuple[tuple[str, ...], ...]) -> NDArray[np.int64]:
-    """(kinds,) the group of each kind; those that may be repeated are the first group."""
+    """(kinds,) the group of each kind; those that may follow each other are the first group."""
     number = {name: i for i, names in enumerate(unrepeated) for name in names}
-    found = [number.get(kind.name, -1) for kind in kinds]
+    movements_matter = any(kind.beside_movement < 1.0 for kind in kinds)
+    found = [
+        (number.get(kind.name, -1), -kind.beside_movement, movements_matter and kind.motion == "steady")
+        for kind in kinds
+    ]
     order = {group: place for place, group in enumerate(sorted(set(found)))}
     return np.array([order[group] for group in found], dtype=np.int64)
+
+
+def _weight_beside(before: SegmentKind, after: SegmentKind) -> float:
+    """How likely a kind is directly after another, relative to what its prior weight says."""
+    if "steady" in (before.motion, after.motion):
+        return 1.0
+    return min(before.beside_movement, after.beside_movement)

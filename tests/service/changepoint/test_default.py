@@ -43,7 +43,8 @@ TOUCHED = {
 
 KINDS_TOUCHED = {
     "without_load_by_weight": {"transport", "hold", "turning"},
-    "without_traced_motion": {"motion"},
+    "without_traced_motion": {"motion", "sliding", "transport"},
+    "without_transitions": {"motion", "sliding", "transport"},
 }
 
 

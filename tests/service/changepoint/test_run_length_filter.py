@@ -285,10 +285,18 @@ def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds
     kinds |= {(0, end): kinds[1, end] for end in range(2, 6)}  # stepwise: it counts from the second one on
     weights = np.array([kind.weight for kind in lattice.kinds])
 
+    def follows(after: int, before: int | None) -> float:
+        if before is None:
+            return 1.0
+        both = lattice.kinds[before], lattice.kinds[after]
+        if any({kind.name for kind in both} <= set(group) for group in lattice.unrepeated):
+            return 0.0
+        traced = any(kind.channels[0] == "traced" for kind in both)
+        return 0.01 if traced and all(kind.motion == "motion" for kind in both) else 1.0
+
     def log_prior(kind: int, before: int | None) -> float:
-        apart = [{names.index(name) for name in group} for group in lattice.unrepeated]
-        allowed = np.array([not any({i, before} <= group for group in apart) for i in range(len(names))])
-        return float(np.log(weights[kind] / weights[allowed].sum())) if allowed[kind] else -np.inf
+        likely = weights * [follows(after, before) for after in range(len(names))]
+        return float(np.log(likely[kind] / likely.sum())) if likely[kind] else -np.inf
 
     prior = np.log(weights / weights.sum())
     joints = []

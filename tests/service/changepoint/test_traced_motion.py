@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import Recording, WrenchSource
 from caesura_service.offline_segmentation import segment_recording
 
 LINE_S, REST_S, HZ = 5.0, 1.0, 500.0
 LINES = 3
+APPROACH_S, RAMP_S, PRESS_N, FRICTION = 1.0, 0.1, 8.0, 0.3
 
 
 def traced_lines(mean_m_per_s: float, slips_hz: float) -> tuple[Recording, list[float]]:
@@ -43,3 +44,46 @@ def test_a_line_along_which_a_tool_sticks_and_slips_is_one_movement(mean_m_per_s
     np.testing.assert_allclose([segment.t0 for segment in found[1:]], boundaries, atol=0.35)
     less = segment_recording(recording, "without_traced_motion").segments
     assert [segment.kind for segment in less] != kinds
+
+
+def traced_in_contact(mean_m_per_s: float, slips_hz: float, source: WrenchSource) -> Recording:
+    """The same lines pressed on a surface, after an approach and before a retreat.
+
+    Friction opposes each line. No hand is on a robot whose wrench is estimated.
+    """
+    lines, boundaries = traced_lines(mean_m_per_s, slips_hz)
+    pos = lines.signals["pos"]
+    t = np.arange(0.0, APPROACH_S, 1.0 / HZ)
+    share = t / APPROACH_S
+    height = 0.1 * (1.0 - (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5))
+    approach, rest = np.outer(height, [0.0, 0.0, 1.0]), np.zeros((round(REST_S * HZ), 3))
+    begin = REST_S + APPROACH_S
+    every = [rest + approach[0], approach, pos, pos[-1] + approach[::-1], pos[-1] + approach[0] + rest]
+    path = np.concatenate(every)
+    now = np.arange(len(path)) / HZ
+    end = begin + len(pos) / HZ
+    pressed = PRESS_N * np.clip(np.minimum(now - begin, end + RAMP_S - now) / RAMP_S, 0.0, 1.0)
+    force = np.outer(pressed, [0.0, 0.0, 1.0])
+    for i, angle in enumerate(0.5 * np.pi * np.arange(LINES)):
+        inside = (now >= begin + boundaries[2 * i]) & (now < begin + boundaries[2 * i + 1])
+        slip = 1.0 + FRICTION * np.sin(2.0 * np.pi * slips_hz * now[inside])
+        force[inside, :2] -= FRICTION * PRESS_N * np.outer(slip, [np.cos(angle), np.sin(angle)])
+    force += np.random.default_rng(1).normal(0.0, 0.3, force.shape)
+    return Recording(
+        t=now,
+        signals={"pos": path, "force": force},
+        wrench_source=source,
+        hand_on_robot="no" if source == "joint_torque_estimate" else "yes",
+    )
+
+
+@pytest.mark.parametrize("source", ["joint_torque_estimate", "flange_sensor"])
+@pytest.mark.parametrize("mean_m_per_s", [0.01, 0.02])
+@pytest.mark.parametrize("slips_hz", [3.0, 4.0])
+def test_a_line_that_sticks_and_slips_in_contact_slides(
+    mean_m_per_s: float, slips_hz: float, source: WrenchSource
+):
+    """An arm that is driven from afar lost all three lines in one contact."""
+    found = segment_recording(traced_in_contact(mean_m_per_s, slips_hz, source), "default").segments
+    kinds = [segment.kind for segment in found]
+    assert kinds == ["steady", "motion", "contact", *["sliding", "contact"] * LINES, "motion", "steady"]

@@ -201,7 +201,11 @@ STROKE_KINDS = (
 _MORE = {"motion": ("corner",), "steady": ("unturned",)}  # channels of `default` beside the force
 _FREE = {"free": ("not_set_in",), "contact": (), "transport": ("not_set_in",)}
 _TRACED = tuple(
-    replace(kind, channels=("traced", *kind.channels[1:], *_FREE[kind.contact]), beside_movement=BESIDE_MOVEMENT)
+    replace(
+        kind,
+        channels=("traced", *kind.channels[1:], *_FREE[kind.contact]),
+        beside_movement=BESIDE_MOVEMENT,
+    )
     for kind in STROKE_KINDS
     if kind.motion == "motion"
 )

@@ -18,7 +18,7 @@ from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.parameters import FilterParameters
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
-from caesura_service.changepoint.segment_model_set import SegmentModelSet
+from caesura_service.changepoint.segment_model_set import SegmentKind, SegmentModelSet
 from caesura_service.changepoint.segments import stretches
 from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
 from service.changepoint.brute_force import BruteForce, demonstration, kind_log_evidence, segmentations
@@ -278,6 +278,15 @@ def test_a_value_that_is_not_finite_is_refused_and_changes_nothing() -> None:
     assert online.starts.tolist() == [0]
 
 
+def _weight_after(before: SegmentKind, after: SegmentKind) -> float:
+    """No two rests and no two contacts in a row; a traced line is rarely beside another movement."""
+    both = before, after
+    if {kind.name for kind in both} in ({"contact"}, {"steady"}, {"hold"}, {"steady", "hold"}):
+        return 0.0
+    traced = any(kind.channels[0] == "traced" for kind in both)
+    return 0.01 if traced and all(kind.motion == "motion" for kind in both) else 1.0
+
+
 def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds() -> None:
     """Every sequence of kinds, each with its prior given the kind before, in one product."""
     lattice, data = PRESETS["default"].lattice(), demonstration(5, 5)
@@ -285,17 +294,11 @@ def test_a_transition_prior_agrees_with_the_sum_over_all_segmentations_and_kinds
     kinds |= {(0, end): kinds[1, end] for end in range(2, 6)}  # stepwise: it counts from the second one on
     weights = np.array([kind.weight for kind in lattice.kinds])
 
-    def follows(after: int, before: int | None) -> float:
-        if before is None:
-            return 1.0
-        both = lattice.kinds[before], lattice.kinds[after]
-        if any({kind.name for kind in both} <= set(group) for group in lattice.unrepeated):
-            return 0.0
-        traced = any(kind.channels[0] == "traced" for kind in both)
-        return 0.01 if traced and all(kind.motion == "motion" for kind in both) else 1.0
+    follows = np.array([[_weight_after(one, other) for other in lattice.kinds] for one in lattice.kinds])
 
     def log_prior(kind: int, before: int | None) -> float:
-        likely = weights * [follows(after, before) for after in range(len(names))]
+        after = np.ones(len(names)) if before is None else follows[before]
+        likely = weights * after
         return float(np.log(likely[kind] / likely.sum())) if likely[kind] else -np.inf
 
     prior = np.log(weights / weights.sum())

@@ -32,7 +32,7 @@ from caesura_service.constants import GRAVITY
 from caesura_service.robot import load_panda
 from service.changepoint.catalogue import Whole
 from service.changepoint.quadrature import constant_velocity
-from service.program.test_builder import program, segment
+from service.program.segments import program, segment
 
 STEP_S = 0.1
 NU0, SIGMA2, KAPPA0, LINE_STEP_S = 3.0, 0.5, 1.0, 0.5

@@ -8,53 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from caesura_protocol.messages import App, Segment
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
-
-PARTS = {
-    "motion": ("motion", "free"),
-    "steady": ("steady", "free"),
-    "contact": ("steady", "contact"),
-    "sliding": ("motion", "contact"),
-    "transport": ("motion", "transport"),
-    "hold": ("steady", "transport"),
-}
-
-
-def segment(kind: str, t0: float, tn: float, **fields: Any) -> Segment:
-    motion, contact = PARTS[kind]
-    made = {
-        "t0": t0,
-        "tn": tn,
-        "kind": kind,
-        "motion": motion,
-        "contact": contact,
-        "probability": 0.9,
-        "runner_up": None,
-        "log_odds": 0.0,
-        "certainty": "final",
-        "position_start": (0.0, 0.0, t0 / 10),
-        "position_end": (0.0, 0.0, tn / 10),
-        "force_start": (0.0, 0.0, 0.0),
-        "force_end": (0.0, 0.0, 0.0),
-        "force_held": None,
-        "load_kg": None,
-        "load_sd_kg": None,
-    }
-    return Segment.model_validate(made | fields)
-
-
-def program(*segments: Segment, grips: tuple[GripperAction, ...] = (), **options: Any) -> tuple[App, ...]:
-    steps = [ProgramSegment(index, one, one.probability) for index, one in enumerate(segments)]
-    return task_program(steps, grips, moment_at, **options)
-
-
-def moment_at(t: float) -> Moment:
-    return Moment((0.0, 0.0, t / 10), (0.0, 0.0, 0.0, 1.0), None, 0.04)
-
-
-def kinds(apps: tuple[App, ...]) -> list[str]:
-    return [app.kind for app in apps]
+from service.program.segments import kinds, moment_at, program, segment
 
 
 def test_pick_and_place_becomes_the_apps_that_the_thesis_executed():

@@ -8,7 +8,7 @@ import pytest
 
 from caesura_protocol.messages import Gap
 from caesura_service.program import Gaps, GripperAction, observed_share
-from service.program.test_builder import program, segment
+from service.program.segments import program, segment
 
 
 def gap(t0: float, tn: float, **fields: Any) -> Gap:

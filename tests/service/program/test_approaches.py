@@ -1,0 +1,131 @@
+"""Where a contact is made, and what belongs to the movement into it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
+from service.program.segments import ACROSS, DRIFT_N, drifted, held, kinds, program, segment
+
+
+def test_a_contact_was_made_where_the_movement_into_it_was_pushed_back_first() -> None:
+    def late(t: float) -> Moment:
+        return drifted(t, pushed_n=5.0 if t > 1.7 else 0.0)
+
+    touching, pressing = program(
+        segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, **held(8.0)), at=late
+    )
+    assert touching.target == pytest.approx((0.0, 0.0, 0.175))
+    assert pressing.force_taught == pytest.approx((0.0, 0.0, -8.0))
+
+
+def test_a_contact_was_made_where_its_rest_pushes_back_though_the_stroke_leans_to_another_side() -> None:
+    """Over a bend the force leans by 59 degrees from rest to stroke: the touch was found 24 mm later."""
+    x, y, z = DRIFT_N
+
+    def at(t: float) -> Moment:
+        leaning = (x, y - 4.0 * (t > 2.0), z + 3.0 * (t > 2.0)) if t < 3.0 else (x, y + 1.0, z + 9.0)
+        return replace(drifted(t), force=leaning, position=(t, 0.0, 0.2))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x, y - 4.0, z + 3.0)),
+        segment("sliding", 3.0, 5.0, force_held=(x, y + 1.0, z + 9.0), **ACROSS),
+        at=at,
+    )
+    assert [app.segments for app in made] == [(0,), (1, 2)]
+    assert made[0].target == pytest.approx((2.05, 0.0, 0.2))
+
+
+def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> None:
+    """Its segment began on the way down: the path of a stroke began 9 mm above the surface."""
+
+    def down_then_across(t: float) -> Moment:
+        x, z = (0.0, 0.1 + 0.05 * (3.0 - t)) if t < 3.0 else (0.1 * (t - 3.0), 0.1)
+        return replace(drifted(t, pushed_n=8.0 if t > 3.0 else 0.0), position=(x, 0.0, z))
+
+    def poses(t0: float, tn: float) -> tuple[Any, Any]:
+        times = np.arange(t0, tn + 1e-9, 0.05)
+        return times, np.array([down_then_across(t).position for t in times])
+
+    begun = {"position_start": (0.0, 0.0, 0.12), "position_end": (0.2, 0.0, 0.1)}
+    steps = [
+        ProgramSegment(0, segment("motion", 0.0, 2.6), 1.0),
+        ProgramSegment(1, segment("sliding", 2.6, 5.0, **held(8.0), **begun), 1.0),
+    ]
+    _, stroke = task_program(steps, (), down_then_across, paths=Paths(poses))
+    assert stroke.path is not None
+    assert stroke.path.start.position == pytest.approx((0.0, 0.0, 0.1), abs=0.006)
+    assert stroke.t0 == stroke.path.start.t == pytest.approx(3.05)
+
+
+def test_a_way_down_that_ends_in_a_press_is_one_move_to_contact() -> None:
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2), "force_held": (0.0, 0.0, 9.0)}
+    made = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **down))
+    assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
+    tilted = ACROSS | {"force_held": (-6.0, 0.0, 8.0)}
+    stroke = program(segment("motion", 0.0, 2.0), segment("sliding", 2.0, 4.0, **tilted))
+    assert kinds(stroke) == ["move_to_contact", "apply_force"]
+
+
+DOWN: dict[str, Any] = {"position_start": (0.0, 0.0, 0.4), "position_end": (0.0, 0.0, 0.21)}
+
+
+@pytest.mark.parametrize(
+    ("begins", "length_m", "segments"),
+    [
+        (2.0, 0.01, [(0, 1), (2,)]),
+        (2.2, 0.01, [(0, 1), (2,)]),
+        (2.4, 0.01, [(0,), (1,), (2,)]),
+        (2.0, 0.03, [(0,), (1,), (2,)]),
+    ],
+)
+def test_the_last_centimetre_before_a_contact_is_part_of_the_movement(
+    begins: float, length_m: float, segments: list[tuple[int, ...]]
+) -> None:
+    """A robot slows down there, and what was one movement of a hand was two of its own."""
+    last = {"position_start": (0.0, 0.0, 0.21), "position_end": (0.0, 0.0, 0.21 - length_m)}
+    made = program(
+        segment("motion", 0.0, 2.0, **DOWN),
+        segment("motion", begins, 3.0, **last),
+        segment("contact", 3.0, 4.0, **held(9.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0),
+    )
+    assert [app.segments for app in made] == segments
+    assert kinds(made)[-2:] == ["move_to_contact", "apply_force"]
+    assert made[0].t0 == 0.0
+
+
+def test_a_last_centimetre_before_which_the_fingers_move_is_a_movement_of_its_own() -> None:
+    last = {"position_start": (0.0, 0.0, 0.21), "position_end": (0.0, 0.0, 0.2)}
+    made = program(
+        segment("motion", 0.0, 2.0, **DOWN),
+        segment("motion", 2.0, 3.0, **last),
+        segment("contact", 3.0, 4.0, **held(9.0)),
+        grips=(GripperAction(2.1, "open", 0.08),),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0),
+    )
+    assert [app.segments for app in made if app.segments] == [(0,), (1,), (2,)]
+
+
+@pytest.mark.parametrize(
+    ("way_m", "goes_on", "made_of"),
+    [(0.006, False, [(0, 1)]), (0.02, False, [(0,), (1,)]), (0.006, True, [(0,), (1,), (2,)])],
+)
+def test_the_last_way_to_a_rest_is_part_of_the_movement_that_it_goes_on_from(
+    way_m: float, goes_on: bool, made_of: list[tuple[int, ...]]
+) -> None:
+    """A hand crept by 4 to 8 mm before it rested: an app that the robot's run did not have."""
+    place, crept, there = (0.1, 0.0, 0.2), (0.1 + way_m, 0.0, 0.2), (0.3, 0.0, 0.2)
+    rest = segment("steady", 2.6, 4.0, position_start=crept, position_end=crept)
+    onward = segment("motion", 2.6, 4.0, position_start=crept, position_end=there)
+    made = program(
+        segment("motion", 0.0, 2.0, position_start=(0.0, 0.0, 0.2), position_end=place),
+        segment("motion", 2.0, 2.6, position_start=place, position_end=crept),
+        onward if goes_on else rest,
+    )
+    assert [app.segments for app in made] == made_of

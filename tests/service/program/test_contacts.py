@@ -1,0 +1,178 @@
+"""What is taken for a contact."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from caesura_service.program import GripperAction, Moment
+from service.program.segments import (
+    ACROSS,
+    DRIFT_N,
+    GRASP,
+    drifted,
+    forces_of,
+    held,
+    kinds,
+    program,
+    segment,
+)
+
+
+@pytest.mark.parametrize(
+    ("before", "touching", "becomes"),
+    [
+        ("steady", "sliding", ["cartesian_motion"]),
+        ("motion", "contact", ["cartesian_motion"]),
+        ("transport", "sliding", ["transport", "transport"]),
+        ("transport", "contact", ["transport", "hold"]),
+    ],
+)
+def test_a_contact_that_begins_without_a_change_of_the_force_goes_on_as_what_came_before(
+    before: str, touching: str, becomes: list[str]
+) -> None:
+    apps = program(segment(before, 0.0, 2.0), segment(touching, 2.0, 4.0, **held(0.5), **ACROSS), at=drifted)
+    assert kinds(apps) == becomes
+
+
+@pytest.mark.parametrize("rest", ["contact", "steady"])
+@pytest.mark.parametrize("turns", [False, True])
+def test_what_follows_a_contact_and_holds_its_force_is_a_contact(turns: bool, rest: str) -> None:
+    """Two strokes of a screw, the tool turned back between them under 6 N: they pressed without a contact."""
+    still: dict[str, Any] = {"position_end": (0.0, 0.0, 0.6), **(held(6.0) if rest == "contact" else {})}
+    back = segment("motion", 4.0, 6.0, **ACROSS)
+    if turns:
+        back = back.model_copy(update={"kind": "turning", "position_end": back.position_start})
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(13.0)),
+        back,
+        segment(rest, 6.0, 7.0, **still),
+        segment("contact", 7.0, 9.0, **held(13.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0 if 4.0 < t < 7.0 else 13.0),
+    )
+    assert [(app.kind, app.segments) for app in made] == [
+        ("move_to_contact", (0,)),
+        ("apply_force", (1, 2, 3)),
+        ("apply_force", (4,)),
+    ]
+    assert forces_of(made[1]) == pytest.approx([6.0, 13.0, 6.0])
+    assert forces_of(made[2]) == pytest.approx([13.0])
+
+
+def test_what_holds_the_force_of_a_contact_is_one_after_less_than_the_minimum_time_in_between() -> None:
+    """A screwdriver was turned back under 6 N, and the first 0.1 s of that were a segment of their own."""
+    back = segment("motion", 4.1, 6.0, **ACROSS)
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(13.0)),
+        segment("motion", 4.0, 4.1),
+        back.model_copy(update={"kind": "turning", "position_end": back.position_start}),
+        segment("contact", 6.0, 9.0, position_end=(0.0, 0.0, 0.6), **held(13.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 6.0 if 4.0 < t < 6.0 else 13.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "apply_force"]
+
+
+def test_a_rest_after_a_soft_stroke_is_in_contact_though_something_short_was_before_the_stroke() -> None:
+    """The stroke after that rest began without a contact, and was said to be 6 N softer than it was."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(13.0)),
+        segment("motion", 3.0, 3.1, **ACROSS),
+        segment("motion", 3.1, 5.0, **ACROSS),
+        segment("steady", 5.0, 6.0, position_start=(0.1, 0.0, 0.2), position_end=(0.1, 0.0, 0.2)),
+        segment("sliding", 6.0, 8.0, **held(16.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 13.0 if t < 3.0 else 6.0 if t < 6.0 else 16.0),
+    )
+    assert math.hypot(*(made[-1].force_taught or ())) == pytest.approx(16.0)
+
+
+def test_a_stroke_under_friction_is_a_contact_though_the_force_is_tilted() -> None:
+    x, y, z = DRIFT_N
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, force_held=(x + 1.5, y, z + 10.0)),
+        segment("motion", 3.0, 5.0, **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 8.0),
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force"]
+    assert made[1].segments == (1, 2)
+
+
+def test_a_contact_lasts_through_the_noise_of_its_force() -> None:
+    """5 N with 2 N of noise: a single observation below 3 N ended the contact."""
+
+    def at(t: float) -> Moment:
+        noise = 2.0 if round(t / 0.1) % 2 else -2.5
+        return drifted(t, pushed_n=0.0 if t < 2.0 else 5.0 + (noise if 3.0 < t < 5.0 else 0.0))
+
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(5.0)),
+        segment("motion", 3.0, 5.0, **ACROSS),
+        segment("contact", 5.0, 6.0, **held(5.0)),
+        at=at,
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force"]
+    assert made[1].segments == (1, 2, 3)
+
+
+def test_a_stroke_in_the_air_between_two_contacts_is_no_press() -> None:
+    """Of a sensor that drifts sideways; it became a press of 0.8 N, which the check refuses.
+
+    The short press after it is no end of a stroke.
+    """
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(13.0)),
+        segment("sliding", 3.0, 5.0, **held(0.8), **ACROSS),
+        segment("contact", 5.0, 5.4, **held(13.0)),
+        at=drifted,
+    )
+    assert kinds(made) == ["move_to_contact", "apply_force", "move_to_contact", "apply_force"]
+
+
+@pytest.mark.parametrize(("resists_n", "becomes"), [(7.0, ["apply_force"]), (2.0, ["move_to_contact"])])
+def test_a_movement_that_is_pushed_back_all_the_way_to_a_contact_is_part_of_the_press(
+    resists_n: float, becomes: list[str]
+) -> None:
+    """A pump that sank slowly was a movement in the air, and its bottom the only press."""
+    down: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.178)}
+    bottom: dict[str, Any] = {"position_start": (0.0, 0.0, 0.178), "position_end": (0.0, 0.0, 0.178)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("steady", 2.0, 2.2),
+        segment("motion", 2.2, 2.8, **down),
+        segment("contact", 2.8, 5.0, **bottom, **held(12.0)),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.2 else resists_n if t < 2.8 else 12.0),
+    )
+    assert kinds(made)[1:] == [*([] if resists_n > 3.0 else becomes), "apply_force"]
+    assert made[-1].segments == ((2, 3) if resists_n > 3.0 else (3,))
+
+
+def test_three_observations_are_long_enough_whatever_their_times_are_rounded_to() -> None:
+    """A contact from 2.95 to 3.25 s was too short for 0.3 s, and one from 2.45 to 2.75 s was not."""
+    for t in (2.45, 2.95):
+        made = program(
+            segment("motion", 0.0, t),
+            segment("contact", t, t + 0.3, **held(9.0)),
+            segment("motion", t + 0.3, 6.0),
+            at=drifted,
+        )
+        assert kinds(made) == ["move_to_contact", "apply_force", "cartesian_motion"]
+
+
+@pytest.mark.parametrize(
+    ("before", "named"),
+    [("motion", "sliding"), ("motion", "contact"), ("contact", "transport"), ("transport", "motion")],
+)
+def test_what_an_operator_has_named_is_what_it_is(before: str, named: str) -> None:
+    said = segment(named, 2.0, 4.0, **held(-4.0), **ACROSS, corrected=True)
+    made = program(
+        segment(before, 1.0, 2.0), said, grips=(GRASP, GripperAction(1.5, "release", 0.08)), at=drifted
+    )
+    expected = {"sliding": "apply_force", "contact": "apply_force", "motion": "cartesian_motion"}
+    assert made[-1].kind == expected.get(named, named)

@@ -1,0 +1,140 @@
+"""What is carried, held or set down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from caesura_service.program import GripperAction, Moment
+from service.program.segments import ACROSS, GRASP, RELEASE, carried, held, kinds, moment_at, program, segment
+
+
+@pytest.mark.parametrize(("kind", "becomes"), [("transport", ["cartesian_motion"]), ("hold", [])])
+def test_what_the_fingers_have_let_go_is_not_carried(kind: str, becomes: list[str]) -> None:
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    apps = program(segment(kind, 5.0, 7.0, **load), grips=(GRASP, RELEASE))
+    assert kinds(tuple(app for app in apps if app.segments)) == becomes
+
+
+def test_where_no_gripper_shows_what_weighs_nothing_is_not_carried() -> None:
+    light = {"load_kg": 0.07, "load_sd_kg": 0.06}
+    heavy = {"load_kg": 0.3, "load_sd_kg": 0.06}
+    assert kinds(program(segment("transport", 0.0, 2.0, **light))) == ["cartesian_motion"]
+    assert kinds(program(segment("transport", 0.0, 2.0, **heavy))) == ["transport"]
+
+
+def test_what_the_fingers_hold_is_carried_from_beginning_to_end_however_light() -> None:
+    carry = segment("transport", 3.0, 4.0, load_kg=0.15, load_sd_kg=0.05)
+    before, after = segment("motion", 1.0, 3.0), segment("motion", 5.0, 6.0)
+    apps = [app for app in program(before, carry, after, grips=(GRASP, RELEASE)) if app.segments]
+    assert kinds(tuple(apps)) == ["transport", "transport", "cartesian_motion"]
+    assert apps[0].load_kg == pytest.approx(0.15)
+
+
+def test_what_begins_to_weigh_in_the_air_is_not_carried() -> None:
+    before, carry = segment("motion", 1.0, 3.0), segment("transport", 3.5, 5.0, load_kg=0.3, load_sd_kg=0.05)
+    for between, becomes in (("steady", "cartesian_motion"), ("contact", "transport")):
+        touched = segment(between, 3.0, 3.2)  # too short for an app
+        assert kinds(program(before, touched, carry))[-1] == becomes
+
+
+def test_between_fingers_that_are_shut_there_is_nothing() -> None:
+    carry = segment("transport", 3.0, 5.0, load_kg=0.3, load_sd_kg=0.05)
+    for width, becomes in ((0.001, "cartesian_motion"), (0.04, "transport")):
+        (app,) = program(carry, at=lambda t, width=width: replace(moment_at(t), gripper_width=width))
+        assert app.kind == becomes
+
+
+def test_a_load_that_weighs_something_else_is_set_down() -> None:
+    """A peg that rests on a table with 3 N had 1 N more than nothing, and was said to be carried."""
+    assert kinds(carried(1.5)) == ["grasp", "transport", "apply_force", "transport"]
+    assert carried(1.5)[2].segments == (1, 2, 3)
+    assert kinds(carried(-1.0)) == ["grasp", "transport", "hold", "transport", "hold", "transport"]
+
+
+@pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.008, "hold"), (0.02, "transport")])
+def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
+    """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""
+
+    def there_and_back(t: float) -> Moment:
+        x = way_m * (1.0 - abs(t - 2.5) / 0.5) if 2.0 < t < 3.0 else 0.0
+        return replace(moment_at(0.0), position=(x, 0.0, 0.0))
+
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.0), "position_end": (0.0, 0.0, 0.0)}
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01}
+    made = program(
+        segment("transport", 0.0, 2.0, **load, **ACROSS),
+        segment("transport", 2.0, 3.0, **load, **here),
+        segment("transport", 3.0, 5.0, **load, **ACROSS),
+        grips=(GripperAction(-1.0, "grasp", 0.05),),
+        at=lambda t: there_and_back(t) if 2.0 < t < 3.0 else replace(moment_at(t), position=(t, 0.0, 0.0)),
+    )
+    assert [app.kind for app in made if app.segments] == ["transport", becomes, "transport"]
+
+
+def test_holds_that_follow_each_other_are_one() -> None:
+    """The robot stood for 0.3 s before and after 6 mm that the person had moved in one hold."""
+    load = {"load_kg": 0.3, "load_sd_kg": 0.01}
+    here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.0), "position_end": (0.0, 0.0, 0.0)}
+    made = program(
+        segment("transport", 0.0, 2.0, **load, **ACROSS),
+        segment("hold", 2.0, 2.4, **load, **here),
+        segment("transport", 2.4, 3.0, **load, **here),
+        segment("hold", 3.0, 3.4, **load, **here),
+        segment("transport", 3.4, 5.0, **load, **ACROSS),
+        grips=(GripperAction(-1.0, "grasp", 0.05),),
+        at=lambda t: replace(moment_at(t), position=(0.0 if 2.0 < t < 3.4 else t, 0.0, 0.0)),
+    )
+    carried = [(app.kind, app.t0, app.tn, app.segments) for app in made if app.segments]
+    assert carried == [
+        ("transport", 0.0, 2.0, (0,)),
+        ("hold", 2.0, 3.4, (1, 2, 3)),
+        ("transport", 3.4, 5.0, (4,)),
+    ]
+
+
+def test_a_rest_with_something_between_the_fingers_is_a_hold_whatever_it_weighs() -> None:
+    carry = segment("motion", 1.0, 2.0), segment("steady", 2.0, 3.5), segment("motion", 3.5, 4.2)
+    assert kinds(program(*carry, grips=(GRASP,)))[1:] == ["transport", "hold", "transport"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "becomes"), [(0.2, ["transport"] * 2), (0.6, ["transport", "hold", "transport"])]
+)
+def test_a_load_that_rests_is_held_there(seconds: float, becomes: list[str]) -> None:
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    rest, onward = 2.0 + seconds, 4.0 + seconds
+    carry = segment("transport", 0.0, 2.0, **load), segment("hold", 2.0, rest, **load)
+    assert kinds(program(*carry, segment("transport", rest, onward, **load))) == becomes
+
+
+@pytest.mark.parametrize(
+    ("lifted_m", "seconds", "becomes"),
+    [
+        (0.002, 0.6, ["transport"]),
+        (0.02, 0.6, ["hold", "transport"]),
+        (0.002, 5.0, ["hold", "transport"]),
+    ],
+)
+def test_a_load_that_stands_where_it_was_gripped_is_not_held_yet(
+    lifted_m: float, seconds: float, becomes: list[str]
+) -> None:
+    here, above = (0.0, 0.0, 0.2), (0.0, 0.0, 0.2 + lifted_m)
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(10.0), position_start=here, position_end=here),
+        segment("hold", 4.0, 4.0 + seconds, **load, position_start=above, position_end=above),
+        segment("transport", 4.0 + seconds, 6.0 + seconds, **load),
+        grips=(replace(GRASP, t=3.0),),
+    )
+    assert kinds(made) == ["move_to_contact", "grasp", *becomes]
+
+
+def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> None:
+    rest = segment("contact", 2.0, 3.5, force_held=(-0.2, 0.1, -4.6))
+    carry = segment("transport", 1.0, 2.0, load_kg=0.5, load_sd_kg=0.05)
+    assert kinds(program(carry, rest, grips=(GRASP,)))[1:] == ["transport", "hold"]
+    assert kinds(program(carry, rest)) == ["transport", "apply_force"]

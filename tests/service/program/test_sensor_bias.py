@@ -1,0 +1,68 @@
+"""What the sensor makes up, and what a contact adds to it."""
+
+from __future__ import annotations
+
+import pytest
+
+from caesura_service.program import GripperAction, Moment
+from service.program.segments import ACROSS, OFF, drifted, forces_of, held, program, segment
+
+
+def test_a_press_is_what_it_adds_to_the_force_that_was_there_before() -> None:
+    apps = program(segment("motion", 0.0, 2.0), segment("contact", 2.0, 3.0, **held(8.0)), at=drifted)
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -8.0))
+
+
+def test_presses_that_follow_each_other_are_all_measured_from_before_the_first() -> None:
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 3.0, **held(18.0)),
+        segment("sliding", 3.0, 4.5, **held(9.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 18.0 if t < 3.0 else 9.0),
+    )
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -9.0))
+    assert forces_of(apps[1]) == pytest.approx([9.0, 18.0])
+
+
+def test_what_is_touched_at_the_end_of_an_approach_is_no_bias() -> None:
+    """A hand pushed a pump in for half a second of the movement towards it: its force became the bias."""
+
+    def pushed(t: float) -> Moment:
+        return drifted(t, pushed_n=8.0 if 1.5 <= t < 4.0 else 0.0)
+
+    apps = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(8.0)),
+        segment("motion", 4.0, 6.0),
+        at=pushed,
+    )
+    assert apps[1].force_taught == pytest.approx((0.0, 0.0, -8.0), abs=0.3)
+
+
+def test_the_bias_of_a_sensor_is_read_on_both_sides_of_a_contact() -> None:
+    """It wandered by 3 N over a stroke, whose force was said to be 1.5 N too large."""
+
+    def wandering(t: float) -> Moment:
+        pushed_n = 10.0 if 2.0 < t < 6.0 else 0.0
+        return drifted(t, pushed_n=pushed_n + min(max(0.75 * (t - 2.0), 0.0), 3.0))
+
+    stroke, rest = (
+        segment("sliding", 2.0, 5.0, **held(11.1), **ACROSS),
+        segment("contact", 5.0, 6.0, **held(12.6)),
+    )
+    off = segment("motion", 6.0, 8.0, **OFF)
+    apps = program(segment("motion", 0.0, 2.0), stroke, rest, off, at=wandering)
+    assert forces_of(apps[1]) == pytest.approx([10.0, 10.0], abs=0.5)
+    held_until = program(segment("motion", 0.0, 2.0), stroke, rest, at=wandering)  # not yet let go
+    assert forces_of(held_until[1]) == pytest.approx([11.1, 12.6], abs=0.1)
+
+
+@pytest.mark.parametrize("grips", [(), (GripperAction(5.2, "open", 0.08),)])
+def test_what_is_in_the_air_after_a_contact_is_no_bias_where_it_is_more_than_that(
+    grips: tuple[GripperAction, ...],
+) -> None:
+    left_n = 2.0 if grips else 9.0
+    stroke, off = segment("sliding", 2.0, 5.0, **held(20.0), **ACROSS), segment("motion", 5.0, 8.0, **OFF)
+    at = lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 20.0 if t < 5.0 else left_n)  # noqa: E731
+    apps = program(segment("motion", 0.0, 2.0), stroke, off, at=at, grips=grips)
+    assert forces_of(apps[1]) == pytest.approx([20.0], abs=1e-6)

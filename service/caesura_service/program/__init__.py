@@ -2,6 +2,7 @@
 
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_service.program.builder import task_program
+from caesura_service.program.contacts import may_press_in
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.paths import Paths
@@ -13,7 +14,6 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     holds,
 )
-from caesura_service.program.segment_interpretation import may_press_in
 from caesura_service.program.strokes import may_end_movement
 
 __all__ = [

@@ -25,6 +25,7 @@ import numpy as np
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
 from caesura_protocol.screw_motion import exerted
+from caesura_service.program.contacts import ARRIVES_M, pushes_back
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
@@ -38,7 +39,7 @@ from caesura_service.program.program_segment import (
     length,
     observed,
 )
-from caesura_service.program.segment_interpretation import ARRIVES_M, kept_steps, pushes_back
+from caesura_service.program.segment_interpretation import kept_steps
 from caesura_service.program.strokes import INSERTED_M, rest_force_n, stands, stroke_force
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space

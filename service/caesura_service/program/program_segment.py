@@ -19,6 +19,14 @@ UNLIKE_N = 2.0 * TARED_BIAS_N  # by which two forces differ, whatever the bias d
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
+KINDS = {
+    ("motion", "free"): "motion",
+    ("steady", "free"): "steady",
+    ("motion", "contact"): "sliding",
+    ("steady", "contact"): "contact",
+    ("motion", "transport"): "transport",
+    ("steady", "transport"): "hold",
+}
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,23 @@ class GripperAction:
     def is_near(self, t0: float, tn: float) -> bool:
         """Does it belong to a contact between two times [s]?"""
         return t0 - GRIP_SLACK_S <= self.t <= tn + GRIP_SLACK_S
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What the segments of a demonstration are read beside; grips: all that are known."""
+
+    grips: Sequence[GripperAction]
+    moment_at: MomentAt
+
+    def fingers_move(self, t0: float, tn: float) -> bool:
+        """Do they move between two times [s], or close to them?"""
+        return any(grip.is_near(t0, tn) for grip in self.grips)
+
+    def forces(self, times: Sequence[float]) -> NDArray[np.float64]:
+        """(n, 3) [N] at some times [s], where they are known."""
+        seen = (self.moment_at(t).force for t in times)
+        return np.array([force for force in seen if force is not None]).reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +112,14 @@ class ProgramSegment:
         load = {name: average(weighed, name) for name in ("load_kg", "load_sd_kg")} if weighed else {}
         approach = (*before.parts, *self.approach)
         return replace(self, approach=approach, segment=last.model_copy(update=whole | load))
+
+    def read_as(self, contact: str, **fields: object) -> ProgramSegment:
+        """The same movement or rest, touching, carrying or neither; what an operator has named stays."""
+        if self.segment.corrected:
+            return self
+        kind = "turning" if self.segment.kind == "turning" else KINDS[self.segment.motion, contact]
+        read: dict[str, object] = {"kind": kind, "contact": contact, "load_kg": None, "load_sd_kg": None}
+        return replace(self, segment=self.segment.model_copy(update=read | fields))
 
     @property
     def seconds(self) -> float:

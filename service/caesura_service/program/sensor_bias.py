@@ -1,26 +1,36 @@
 """The force that a sensor makes up while the tool touches, from what it reads in the air before and after.
 
-It wanders with time and with the place: a tool's weight is never compensated quite right. So it is a line in
-both, fitted by ridge regression to the last two seconds before a contact and the first two after it. What
-pushes back at the end of those before it lies in the contact, and is left out.
+Until the tool has left, it is the force before the contact. It wanders with time and with the place: a tool's
+weight is never compensated quite right. So it is a line in both, fitted by ridge regression to the last two
+seconds before a contact and the first two after it. What pushes back at the end of those before it lies in
+the contact, and is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import groupby
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Segment, Vector
+from caesura_service.constants import TARED_BIAS_N
 from caesura_service.program.program_segment import (
+    OBSERVED_S,
     PUSHES_BACK_N,
+    Context,
     Moment,
     MomentAt,
+    ProgramSegment,
     length,
     observed,
 )
 
+BASE_S = 1.0  # before a contact, over which the force is what the sensor makes up
+MOST_WANDER_N = 3.0 * TARED_BIAS_N  # of what a sensor makes up, from before a contact to after it
 AROUND_S = 2.0  # before and after a contact
 TOUCHING_S, LETTING_GO_S = 0.1, 0.3  # of that, what may lie in the contact: a boundary is only so exact
 WANDER_M, WANDER_S = 0.15, 10.0  # over which it wanders by about `WANDER_N`
@@ -28,6 +38,34 @@ WANDER_N, OFFSET_N = 1.0, 3.0  # standard deviations of its wander, and of its s
 READ_VARIANCE = 2.0  # [N²] of a reading: noise and the tool's inertia, which last over several readings
 
 Array = NDArray[np.float64]
+
+
+def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """The same steps; of contacts, the force that the sensor makes up is read on both sides of them.
+
+    Where the fingers move, or more has changed than a sensor makes up, something else did change it.
+    """
+    based: list[ProgramSegment] = []
+    for touches, run in groupby(kept, key=lambda step: step.touches):
+        steps, place = list(run), len(based)
+        based += steps
+        if not touches or place == 0 or len(based) == len(kept):
+            continue
+        before, after = kept[place - 1].segment, kept[len(based)].segment
+        changed = np.subtract(_force_at_start(after, context), steps[0].base)
+        if before.contact != after.contact or length(changed) >= MOST_WANDER_N:
+            continue
+        if context.fingers_move(before.tn, after.t0):
+            continue
+        bias = bias_between(before, after, steps[0].base, context.moment_at)
+        for k, step in enumerate(steps, start=place):
+            based[k] = replace(step, base=bias(0.5 * (step.segment.t0 + step.segment.tn)))
+    return based
+
+
+def base_after(before: ProgramSegment, context: Context) -> Vector:
+    """[N] before the contact that a step belongs to, or that follows it."""
+    return before.base if before.touches else _force_at_end(before.segment, context)
 
 
 def bias_between(
@@ -72,3 +110,25 @@ def _row(t: float, moment: Moment, since: float, origin: Moment) -> Sequence[flo
     """(5,) What the bias depends on: 1, the way from an origin, the time since then."""
     way = (np.subtract(moment.position, origin.position) / WANDER_M).tolist()
     return [1.0, *way, (t - since) / WANDER_S]
+
+
+def _force_at_end(segment: Segment, context: Context) -> Vector:
+    """[N] median of its last second, for its very end may lie in the contact; 0 where there is no force."""
+    return _free_force(observed(segment.t0, segment.tn)[::-1], context)
+
+
+def _force_at_start(segment: Segment, context: Context) -> Vector:
+    """[N] median of its first second; 0 where there is no force."""
+    return _free_force(observed(segment.t0, segment.tn), context)
+
+
+def _free_force(times: Sequence[float], context: Context) -> Vector:
+    """[N] median over `BASE_S`, beginning behind the contact that the first of these times may lie in."""
+    looks = round(BASE_S / OBSERVED_S)
+    forces = context.forces(times[: 2 * looks])
+    if not len(forces):
+        return 0.0, 0.0, 0.0
+    apart = np.linalg.norm(forces - np.median(forces, axis=0), axis=1) >= PUSHES_BACK_N
+    begun = 0 if apart.all() else int(np.argmin(apart))
+    x, y, z = map(median, forces[begun : begun + looks].T.tolist())
+    return x, y, z

@@ -26,7 +26,7 @@ from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
     UNLIKE_N,
-    GripperAction,
+    Context,
     Moment,
     MomentAt,
     ProgramSegment,
@@ -50,40 +50,38 @@ STROKE_REST_S = 0.5  # a rest at either end of a stroke that is shorter than thi
 OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; friction tilts a force less
 
 
-def with_last_ways(steps: Sequence[ProgramSegment], grips: Sequence[GripperAction]) -> list[ProgramSegment]:
+def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """The same steps; the last way into a contact, or to a rest, is part of the movement it goes on from."""
     joined: list[ProgramSegment] = []
     for step, following in zip_longest(steps, steps[1:]):
         last = joined[-1] if joined else None
-        if last is None or not _ends(last, step, following) or _fingers_move(last.tn, step, grips):
+        if last is None or not _ends(last, step, following) or context.fingers_move(last.tn, step.segment.t0):
             joined.append(step)
             continue
         joined[-1] = step.joined_to(last)
     return joined
 
 
-def with_whole_turns(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> list[ProgramSegment]:
+def with_whole_turns(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """The same steps; a turn in contact that goes on about its axis without a stop is one."""
     joined: list[ProgramSegment] = []
     for step in steps:
-        if joined and _turns_on(joined[-1], step, moment_at):
+        if joined and _turns_on(joined[-1], step, context.moment_at):
             joined[-1] = _one_turn(joined[-1], step)
         else:
             joined.append(step)
     return joined
 
 
-def with_ends(
-    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
-) -> list[ProgramSegment]:
+def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """The same steps; short slides and tilts beside a stroke are ends of it, with one path.
 
     Whether such an end is divided from its stroke is a close decision: a person and a robot differ in it.
     """
     joined: list[ProgramSegment] = []
     for step in steps:
-        parts, stroke = _one_with(step, joined, grips, moment_at)
-        if len(parts) > 1 and _are_one(parts, stroke, moment_at):
+        parts, stroke = _one_with(step, joined, context)
+        if len(parts) > 1 and _are_one(parts, stroke, context.moment_at):
             joined[len(joined) - len(parts) + 1 :] = [_one_way(parts)]
         else:
             joined.append(step)
@@ -91,36 +89,32 @@ def with_ends(
 
 
 def _one_with(
-    step: ProgramSegment,
-    before: Sequence[ProgramSegment],
-    grips: Sequence[GripperAction],
-    moment_at: MomentAt,
+    step: ProgramSegment, before: Sequence[ProgramSegment], context: Context
 ) -> tuple[list[ProgramSegment], ProgramSegment]:
     """What may be one way with a step, in time order, and the stroke among it; the step alone otherwise."""
-    if _is_end(step, grips, moment_at):
-        rests = _length_of(before, lambda one: _rests(one, grips))
+    if _is_end(step, context):
+        rests = _length_of(before, lambda one: _rests(one, context))
         parts = [*before[-rests - 1 :], step]
         stroke = parts[0]
-        if rests < len(before) and _has_ends(stroke, moment_at) and not _is_end(stroke, grips, moment_at):
+        if rests < len(before) and _has_ends(stroke, context.moment_at) and not _is_end(stroke, context):
             return parts, stroke
-    elif _has_ends(step, moment_at):
-        lead = _length_of(before, lambda one: _rests(one, grips) or _is_end(one, grips, moment_at))
-        return [*dropwhile(lambda one: _rests(one, grips), before[len(before) - lead :]), step], step
+    elif _has_ends(step, context.moment_at):
+        lead = _length_of(before, lambda one: _rests(one, context) or _is_end(one, context))
+        return [*dropwhile(lambda one: _rests(one, context), before[len(before) - lead :]), step], step
     return [step], step
 
 
-def with_rests(
-    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt
-) -> list[ProgramSegment]:
+def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """The same steps, each stroke with the rests at its ends.
 
     Those between two strokes end the first, but where they are pressed as the second is and not as the first.
     """
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
+    moment_at = context.moment_at
     runs = [
         (rests, level)
-        for rests, run in groupby(steps, key=lambda step: _rests(step, grips))
+        for rests, run in groupby(steps, key=lambda step: _rests(step, context))
         for level in (_levels(run, moment_at) if rests else [tuple(run)])
     ]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
@@ -260,17 +254,13 @@ def are_one_kind(movement: ProgramSegment, other: ProgramSegment) -> bool:
     return same and not (one.corrected or two.corrected)
 
 
-def _fingers_move(since: float, step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
-    return any(grip.is_near(since, step.segment.t0) for grip in grips)
-
-
-def _rests(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool:
+def _rests(step: ProgramSegment, context: Context) -> bool:
     """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
     segment = step.segment
     pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
     if segment.corrected or not (segment.kind == "contact" or pushes or stands(step)):
         return False
-    return not any(grip.is_near(segment.t0, segment.tn) for grip in grips)
+    return not context.fingers_move(segment.t0, segment.tn)
 
 
 def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
@@ -418,13 +408,13 @@ def _one_screw(one: ScrewMotion | None, two: ScrewMotion | None) -> ScrewMotion 
     return two.model_copy(update=whole)
 
 
-def _is_end(step: ProgramSegment, grips: Sequence[GripperAction], moment_at: MomentAt) -> bool:
+def _is_end(step: ProgramSegment, context: Context) -> bool:
     """Is it a tilt in contact, or a slide so short that it is the end of a stroke?"""
     segment = step.segment
-    if segment.corrected or any(grip.is_near(segment.t0, segment.tn) for grip in grips):
+    if segment.corrected or context.fingers_move(segment.t0, segment.tn):
         return False
-    slides = segment.kind == "sliding" and not _rests(step, grips) and abs(step.pushed_in) < INSERTED_M
-    return (slides and length(step.moved) < DECAY_REACH_M) or _is_tilt(step, moment_at)
+    slides = segment.kind == "sliding" and not _rests(step, context) and abs(step.pushed_in) < INSERTED_M
+    return (slides and length(step.moved) < DECAY_REACH_M) or _is_tilt(step, context.moment_at)
 
 
 def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:

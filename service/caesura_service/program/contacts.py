@@ -1,0 +1,112 @@
+"""Which steps touch something, and where what they touch pushes back.
+
+- A contact changes the force: what does not is no contact, and goes on as what came before it. What follows a
+  contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a
+  recording, and a press is what is added to that.
+- What is held keeps its weight: where its force changes and stays so, it touches. So does a movement before a
+  contact that is pushed back all the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import Vector
+from caesura_service.program.program_segment import (
+    PUSHES_BACK_N,
+    UNLIKE_N,
+    Context,
+    MomentAt,
+    ProgramSegment,
+    direction,
+    holds,
+    length,
+    observed,
+)
+from caesura_service.program.sensor_bias import base_after
+from caesura_service.program.strokes import OUT_M, OUT_SHARE
+
+LASTING = 5  # observations over which a force is averaged
+ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
+
+
+def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Context) -> ProgramSegment:
+    """A contact, with the force before it; what does not change that goes on as what came before."""
+    if before is None or not step.touches:
+        return step
+    step = replace(step, base=base_after(before, context))
+    if length(step.force) >= PUSHES_BACK_N or (before.touches and step.segment.motion == "steady"):
+        return step
+    if before.touches:
+        return step.read_as("transport" if holds(step, context.grips) else "free")
+    return step.read_as(before.segment.contact)
+
+
+def still_touching(
+    contact: ProgramSegment, last: ProgramSegment, step: ProgramSegment, context: Context
+) -> ProgramSegment:
+    """What follows a contact is one too, where its force lasts and the tool does not leave."""
+    base = base_after(last, context)
+    return _touching(direction(replace(contact, base=base).force), PUSHES_BACK_N, base, step, context)
+
+
+def set_down(
+    last: ProgramSegment, step: ProgramSegment, ahead: ProgramSegment | None, context: Context
+) -> ProgramSegment:
+    """A load keeps its weight, and in the air nothing resists a short movement into a contact.
+
+    Where the force changes by more than a bias can and stays so, it touches.
+    """
+    segment = step.segment
+    arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
+    if last.segment.contact != segment.contact or not (segment.contact == "transport" or arrives):
+        return step
+    base = base_after(last, context)
+    forces = context.forces(observed(step.segment.t0, step.segment.tn))
+    changed = np.median(forces, axis=0) - base if len(forces) else np.zeros(3)
+    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, context)
+
+
+def may_press_in(step: ProgramSegment) -> bool:
+    """Is a movement so short that it may press something in? Then it depends on the force before it."""
+    return length(step.moved) < ARRIVES_M
+
+
+def _touching(
+    normal: NDArray[np.float64], least_n: float, base: Vector, step: ProgramSegment, context: Context
+) -> ProgramSegment:
+    """A step as a contact, where its force along a normal stays above a base and the tool does not leave."""
+    forces = context.forces(observed(step.segment.t0, step.segment.tn))
+    leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
+    if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
+        return step
+    held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
+    return replace(step.read_as("contact", force_held=held), base=base)
+
+
+def _least_lasting(pushes: NDArray[np.float64]) -> float:
+    """[N] the least mean over `LASTING` observations: one of them is as good as the sensor's noise."""
+    return float(sliding_window_view(pushes, min(LASTING, len(pushes))).mean(axis=1).min())
+
+
+def touched_at(contact: ProgramSegment, moment_at: MomentAt) -> Vector:
+    """Where [m] a contact first pushes back: its segment may begin on the way down to it."""
+    times = observed(contact.segment.t0, contact.segment.tn)
+    t = next(filter(pushes_back(contact, moment_at), times), None)
+    return contact.segment.position_start if t is None else moment_at(t).position
+
+
+def pushes_back(contact: ProgramSegment, moment_at: MomentAt) -> Callable[[float], bool]:
+    """Whether what a contact touches pushes back at a time [s], in the direction of its force."""
+    base, normal = contact.base, direction(contact.force)
+    return lambda t: _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N
+
+
+def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> float:
+    """[N] of what is added to a base, in a direction; 0 where it is not known."""
+    return 0.0 if force is None else float(np.subtract(force, base) @ normal)

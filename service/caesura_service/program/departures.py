@@ -1,0 +1,77 @@
+"""How a contact is left.
+
+- A way in the air after a contact is a movement; the force of the contact that decays is nothing.
+- A movement far out of what was pressed goes on in the air. One that stays inside of it goes on to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import takewhile
+
+import numpy as np
+
+from caesura_service.program.contacts import ARRIVES_M, pushes_back, touched_at
+from caesura_service.program.program_segment import (
+    ACROSS_M,
+    Context,
+    ProgramSegment,
+    direction,
+    length,
+    observed,
+)
+from caesura_service.program.strokes import DECAY_REACH_M, is_directly_before
+
+IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this without its force
+
+
+def lets_go(
+    before: ProgramSegment | None, kept: Sequence[ProgramSegment], step: ProgramSegment, context: Context
+) -> bool:
+    """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off.
+
+    What goes on without that force is a movement, once it is out of what was pressed in.
+    """
+    if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
+        return False
+    segment = step.segment
+    if length(step.moved) >= DECAY_REACH_M or length(segment.force_end) >= length(segment.force_start):
+        return False
+    contact = list(takewhile(lambda one: one.touches, reversed(kept)))
+    if not contact:
+        return True
+    normal = direction(contact[0].force)
+    if np.subtract(segment.position_end, touched_at(contact[-1], context.moment_at)) @ normal <= 0.0:
+        return True
+    presses = list(filter(pushes_back(contact[0], context.moment_at), observed(segment.t0, segment.tn)))
+    gone = context.moment_at(presses[-1]).position if presses else segment.position_start
+    return length(np.subtract(segment.position_end, gone)) < IN_AIR_M
+
+
+def leaving(step: ProgramSegment) -> ProgramSegment:
+    """A movement far out of what was pressed goes on in the air: it is no press."""
+    segment = step.segment
+    leaves = segment.kind == "sliding" and step.gives_way and -step.pushed_in >= ARRIVES_M
+    return step.read_as("free") if leaves else step
+
+
+def with_departures(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
+    """The same steps; what does not leave what was pressed in is part of the movement that it goes on to."""
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        if joined and is_directly_before(joined[-1], step) and _is_inside(joined[-1], joined[:-1], context):
+            joined[-1] = step.joined_to(joined[-1])
+        else:
+            joined.append(step)
+    return joined
+
+
+def _is_inside(movement: ProgramSegment, before: Sequence[ProgramSegment], context: Context) -> bool:
+    """Does a movement end below where what gave way before it was touched, and not beside it?"""
+    pressed = list(takewhile(lambda step: step.touches and step.gives_way, reversed(before)))
+    if not pressed:
+        return False
+    normal = direction(pressed[0].force)
+    out = np.subtract(movement.segment.position_end, touched_at(pressed[-1], context.moment_at))
+    risen_m = float(out @ normal)
+    return risen_m < 0.0 and length(out - risen_m * normal) < ACROSS_M

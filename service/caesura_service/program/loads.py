@@ -1,0 +1,119 @@
+"""What the robot carries or holds.
+
+- What the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
+  to weigh in the air. What they hold is, and so is what only hangs on the robot.
+- What stands where it was gripped is not held yet.
+- A carry, or a turn in the air, that leads nowhere is a rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from caesura_protocol.messages import Segment
+from caesura_protocol.rotations import angle_between
+from caesura_service.constants import GRAVITY
+from caesura_service.program.program_segment import KINDS, Context, ProgramSegment, holds, length, observed
+from caesura_service.program.strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
+
+HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
+SURE_SDS = 2.0  # deviations of a load from nothing
+NOWHERE_RAD = math.radians(3.0)  # of a turn in the air: a check names what is more
+STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
+SHUT_M = 0.003  # between fingers that hold nothing
+
+
+def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSegment:
+    """What the fingers hold is carried, however light; what they have let go is not, nor while they are shut.
+
+    Where they say nothing, what weighs nothing is not carried, nor what was not picked up.
+    """
+    segment = step.segment
+    if segment.contact == "free":
+        return step.read_as("transport") if holds(step, context.grips) else step
+    if segment.contact != "transport":
+        return step
+    carried, kg, sd_kg = holds(step, context.grips), segment.load_kg, segment.load_sd_kg
+    if carried is None:
+        width_m = context.moment_at(0.5 * (segment.t0 + segment.tn)).gripper_width
+        carried = False if from_air or (width_m is not None and width_m <= SHUT_M) else None
+    if carried is None:
+        carried = kg is None or kg > SURE_SDS * (sd_kg or 0.0)
+    return step if carried else step.read_as("free")
+
+
+def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
+    """Did the last movement carry nothing, and was nothing touched since? Then nothing was picked up.
+
+    touched: index of the last step in contact.
+    """
+    moved = (step for step in reversed(kept) if step.touches or step.segment.motion == "motion")
+    last = next(moved, None)
+    return last is not None and last.segment.contact == "free" and touched < last.index
+
+
+def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
+    """A movement under a force that hangs on the robot is a carry, and so is a rest with something in hand.
+
+    What a hand slides along pushes back; only a load pulls straight down.
+    """
+    if not step.touches or not _hangs(step.segment):
+        return step
+    if step.segment.kind == "contact" and not holds(step, context.grips):
+        return step
+    down = -step.segment.force[2]
+    return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
+
+
+def _hangs(segment: Segment) -> bool:
+    """Does its force pull straight down on the robot?"""
+    down, aside = -segment.force[2], length(segment.force[:2])
+    return down >= HANGING_N and aside <= HANGING_ASIDE * down
+
+
+def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
+    """A carry, or a turn in the air, that leads nowhere is a rest: a person and a robot differ in it.
+
+    The path of what the fingers hold is kept; of a turn in the air, only what is less than a check names.
+    """
+    segment = step.segment
+    carried = segment.contact == "transport" and holds(step, context.grips)
+    turned = segment.contact == "free" and segment.kind == "turning"
+    if segment.corrected or segment.motion == "steady" or not (carried or turned):
+        return step
+    seen = [context.moment_at(t) for t in observed(segment.t0, segment.tn)]
+    way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
+    turns = [one.orientation for one in seen if one.orientation is not None]
+    most_m, most_rad = (NOWHERE_M, LEAST_TURN_RAD) if carried else (OUT_M, NOWHERE_RAD)
+    if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
+        return step
+    kind = KINDS["steady", segment.contact]
+    still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}
+    return replace(step, segment=segment.model_copy(update=still))
+
+
+def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment) -> bool:
+    """Is it a load that seems to be held, but stands where the contact before it was?"""
+    if last is None or not last.touches or not _is_hold(step) or step.lasts(STANDS_S):
+        return False
+    return length(np.subtract(step.segment.position_end, last.segment.position_end)) < OUT_M
+
+
+def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[ProgramSegment]:
+    """The same steps; holds that follow each other at once are one."""
+    joined: list[ProgramSegment] = []
+    for step in kept:
+        if joined and _is_hold(joined[-1]) and _is_hold(step):
+            joined[-1] = step.joined_to(joined[-1])
+        else:
+            joined.append(step)
+    return joined
+
+
+def _is_hold(step: ProgramSegment) -> bool:
+    """Is it a hold that no person has named?"""
+    return step.segment.kind == "hold" and not step.segment.corrected

@@ -52,7 +52,8 @@ def still_touching(
 ) -> ProgramSegment:
     """What follows a contact is one too, where its force lasts and the tool does not leave."""
     base = base_after(last, context)
-    return _touching(direction(replace(contact, base=base).force), PUSHES_BACK_N, base, step, context)
+    normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
+    return _touching(normal, PUSHES_BACK_N, base, step, forces)
 
 
 def set_down(
@@ -67,9 +68,14 @@ def set_down(
     if last.segment.contact != segment.contact or not (segment.contact == "transport" or arrives):
         return step
     base = base_after(last, context)
-    forces = context.forces(observed(step.segment.t0, step.segment.tn))
+    forces = _felt(step, context)
     changed = np.median(forces, axis=0) - base if len(forces) else np.zeros(3)
-    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, context)
+    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces)
+
+
+def _felt(step: ProgramSegment, context: Context) -> NDArray[np.float64]:
+    """(n, 3) [N] over a step, where they are known."""
+    return context.forces(observed(step.segment.t0, step.segment.tn))
 
 
 def may_press_in(step: ProgramSegment) -> bool:
@@ -78,10 +84,13 @@ def may_press_in(step: ProgramSegment) -> bool:
 
 
 def _touching(
-    normal: NDArray[np.float64], least_n: float, base: Vector, step: ProgramSegment, context: Context
+    normal: NDArray[np.float64],
+    least_n: float,
+    base: Vector,
+    step: ProgramSegment,
+    forces: NDArray[np.float64],
 ) -> ProgramSegment:
-    """A step as a contact, where its force along a normal stays above a base and the tool does not leave."""
-    forces = context.forces(observed(step.segment.t0, step.segment.tn))
+    """A step as a contact, where its forces along a normal stay above a base and the tool does not leave."""
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step

@@ -2,10 +2,10 @@
 
 It leads through knots, in time order: where the robot is, the via points, the target. Between two knots every
 coordinate (position, and the four of the quaternion, which is normalised afterwards) is the polynomial of
-degree five in time with the velocities and accelerations of both. At its ends it rests. Velocities and
-angular velocities of via points are those with which they were passed; what is not stated is estimated from
-three knots (`estimated_slopes`). So with two knots it is the straight line of minimum jerk, and the turn
-about one axis.
+degree five in time with the velocities and accelerations of both. Velocities and angular velocities are
+those with which its knots were passed. What is not stated is estimated from three knots
+(`estimated_slopes`); an end without a stated velocity is at rest. So with two knots it is the straight line
+of minimum jerk, and the turn about one axis.
 
 >>> curve = Curve.through([0.0, 1.0], [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
 >>> curve.at(0.5)[0].round(3).tolist()
@@ -49,21 +49,11 @@ class Curve:
     accelerations: Array
 
     @classmethod
-    def through(
-        cls,
-        t: ArrayLike,
-        values: ArrayLike,
-        *,
-        passing: ArrayLike | None = None,
-        leaving: ArrayLike | None = None,
-        arriving: ArrayLike | None = None,
-    ) -> Curve:
+    def through(cls, t: ArrayLike, values: ArrayLike, *, passing: ArrayLike | None = None) -> Curve:
         """The curve through knots at rising times.
 
-        passing: (k, 3) [m/s] at the knots, or (k, 6) with [rad/s], nan where it is to be estimated; at the
-        ends it is not used.
-        leaving, arriving: (3,) [m/s] at the first and the last one, where it does not rest there. Quaternions
-        take the sign nearer to the one before.
+        passing: (k, 3) [m/s] at the knots, or (k, 6) with [rad/s], nan where it is to be estimated; at its
+        ends the curve rests then. Quaternions take the sign nearer to the one before.
         """
         times, knots = np.asarray(t, dtype=np.float64), np.array(values, dtype=np.float64)
         if knots.shape[1] == 7:
@@ -74,12 +64,8 @@ class Curve:
             rates = stated[:, :3]
             if knots.shape[1] == 7 and stated.shape[1] == 6:
                 rates = np.hstack([rates, quaternion_rates(knots[:, 3:], stated[:, 3:])])
-            known = velocities[1:-1, : rates.shape[1]]
-            known[:] = np.where(np.isnan(rates[1:-1]), known, rates[1:-1])
-        if leaving is not None:
-            velocities[0, :3] = leaving
-        if arriving is not None:
-            velocities[-1, :3] = arriving
+            known = velocities[:, : rates.shape[1]]
+            known[:] = np.where(np.isnan(rates), known, rates)
         return cls(times, knots, velocities, estimated_slopes(times, velocities))
 
     @cached_property
@@ -169,8 +155,15 @@ def knots_of(app: App) -> tuple[Array, Array, Array]:
     """
     if app.path is None or app.target is None:
         raise ValueError(f"{app.kind} at {fixed(app.t0, 2)} s has no path, expected one with a target")
-    end = ViaPoint(t=app.path.tn, position=app.target, orientation=app.orientation)
-    points = (app.path.start, *app.path.via, end)
+    path = app.path
+    end = ViaPoint(
+        t=path.tn,
+        position=app.target,
+        orientation=app.orientation,
+        velocity=path.end_velocity,
+        angular_velocity=path.end_angular_velocity,
+    )
+    points = (path.start, *path.via, end)
     turns = all(point.orientation is not None for point in points)
     poses = [(*point.position, *((point.orientation or ()) if turns else ())) for point in points]
     passing = [(*(point.velocity or UNKNOWN), *(point.angular_velocity or UNKNOWN)) for point in points]

@@ -37,8 +37,7 @@ def followed(app: App, following: App | None) -> Curve:
         force = following.force if following is not None and following.kind == "apply_force" else None
         assert app.orientation is not None
         until = press_direction(matrix_of(app.orientation), None if force is None else np.array(force))
-        way = float(until @ (np.array(app.target) - start))
-        arriving = arrival_speed(way, app.tn - app.t0, DEFAULT) * until
+        arriving = arrival_speed(app, until, start, DEFAULT) * until
     return app_path(app, start, matrix_of(app.path.start.orientation), app.tn - app.t0, arriving)
 
 

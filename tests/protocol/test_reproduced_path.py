@@ -20,7 +20,7 @@ PEAK = 1.875  # of a minimum-jerk movement over its mean
 
 def test_it_begins_and_ends_where_and_how_fast_it_should() -> None:
     leaving, arriving = np.array([0.02, 0.0, -0.01]), np.array([0.0, 0.01, -0.05])
-    curve = Curve.through([0.0, 1.4], [START, END], leaving=leaving, arriving=arriving)
+    curve = Curve.through([0.0, 1.4], [START, END], passing=[leaving, arriving])
     for t, place, speed in ((0.0, START, leaving), (1.4, END, arriving)):
         position, velocity, acceleration = curve.at(t)
         assert_allclose(position, place, atol=1e-12)
@@ -31,7 +31,8 @@ def test_it_begins_and_ends_where_and_how_fast_it_should() -> None:
 
 def test_velocity_and_acceleration_are_the_derivatives_of_the_place() -> None:
     knots = [START, END, START + 0.1, END - 0.05]
-    curve, step = Curve.through([0.0, 1.4, 2.0, 3.0], knots, arriving=(0.0, 0.01, -0.05)), 1e-5
+    passing = [*np.full((3, 3), np.nan), (0.0, 0.01, -0.05)]
+    curve, step = Curve.through([0.0, 1.4, 2.0, 3.0], knots, passing=passing), 1e-5
     for t in np.linspace(0.1, 2.9, 7):
         before, _, _ = curve.at(t - step)
         here, velocity, acceleration = curve.at(t)

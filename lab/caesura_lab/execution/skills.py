@@ -20,7 +20,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_lab.teacher.plan import DT
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, ScrewMotion, ViaPoint
-from caesura_protocol.programs.app_times import rest_newtons, rests_of
+from caesura_protocol.programs.app_times import goes_on, rest_newtons, rests_of
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve
 from caesura_protocol.rotations import cross, matrix_of, quaternion_of, turning_of
@@ -140,15 +140,20 @@ class SkillController:
             still.position = still.position + 0.1 * (self.measured.position - still.position)
             self.arm.tick(still)
 
-    def follow_path(self, app: App, *, approach: Array | None = None) -> None:
+    def follow_path(self, app: App, *, approach: Array | None = None, passes_on: bool = False) -> None:
         """Follow an app's path.
 
-        With `approach` (3,) until a contact in that direction, past the target if needed.
+        With `approach` (3,) until a contact in that direction, past the target if needed. passes_on: the next
+        app goes on from its target without a rest.
         """
         self.release_contact()
         self._free_force = np.zeros(3)
-        search = self._search_speed(app, approach)
-        path = self.path_within_limits(app, _seconds(app), None if approach is None else search * approach)
+        search, arriving = 0.0, None
+        if approach is not None:
+            search = arrival_speed(app, approach, self.setpoint.position, self.safety)
+            arriving = search * approach
+        moving = np.concatenate([self.setpoint.velocity, self.setpoint.turning])
+        path = self.path_within_limits(app, _seconds(app), arriving, moving, goes_on=passes_on)
         seconds = float(path.t[-1])
         torque_stop = TorqueStop(app.screw)
         search_s = 0.0 if approach is None else self.safety.search_m / search
@@ -156,6 +161,7 @@ class SkillController:
         for k in range(1, round((seconds + search_s) / DT) + 1):
             measured = self.tick(self._setpoint_at(path, k * DT))
             if torque_stop.reached(measured):
+                self.setpoint = self.setpoint.still
                 break
             if k == round(0.5 * (weighs_from + weighed)):
                 self._check_load(measured)
@@ -246,14 +252,29 @@ class SkillController:
         self.contact_direction, self._pressed_n, self._correction_n = None, 0.0, 0.0
         self.setpoint = Setpoint(self.measured.position, self.setpoint.rotation)
 
-    def path_within_limits(self, app: App, seconds: float, arriving: Array | None = None) -> Curve:
-        """Plan the path of an app from the current pose, in its duration, or slower by the limits."""
+    def path_within_limits(
+        self,
+        app: App,
+        seconds: float,
+        arriving: Array | None = None,
+        moving: Array | None = None,
+        *,
+        goes_on: bool = False,
+    ) -> Curve:
+        """Plan the path of an app from the current pose, in its duration, or slower by the limits.
+
+        Arguments as `app_path`.
+        """
         here = self.setpoint
-        path = app_path(app, here.position, here.rotation, seconds, arriving)
+
+        def lasting(duration_s: float) -> Curve:
+            return app_path(
+                app, here.position, here.rotation, duration_s, arriving, moving=moving, goes_on=goes_on
+            )
+
+        path = lasting(seconds)
         slower = max(self.safety.slower(*path.peaks()), self.arm.joint_speed_share(path) / JOINT_SHARE)
-        if slower == 1.0:
-            return path
-        return app_path(app, here.position, here.rotation, slower * seconds, arriving)
+        return path if slower == 1.0 else lasting(slower * seconds)
 
     def rest_until(self, begins: ViaPoint | None, force_n: float, seconds: float) -> None:
         """Press for some seconds, and creep to where the next path begins, as the hand did in the rest."""
@@ -276,14 +297,6 @@ class SkillController:
             turning = turning_of(value[3:], velocity[3:], acceleration[3:])
             setpoint.turning, setpoint.angular_acceleration = turning
         return setpoint
-
-    def _search_speed(self, app: App, approach: Array | None) -> float:
-        """Return the speed [m/s] of the search for a contact.
-
-        Slow, and no faster than the taught approach.
-        """
-        way = target_pose(self, app)[0] - self.setpoint.position
-        return arrival_speed(0.0 if approach is None else float(approach @ way), _seconds(app), self.safety)
 
     def _check_load(self, measured: ArmMeasurement) -> None:
         """Check the carried weight against the load of the program.
@@ -355,7 +368,8 @@ def _leaves_contact(following: App | None) -> TypeGuard[App]:
 
 def _move(controller: SkillController, app: App, following: App | None) -> None:
     _, rotation = target_pose(controller, app)
-    controller.follow_path(app, approach=approach_direction(app, following, rotation))
+    approach = approach_direction(app, following, rotation)
+    controller.follow_path(app, approach=approach, passes_on=goes_on(app, following))
 
 
 def _transport(controller: SkillController, app: App, following: App | None) -> None:

@@ -27,11 +27,19 @@ EASED = 11  # knots over which braking begins
 
 
 def app_path(
-    app: App, position: Array, rotation: Array, seconds: float, arriving: Array | None = None
+    app: App,
+    position: Array,
+    rotation: Array,
+    seconds: float,
+    arriving: Array | None = None,
+    *,
+    moving: Array | None = None,
+    goes_on: bool = False,
 ) -> Curve:
     """The reproduced path of an app from where the robot is, (3,) [m] and (3, 3), in some seconds.
 
-    arriving: (3,) [m/s] at its target, None where it rests there.
+    arriving: (3,) [m/s] at its target where a contact ends it; moving: (6,) [m/s], [rad/s] with which the
+    robot moves now, None at rest; goes_on: with the stated velocity of its target, where it rests otherwise.
     The speed is that which was taught. A robot that is more than `ASTRAY_M` away from where the path was
     taught to start goes there first, at the pace of the path; else it goes to the first via point. Without a
     path, straight. Where ways are compared, a radian of a turn counts as `TURNED_M`.
@@ -62,7 +70,12 @@ def app_path(
     if values.shape[1] == 7:
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
         values[0, 3:] = quaternion_of(rotation)
-    curve = Curve.through(times, values, passing=passing, arriving=arriving)
+    passing[0] = np.nan if moving is None else moving
+    if not goes_on:
+        passing[-1] = np.nan
+    if arriving is not None:
+        passing[-1, :3] = arriving
+    curve = Curve.through(times, values, passing=passing)
     return curve if arriving is None else _braked(curve, arriving)
 
 
@@ -92,12 +105,17 @@ def _braked(curve: Curve, arriving: Array) -> Curve:
     slower = uniform_filter1d(maximum_filter1d(slower, EASED, mode="nearest"), EASED, mode="nearest")
     times = np.append(0.0, np.cumsum(np.diff(taught) * 0.5 * (slower[1:] + slower[:-1])))
     passing = Curve(taught, poses, rates, rates).passing / slower[:, None]
-    return Curve.through(times, poses, passing=passing, arriving=arriving)
+    passing[-1, :3] = arriving
+    return Curve.through(times, poses, passing=passing)
 
 
-def arrival_speed(way_m: float, seconds: float, safety: Safety) -> float:
-    """Speed [m/s] with which a contact is met: slow, and no faster than the way to it [m] asks for."""
-    fits = ARRIVING_SHARE * way_m / seconds
+def arrival_speed(app: App, approach: Array, position: Array, safety: Safety) -> float:
+    """Speed [m/s] with which a contact is met: slow, and no faster than the way to it asks for.
+
+    approach: (3,) the direction of the contact; position: (3,) [m] where the app begins.
+    """
+    way_m = 0.0 if app.target is None else float(approach @ (app.target - position))
+    fits = ARRIVING_SHARE * way_m / max(app.tn - app.t0, LEAST_S)
     return min(max(fits, LEAST_SEARCH_M_PER_S), safety.contact_speed_m_per_s)
 
 

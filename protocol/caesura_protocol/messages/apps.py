@@ -34,7 +34,7 @@ class ViaPoint(Message):
     t: Seconds  # [s]
     position: Vector  # [m]
     orientation: Quaternion | None  # x y z w
-    velocity: Vector | None = None  # [m/s] with which it was passed; None at the start
+    velocity: Vector | None = None  # [m/s] with which it was passed; None for a start at rest
     angular_velocity: Vector | None = None  # [rad/s] likewise; None where no orientation is known
 
 
@@ -48,6 +48,8 @@ class AppPath(Message):
     start: ViaPoint  # where the demonstration was; the robot may begin elsewhere
     via: Annotated[tuple[ViaPoint, ...], Field(max_length=MAX_VIA_POINTS)] = ()
     tn: Seconds  # [s] at the target
+    end_velocity: Vector | None = None  # [m/s] there, on into the next app; None: it rests
+    end_angular_velocity: Vector | None = None  # [rad/s] likewise
     length_m: float  # of the demonstrated path
     deviation_m: float  # largest distance from the demonstrated path to the reproduced one
     deviation_rad: float  # largest angle between the two, 0 where no orientation is known

@@ -13,13 +13,14 @@ from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple, TypeVar
 
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App, AppPath, DeleteApp, Gap, ProgramEdit, ReplacePart, Vector
 from caesura_protocol.reproduced_path import turn_of
 
 SHIFT_S = 2.0**-20
 TURNED_M = 0.1  # a turn by a radian counts as so many metres
 EVEN_S = 1e-6  # by which two times may differ and be the same
+AT_ONCE_S, SAME_M = 1e-3, 1e-3  # a pause that is none; apart that two places may be and are the same
 
 PLACED = frozenset({"place", "added", "taught_again"})  # marks of an app that stands where it was not taught
 
@@ -56,7 +57,21 @@ def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) ->
         )
         for point in (path.start, *path.via)
     )
-    return path.model_copy(update={"start": start, "via": tuple(via), "tn": when(path.tn)})
+    ends = {
+        "end_velocity": _times(faster, path.end_velocity),
+        "end_angular_velocity": _times(faster, path.end_angular_velocity),
+    }
+    return path.model_copy(update={"start": start, "via": tuple(via), "tn": when(path.tn), **ends})
+
+
+def goes_on(app: App, following: App | None) -> bool:
+    """Whether the next app moves on in the air where and when an app has arrived, without a rest between."""
+    if following is None or app.path is None or following.path is None or app.target is None:
+        return False
+    in_air = APP_KINDS[app.kind].has_target and APP_KINDS[following.kind].has_target
+    at_once = abs(following.path.start.t - app.path.tn) < AT_ONCE_S
+    there = math.dist(app.target, following.path.start.position) < SAME_M
+    return in_air and at_once and there and not ends_in_contact(app.kind, following.kind)
 
 
 def rests_of(app: App) -> tuple[float, float]:

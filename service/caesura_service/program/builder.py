@@ -26,6 +26,7 @@ from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
 from caesura_protocol.screw_motion import exerted
 from caesura_service.program.contacts import ARRIVES_M, pushes_back
+from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
@@ -84,7 +85,8 @@ def task_program(
             after = groups[number + 1 : number + 3]
             apps += build(_Group(group, before, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
-    return tuple(_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0))
+    apps = [_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0)]
+    return tuple(apps) if paths is None else with_end_velocities(apps, paths)
 
 
 def _as_observed(app: App, gaps: Sequence[Gap]) -> App:

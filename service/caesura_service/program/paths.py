@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import MAX_VIA_POINTS, AppPath, ViaPoint
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD, Curve, unit
 from caesura_protocol.rotations import align_signs, angles
+from caesura_service.program.program_segment import OBSERVED_S
 
 Array = NDArray[np.float64]
 PosesBetween = Callable[[float, float], tuple[Array, Array]]
@@ -46,14 +47,26 @@ class Paths:
     tolerance_m: float = TOLERANCE_M
     tolerance_rad: float = TOLERANCE_RAD
     settled_until: float = np.inf
-    _kept: dict[tuple[float, float], AppPath] = field(default_factory=dict)
+    _kept: dict[tuple[float, float, bool, bool], AppPath] = field(default_factory=dict)
 
-    def between(self, t0: float, tn: float) -> AppPath | None:
-        """The path from one time to another [s]; None where it is not settled yet."""
+    def between(
+        self, t0: float, tn: float, *, begins_moving: bool = False, ends_moving: bool = False
+    ) -> AppPath | None:
+        """The path from one time to another [s]; None where it is not settled yet.
+
+        begins_moving, ends_moving: it states with which velocity the hand passed its start and its end.
+        """
         if tn > self.settled_until:
             return None
-        if (found := self._kept.get((t0, tn))) is None:
-            found = self._kept[t0, tn] = self._made(*self.poses_between(t0, tn))
+        key = t0, tn, begins_moving, ends_moving
+        if (found := self._kept.get(key)) is None:
+            t, poses = self.poses_between(t0, tn)
+            passing = np.full((len(t), 6), np.nan)
+            if begins_moving:
+                passing[0] = self._passing_at(float(t[0]))
+            if ends_moving:
+                passing[-1] = self._passing_at(float(t[-1]))
+            found = self._kept[key] = self._made(t, poses, passing)
             if len(self._kept) > MOST_KEPT:
                 del self._kept[next(iter(self._kept))]
         return found
@@ -72,16 +85,30 @@ class Paths:
         ends = len(t) - int(np.argmax(to_end[::-1] > self.tolerance_rad))
         return float(t[max(begins, 0)]), float(t[min(ends, len(t) - 1)])
 
-    def _made(self, t: Array, poses: Array) -> AppPath:
+    def _passing_at(self, t: float) -> Array:
+        """Velocity [m/s] and angular velocity [rad/s] (6,) at an observation; nan without both neighbours."""
+        times, poses = self.poses_between(t - OBSERVED_S, t + OBSERVED_S)
+        passing = np.full(6, np.nan)
+        if len(times) == 3 and times[2] - times[0] < 2.5 * OBSERVED_S:
+            found = Curve.through(times, poses).passing[1]
+            passing[: len(found)] = found
+        return passing
+
+    def _made(self, t: Array, poses: Array, passing: Array) -> AppPath:
+        """The path of observations; passing: (n, 6) as `reduced` takes it."""
         length_m = float(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum())
         kept_m = min(self.tolerance_m, max(OFF_SHARE * length_m, OFF_LEAST_M))
-        knots, off_m, off_rad = reduced(t, poses, kept_m, self.tolerance_rad)
-        passing = Curve.through(t, poses).passing.tolist()
-        points = [_point(float(t[i]), poses[i], passing[i]) for i in knots]
+        knots, off_m, off_rad = reduced(t, poses, kept_m, self.tolerance_rad, passing=passing)
+        rests = np.isnan(passing[[0, -1], 0])
+        passed = Curve.through(t, poses, passing=passing).passing.tolist()
+        points = [_point(float(t[i]), poses[i], passed[i]) for i in knots]
+        start, end, still = points[0], points[-1], {"velocity": None, "angular_velocity": None}
         return AppPath(
-            start=points[0].model_copy(update={"velocity": None, "angular_velocity": None}),
+            start=start.model_copy(update=still) if rests[0] else start,
             via=tuple(points[1:-1]),
-            tn=float(t[-1]),
+            tn=end.t,
+            end_velocity=None if rests[1] else end.velocity,
+            end_angular_velocity=None if rests[1] else end.angular_velocity,
             length_m=length_m,
             deviation_m=off_m,
             deviation_rad=off_rad,
@@ -91,11 +118,17 @@ class Paths:
 
 
 def reduced(
-    t: Array, poses: Array, tolerance_m: float, tolerance_rad: float, most: int = MAX_VIA_POINTS
+    t: Array,
+    poses: Array,
+    tolerance_m: float,
+    tolerance_rad: float,
+    most: int = MAX_VIA_POINTS,
+    passing: Array | None = None,
 ) -> tuple[list[int], float, float]:
     """Observations (indices) that a path leads through, and its largest deviations [m], [rad].
 
     t: (n,) [s], rising; poses: (n, 3 or 7). At most `most` via points between the first and the last.
+    passing: as `Curve.through` takes it; without it, the path begins and ends at rest.
     """
     poses = unit(np.array(poses, dtype=np.float64))
     n = len(t)
@@ -103,7 +136,7 @@ def reduced(
         return list(range(n)), 0.0, 0.0
     if poses.shape[1] == 7:
         align_signs(poses[:, 3:])
-    demonstrated = Curve.through(t, poses)
+    demonstrated = Curve.through(t, poses, passing=passing)
     shown = demonstrated.sampled(BETWEEN)
     near = np.minimum((np.arange(len(shown)) + BETWEEN // 2) // BETWEEN, n - 1)  # observation of each look
     knots = _sides(poses)

@@ -455,3 +455,31 @@ def test_a_program_is_begun_where_it_was_taught_to_begin(robot: Robot) -> None:
     moving = app("cartesian_motion", 0.0, 0.6, target, path=path)
     done = run((moving,), PRESSING, robot=robot)
     assert done.recording.signals["pos"][0] == pytest.approx(begun, abs=1e-3)
+
+
+def passing(pause_s: float, speed_m_per_s: float = 0.1) -> RunResult:
+    """Two straight movements in a line, taught without a stop between them; a pause may be put there."""
+    x, y, z = begin = PRESSING.simulation().start
+    middle, end = (x, y + 0.1, z), (x, y + 0.2, z)
+    velocity = (0.0, speed_m_per_s, 0.0)
+    first = path_from(begin, 0.0, 1.5, 0.1).model_copy(update={"end_velocity": velocity})
+    second = path_from(middle, 1.5 + pause_s, 3.0 + pause_s, 0.1)
+    second = second.model_copy(update={"start": second.start.model_copy(update={"velocity": velocity})})
+    apps = (
+        app("cartesian_motion", 0.0, 1.5, middle, path=first),
+        app("cartesian_motion", 1.5 + pause_s, 3.0 + pause_s, end, path=second),
+    )
+    return executed(apps, PRESSING)
+
+
+def test_a_robot_goes_on_where_the_hand_did_and_stops_where_it_paused(robot: Robot) -> None:
+    """It stopped at every target: five times in a row of strokes that a hand lifted without a stop."""
+    for pause_s, least, most in ((0.0, 0.09, 0.11), (0.3, 0.0, 0.005)):
+        done = passing(pause_s)
+        assert done.stopped is None
+        passed = done.spans[0][1] + 0.5 * pause_s
+        near = np.searchsorted(done.trace.t, (passed - 0.02, passed + 0.02))
+        places, _ = robot.flange_poses(done.trace.q[near])
+        assert least <= np.linalg.norm(places[1] - places[0]) / 0.04 <= most
+    velocities = np.diff(robot.flange_poses(passing(0.0).trace.q[::10])[0], axis=0) / 0.01
+    assert np.linalg.norm(np.diff(velocities, axis=0), axis=1).max() / 0.01 < 2.0  # [m/s²]: without a jolt

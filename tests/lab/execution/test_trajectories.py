@@ -87,3 +87,18 @@ def test_towards_a_contact_the_speed_is_the_taught_one_until_it_must_brake() -> 
         left_m = -0.3 - place[1]
         brakes_m = max(left_m - SLOW_M, 0.0)
         assert velocity[1] <= 1.1 * np.sqrt(0.03**2 + 2.0 * BRAKE_M_PER_S2 * brakes_m) + 1e-9
+
+
+def test_a_path_goes_on_with_the_velocity_of_its_target_only_where_the_next_app_does() -> None:
+    """A robot that moves begins as it moves; one that rests begins at rest, whatever was taught."""
+    passing = np.array([0.0, 0.08, 0.0])
+    start, there = (0.3, -0.5, 0.3), (0.3, -0.3, 0.3)
+    path = path_from(start, 2.0, 4.0, 0.2).model_copy(update={"end_velocity": tuple(passing)})
+    path = path.model_copy(update={"start": path.start.model_copy(update={"velocity": (0.0, 0.05, 0.0)})})
+    moving = app("cartesian_motion", 2.0, 4.0, there, path=path)
+    where = np.array(start), matrix_of(DOWN), 4.0  # twice as slow as it was taught
+    alone = app_path(moving, *where)
+    assert_allclose([alone.at(t)[1][:3] for t in (0.0, 4.0)], 0.0, atol=1e-12)
+    onward = app_path(moving, *where, moving=np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0]), goes_on=True)
+    assert_allclose(onward.at(0.0)[1][:3], (0.0, 0.03, 0.0), atol=1e-12)
+    assert_allclose(onward.at(4.0)[1][:3], passing / 2.0, atol=1e-12)

@@ -1,0 +1,31 @@
+"""With which velocity the hand goes on from one app to the next.
+
+Where one movement in the air becomes the next, a hand need not stop. A path that rests there would stop the
+robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from caesura_protocol.messages import App
+from caesura_protocol.programs.app_times import goes_on
+from caesura_service.program.paths import Paths
+
+
+def with_end_velocities(apps: Sequence[App], paths: Paths) -> tuple[App, ...]:
+    """Apps in time order whose paths state the velocities of their ends.
+
+    A start has one where the app before goes on to it, a target where the app goes on to the next.
+    """
+    made: list[App] = []
+    for last, app, following in zip([None, *apps], apps, [*apps[1:], None], strict=False):
+        begins = last is not None and goes_on(last, app)
+        ends = goes_on(app, following)
+        if app.path is None or not (begins or ends):
+            made.append(app)
+            continue
+        t0, tn = app.path.start.t, app.path.tn
+        path = paths.between(t0, tn, begins_moving=begins, ends_moving=ends)
+        made.append(app.model_copy(update={"path": path}))
+    return tuple(made)

@@ -1,0 +1,86 @@
+"""With which velocity the hand goes on from one app to the next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from caesura_protocol.messages import App
+from caesura_service.program import GripperAction, Moment, MomentAt, Paths
+from service.program.segments import kinds, program, segment
+
+SPEED_M_PER_S = 0.1
+BOUNDARY_S = 2.0
+GRASP = GripperAction(-1.0, "grasp", 0.03)
+
+
+def bent_at(t: float, *, turn_deg: float = 0.0, slower: float = 1.0) -> tuple[float, float, float]:
+    """Along x until 2 s, then turned to y; within 0.25 s of that at a share of the speed."""
+    slow_s = 0.25
+    passed = t - (1.0 - slower) * min(max(t - BOUNDARY_S + slow_s, 0.0), 2.0 * slow_s)
+    corner = BOUNDARY_S - (1.0 - slower) * slow_s
+    along, after = SPEED_M_PER_S * min(passed, corner), SPEED_M_PER_S * max(passed - corner, 0.0)
+    turn = math.radians(turn_deg)
+    return along + after * math.cos(turn), after * math.sin(turn), 0.3
+
+
+def moving(**way: float) -> MomentAt:
+    return lambda t: Moment(bent_at(t, **way), (0.0, 0.0, 0.0, 1.0), None, 0.04)
+
+
+def paths_of(at: MomentAt) -> Paths:
+    """Observed ten times a second, at 0.05, 0.15 … s."""
+
+    def between(t0: float, tn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        first, last = round((t0 - 0.05) / 0.1), round((tn - 0.05) / 0.1)
+        times = 0.05 + 0.1 * np.arange(max(first, 0), last + 1)
+        return times, np.array([at(t).position for t in times])
+
+    return Paths(between)
+
+
+def taught(
+    at: MomentAt, kind: str = "motion", onward: str = "motion", t0: float = BOUNDARY_S
+) -> tuple[App, ...]:
+    parts = (
+        segment(kind, 0.0, BOUNDARY_S, position_end=at(BOUNDARY_S + 0.05).position),
+        segment(onward, t0, 4.0),
+    )
+    grips = (GRASP,) if kind == "transport" else ()
+    return tuple(app for app in program(*parts, grips=grips, at=at, paths=paths_of(at)) if app.segments)
+
+
+def test_a_corner_is_passed_with_the_velocity_of_the_hand() -> None:
+    """A path ended at rest: the robot stopped where the hand went on."""
+    way = {"turn_deg": 80.0, "slower": 0.5}
+    first, second = taught(moving(**way))
+    assert first.path is not None
+    assert second.path is not None
+    before, after = (np.array(bent_at(first.path.tn + dt, **way)) for dt in (-0.1, 0.1))
+    assert first.path.end_velocity == pytest.approx((after - before) / 0.2)
+    assert second.path.start.velocity == first.path.end_velocity
+    assert (first.path.start.velocity, second.path.end_velocity) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "onward", "t0"),
+    [("motion", "motion", 2.4), ("motion", "contact", 2.0), ("transport", "transport", 2.4)],
+)
+def test_before_a_pause_or_a_contact_a_path_ends_at_rest(kind: str, onward: str, t0: float) -> None:
+    def at(t: float) -> Moment:
+        return replace(moving(slower=0.5)(t), force=(0.0, 0.0, 9.0 if t > BOUNDARY_S else 0.0))
+
+    first, *_ = taught(at, kind, onward, t0)
+    assert first.path is not None
+    assert first.path.end_velocity is None
+
+
+def test_a_carry_goes_on_in_a_hold() -> None:
+    made = taught(moving(slower=0.5), "transport", "hold")
+    assert kinds(made) == ["transport", "hold"]
+    assert made[0].path is not None
+    assert made[0].path.end_velocity is not None

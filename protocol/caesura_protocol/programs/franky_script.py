@@ -7,12 +7,13 @@ is a template (`franky_template.py.txt`) with these filled in.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Any
 
-from caesura_protocol.app_kinds import step_title
+from caesura_protocol.app_kinds import ends_in_contact, step_title
 from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
-from caesura_protocol.programs.app_times import rests_of
+from caesura_protocol.programs.app_times import goes_on, rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.limits import (
     CONSTANTS,
@@ -48,7 +49,7 @@ def franky_script(program: ProgramFile) -> str:
         MARK_NAME: title_of(program),
         MARK_FINDINGS: head_comments(program),
         MARK_LIMITS: _limits(program.safety),
-        MARK_APPS: table_of_apps(program, [_row(app) for app in program.apps], 96),
+        MARK_APPS: table_of_apps(program, _rows(program.apps), 96),
     }
     return filled_template("franky_template.py.txt", texts)
 
@@ -58,8 +59,29 @@ def _limits(safety: Safety) -> str:
     return "\n".join(lines)
 
 
+def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
+    """What the script needs of each app; one that goes on in the next states the velocities of its target."""
+    rows = []
+    for app, following, after in zip_longest(apps, apps[1:], apps[2:]):
+        if app is None:
+            break
+        row = _row(app)
+        if app.path is not None and _is_passed(app, following, after):
+            row["goes_on"] = tuple(map(_rounded, (app.path.end_velocity, app.path.end_angular_velocity)))
+        rows.append(row)
+    return rows
+
+
+def _is_passed(app: ProgramStep, following: ProgramStep | None, after: ProgramStep | None) -> bool:
+    """Whether both apps are one motion of the robot, which reacts to no contact or torque on its way."""
+    if following is None or not goes_on(app, following):
+        return False
+    meets = ends_in_contact(following.kind, None if after is None else after.kind)
+    return not meets and app.screw is None and following.screw is None
+
+
 def _row(taught: ProgramStep) -> dict[str, Any]:
-    """What the script needs of an app."""
+    """What the script needs of an app by itself."""
     app = without_friction(taught)
     row: dict[str, Any] = {
         "kind": app.kind,

@@ -189,6 +189,39 @@ def test_a_path_that_was_taught_faster_than_the_limit_is_followed_slower() -> No
     assert first.minimum_time.milliseconds == 2000
 
 
+def corner(*, pause_s: float = 0.0, contact: bool = False) -> ProgramFile:
+    """Two movements without a stop between them, or with a pause; the second may meet a contact."""
+    begin, middle, end = (0.3, -0.6, 0.33), (0.4, -0.6, 0.33), (0.4, -0.5, 0.33)
+    velocity = (0.05, 0.05, 0.0)
+    first = path_from(begin, 0.0, 1.0, 0.1).model_copy(update={"end_velocity": velocity})
+    second = path_from(middle, 1.0 + pause_s, 2.0 + pause_s, 0.1)
+    second = second.model_copy(update={"start": second.start.model_copy(update={"velocity": velocity})})
+    kind = "move_to_contact" if contact else "cartesian_motion"
+    apps = (
+        app("cartesian_motion", 0.0, 1.0, middle, path=first),
+        app(kind, 1.0 + pause_s, 2.0 + pause_s, end, path=second),
+    )
+    return as_file((*apps, app("apply_force", 2.0, 3.0, end, force=(0.0, 0.0, -5.0))) if contact else apps)
+
+
+def test_a_corner_that_a_hand_did_not_stop_at_is_passed_in_one_motion() -> None:
+    to_start, motion = motions(run(corner()))
+    assert to_start.target.translation.tolist() == [0.3, -0.6, 0.33]
+    middle, end = motion.waypoints
+    assert middle.target.pose.translation.tolist() == [0.4, -0.6, 0.33]
+    assert middle.target.velocity.linear.tolist() == [0.05, 0.05, 0.0]
+    assert end.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+    assert [one.minimum_time.milliseconds for one in (middle, end)] == [1000, 1000]
+
+
+@pytest.mark.parametrize("program", [corner(pause_s=0.5), corner(contact=True)])
+def test_before_a_pause_and_a_contact_the_robot_stops(program: ProgramFile) -> None:
+    """A contact is looked for by a motion of its own: it would end at what the first movement leaves."""
+    _, first, *_ = motions(run(program))
+    (middle,) = first.waypoints
+    assert middle.target.velocity.linear.tolist() == [0.0, 0.0, 0.0]
+
+
 def turning(seconds: float, *, by_path: bool) -> ProgramFile:
     """A turn by 90° in place, after a movement."""
     first, turned = press()[2], (0.0, 1.0, 0.0, 0.0)

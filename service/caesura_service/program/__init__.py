@@ -5,6 +5,7 @@ from caesura_service.program.builder import task_program
 from caesura_service.program.contacts import may_press_in
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
+from caesura_service.program.movements import turns_or_slows
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -34,5 +35,6 @@ __all__ = [
     "may_press_in",
     "observed_share",
     "task_program",
+    "turns_or_slows",
     "with_edits",
 ]

@@ -18,6 +18,7 @@ from typing import NamedTuple
 from caesura_service.program.contacts import as_touching, set_down, still_touching
 from caesura_service.program.departures import leaving, lets_go, with_departures
 from caesura_service.program.loads import as_one_hold, hanging, in_hand, is_from_air, is_not_yet_held, resting
+from caesura_service.program.movements import with_whole_movements
 from caesura_service.program.program_segment import (
     ROUNDED_S,
     Context,
@@ -68,6 +69,7 @@ def kept_steps(
         as_one_hold,
         with_bases,
         partial(_with_short_movements, short=short),
+        with_whole_movements,
         with_last_ways,
         with_departures,
         with_whole_turns,

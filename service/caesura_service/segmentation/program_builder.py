@@ -1,11 +1,12 @@
 """Incremental construction of the task program: apps before a quiet place are built once.
 
 A quiet place is a segment that nothing can change any more, that builds the same apps whatever came before
-it, and at whose beginning the gripper does nothing: a motion that follows no contact by two segments, is not
-part of a carry, is too long for the end of another motion, and that no contact follows where it may press
-something in. The program is then that of the segments up to it, and that of the segments from it on. Where
-nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them in no contact. A gap that touches
-what lies before it is known by then: it ends where a segment begins, and the quiet place is one.
+it, and at whose beginning the gripper does nothing: a motion that is no part of one before it, follows no
+contact by two segments, is not part of a carry, is too long for the end of another motion, and that no
+contact follows where it may press something in. The program is then that of the segments up to it, and that
+of the segments from it on. Where nothing is quiet for MOST_UNQUIET segments, an app ends at the last of them
+in no contact. A gap that touches what lies before it is known by then: it ends where a segment begins, and
+the quiet place is one.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from caesura_service.program import (
     may_end_movement,
     may_press_in,
     task_program,
+    turns_or_slows,
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 
@@ -132,7 +134,8 @@ class IncrementalProgramBuilder:
             touched = touched or (may_press_in(step) and (i + 1 >= settled or steps[i + 1].touches))
             moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
-            if self._lasts(step) and moves and not holds(step, known) and not gripped:
+            quiet = self._lasts(step) and moves and not holds(step, known) and not gripped
+            if quiet and (before.segment.motion == "steady" or turns_or_slows(t0, self._moment)):
                 return i
         if last < begin + MOST_UNQUIET:
             return 0

@@ -51,8 +51,13 @@ def moment_at(t: float) -> Moment:
     return Moment((0.0, 0.0, t / 10), (0.0, 0.0, 0.0, 1.0), None, 0.04)
 
 
-def drifted(t: float, *, pushed_n: float = 0.0) -> Moment:
-    place = moment_at(t)
+def stopping_at(t: float) -> Moment:
+    """As `moment_at`, but the hand stops at every other observation: no movement goes on in the next one."""
+    return moment_at(0.2 * math.floor(t / 0.2 + 1e-9))
+
+
+def drifted(t: float, *, pushed_n: float = 0.0, at: MomentAt = moment_at) -> Moment:
+    place = at(t)
     x, y, z = DRIFT_N
     return Moment(place.position, place.orientation, place.joints, place.gripper_width, (x, y, z + pushed_n))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
-from service.program.segments import ACROSS, DRIFT_N, drifted, held, kinds, program, segment
+from service.program.segments import ACROSS, DRIFT_N, drifted, held, kinds, program, segment, stopping_at
 
 
 def test_a_contact_was_made_where_the_movement_into_it_was_pushed_back_first() -> None:
@@ -93,7 +93,7 @@ def test_the_last_centimetre_before_a_contact_is_part_of_the_movement(
         segment("motion", 0.0, 2.0, **DOWN),
         segment("motion", begins, 3.0, **last),
         segment("contact", 3.0, 4.0, **held(9.0)),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0, at=stopping_at),
     )
     assert [app.segments for app in made] == segments
     assert kinds(made)[-2:] == ["move_to_contact", "apply_force"]
@@ -107,7 +107,7 @@ def test_a_last_centimetre_before_which_the_fingers_move_is_a_movement_of_its_ow
         segment("motion", 2.0, 3.0, **last),
         segment("contact", 3.0, 4.0, **held(9.0)),
         grips=(GripperAction(2.1, "open", 0.08),),
-        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 3.0 else 9.0, at=stopping_at),
     )
     assert [app.segments for app in made if app.segments] == [(0,), (1,), (2,)]
 
@@ -127,5 +127,6 @@ def test_the_last_way_to_a_rest_is_part_of_the_movement_that_it_goes_on_from(
         segment("motion", 0.0, 2.0, position_start=(0.0, 0.0, 0.2), position_end=place),
         segment("motion", 2.0, 2.6, position_start=place, position_end=crept),
         onward if goes_on else rest,
+        at=stopping_at,
     )
     assert [app.segments for app in made] == made_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
-from service.program.segments import kinds, moment_at, program, segment
+from service.program.segments import kinds, moment_at, program, segment, stopping_at
 
 
 def test_pick_and_place_becomes_the_apps_that_the_thesis_executed():
@@ -21,6 +21,7 @@ def test_pick_and_place_becomes_the_apps_that_the_thesis_executed():
         segment("contact", 7.5, 9.8, force_end=(0.0, 0.0, 9.9)),
         segment("motion", 10.8, 12.8),
         grips=(GripperAction(3.0, "grasp", 0.05), GripperAction(9.2, "release", 0.08)),
+        at=stopping_at,
     )
     assert kinds(apps) == [
         "move_to_contact",
@@ -37,6 +38,7 @@ def test_the_load_of_a_carry_is_the_average_weighted_by_time():
     apps = program(
         segment("transport", 4.2, 5.7, load_kg=0.257, load_sd_kg=0.01),
         segment("transport", 5.7, 7.5, load_kg=0.293, load_sd_kg=0.01),
+        at=stopping_at,
     )
     assert [app.load_kg for app in apps] == [pytest.approx(0.2766, abs=1e-4)] * 2
 
@@ -160,9 +162,8 @@ def test_a_short_end_of_a_carry_has_the_load_of_the_carry():
 
 
 def test_a_short_movement_between_two_is_part_of_the_second():
-    apps = program(
-        segment("motion", 0.0, 1.0), segment("motion", 1.0, 1.2), segment("motion", 1.2, 2.0), least_s=0.3
-    )
+    parts = (segment("motion", 0.0, 1.0), segment("motion", 1.0, 1.2), segment("motion", 1.2, 2.0))
+    apps = program(*parts, at=stopping_at, least_s=0.3)
     assert [(app.t0, app.tn) for app in apps] == [(0.0, 1.0), (1.0, 2.0)]
 
 
@@ -177,6 +178,7 @@ def test_only_the_last_movement_before_a_contact_moves_to_it():
         segment("motion", 0.0, 1.0),
         segment("motion", 1.0, 2.0),
         segment("contact", 2.0, 3.0, force_end=(0.0, 0.0, 5.0)),
+        at=stopping_at,
     )
     assert kinds(apps) == ["cartesian_motion", "move_to_contact", "apply_force"]
 

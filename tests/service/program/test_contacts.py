@@ -18,6 +18,7 @@ from service.program.segments import (
     kinds,
     program,
     segment,
+    stopping_at,
 )
 
 
@@ -33,7 +34,8 @@ from service.program.segments import (
 def test_a_contact_that_begins_without_a_change_of_the_force_goes_on_as_what_came_before(
     before: str, touching: str, becomes: list[str]
 ) -> None:
-    apps = program(segment(before, 0.0, 2.0), segment(touching, 2.0, 4.0, **held(0.5), **ACROSS), at=drifted)
+    steps = segment(before, 0.0, 2.0), segment(touching, 2.0, 4.0, **held(0.5), **ACROSS)
+    apps = program(*steps, at=lambda t: drifted(t, at=stopping_at))
     assert kinds(apps) == becomes
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from caesura_service.program import Moment
-from service.program.segments import DRIFT_N, drifted, held, kinds, program, segment
+from service.program.segments import DRIFT_N, drifted, held, kinds, program, segment, stopping_at
 
 
 @pytest.mark.parametrize(("pressed_until", "becomes"), [(3.8, []), (3.1, ["cartesian_motion"])])
@@ -73,7 +74,7 @@ def test_what_does_not_leave_what_was_pressed_in_is_part_of_the_movement(
     """A movement out of a pump was divided inside of it. The robot's was not."""
 
     def pumped(t: float) -> Moment:
-        z = 0.2 - 0.025 * np.clip(t - 2.0, 0.0, 1.0) + 0.1 * max(t - 3.4, 0.0)
+        z = 0.2 - 0.025 * np.clip(t - 2.0, 0.0, 1.0) + 0.02 * max(math.floor((t - 3.4) / 0.2 + 1e-9), 0)
         return replace(drifted(t, pushed_n=9.0 if 2.0 < t < 3.4 else 0.0), position=(0.0, 0.0, float(z)))
 
     below, divided = (0.0, 0.0, 0.175), (aside_m, 0.0, 0.175 + left_m)
@@ -97,6 +98,6 @@ def test_a_movement_up_from_the_end_of_a_stroke_has_left_it() -> None:
         segment("sliding", 2.0, 4.0, force_held=(DRIFT_N[0] - 4.0, DRIFT_N[1], DRIFT_N[2] + 9.0), **along),
         segment("motion", 4.0, 4.4, position_start=along["position_end"], position_end=up),
         segment("motion", 4.4, 6.0, position_start=up, position_end=on),
-        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 4.0 else 0.0),
+        at=lambda t: drifted(t, pushed_n=9.0 if 2.0 < t < 4.0 else 0.0, at=stopping_at),
     )
     assert kinds(made)[-2:] == ["cartesian_motion"] * 2

@@ -8,7 +8,7 @@ import pytest
 
 from caesura_protocol.messages import Gap
 from caesura_service.program import Gaps, GripperAction, observed_share
-from service.program.segments import program, segment
+from service.program.segments import program, segment, stopping_at
 
 
 def gap(t0: float, tn: float, **fields: Any) -> Gap:
@@ -59,6 +59,7 @@ def test_apps_away_from_a_gap_are_as_sure_as_ever():
         segment("motion", 0.0, 1.0),
         segment("motion", 1.0, 2.0),
         gaps=(gap(2.05, 3.05),),
+        at=stopping_at,
     )
     assert (away.confidence, at.confidence) == (0.9, pytest.approx(0.45))
 

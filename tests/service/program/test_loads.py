@@ -8,7 +8,18 @@ from typing import Any
 import pytest
 
 from caesura_service.program import GripperAction, Moment
-from service.program.segments import ACROSS, GRASP, RELEASE, carried, held, kinds, moment_at, program, segment
+from service.program.segments import (
+    ACROSS,
+    GRASP,
+    RELEASE,
+    carried,
+    held,
+    kinds,
+    moment_at,
+    program,
+    segment,
+    stopping_at,
+)
 
 
 @pytest.mark.parametrize(("kind", "becomes"), [("transport", ["cartesian_motion"]), ("hold", [])])
@@ -28,7 +39,8 @@ def test_where_no_gripper_shows_what_weighs_nothing_is_not_carried() -> None:
 def test_what_the_fingers_hold_is_carried_from_beginning_to_end_however_light() -> None:
     carry = segment("transport", 3.0, 4.0, load_kg=0.15, load_sd_kg=0.05)
     before, after = segment("motion", 1.0, 3.0), segment("motion", 5.0, 6.0)
-    apps = [app for app in program(before, carry, after, grips=(GRASP, RELEASE)) if app.segments]
+    made = program(before, carry, after, grips=(GRASP, RELEASE), at=stopping_at)
+    apps = [app for app in made if app.segments]
     assert kinds(tuple(apps)) == ["transport", "transport", "cartesian_motion"]
     assert apps[0].load_kg == pytest.approx(0.15)
 

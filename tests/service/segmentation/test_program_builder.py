@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -25,7 +26,9 @@ FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0), (0.0, 0.0, -5.0))
 
 
 def moment_at(t: float) -> Moment:
-    return Moment((t, 0.0, 0.0), None, None, 0.04, FORCES[round(10.0 * t) % len(FORCES)])
+    """The hand moves on for a second, and stops at every other observation for three."""
+    place = t if t % 4.0 < 1.0 else 0.2 * math.floor(t / 0.2 + 1e-9)
+    return Moment((place, 0.0, 0.0), None, None, 0.04, FORCES[round(10.0 * t) % len(FORCES)])
 
 
 def segment(rng: np.random.Generator, index: int, t0: float) -> Segment:

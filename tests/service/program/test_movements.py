@@ -1,4 +1,4 @@
-"""With which velocity the hand goes on from one app to the next."""
+"""Movements in the air that are one, and the velocity with which one goes on in the next."""
 
 from __future__ import annotations
 
@@ -52,6 +52,38 @@ def taught(
     )
     grips = (GRASP,) if kind == "transport" else ()
     return tuple(app for app in program(*parts, grips=grips, at=at, paths=paths_of(at)) if app.segments)
+
+
+@pytest.mark.parametrize(
+    ("way", "apps"),
+    [
+        ({}, [(0, 1)]),
+        ({"turn_deg": 30.0}, [(0, 1)]),
+        ({"turn_deg": 30.0, "slower": 0.95}, [(0, 1)]),
+        ({"slower": 0.8}, [(0,), (1,)]),
+        ({"turn_deg": 80.0}, [(0,), (1,)]),
+    ],
+)
+@pytest.mark.parametrize("kind", ["motion", "transport"])
+def test_a_movement_that_neither_turns_nor_slows_down_goes_on(
+    way: dict[str, float], apps: list[tuple[int, ...]], kind: str
+) -> None:
+    """Two circles in a row became three moves, and the robot stopped twice on its way."""
+    made = taught(moving(**way), kind, kind)
+    assert [app.segments for app in made] == apps
+    assert [app.path and round(app.path.length_m, 2) for app in made] == (
+        [pytest.approx(0.4, abs=0.05)] if len(apps) == 1 else [pytest.approx(0.2, abs=0.05)] * 2
+    )
+
+
+def test_what_is_missing_between_two_movements_may_have_been_a_rest() -> None:
+    assert [app.segments for app in taught(moving(), t0=2.4)] == [(0,), (1,)]
+
+
+def test_a_movement_that_an_operator_names_stays_one() -> None:
+    named = segment("motion", BOUNDARY_S, 4.0).model_copy(update={"corrected": True})
+    made = program(segment("motion", 0.0, BOUNDARY_S), named, at=moving())
+    assert [app.segments for app in made] == [(0,), (1,)]
 
 
 def test_a_corner_is_passed_with_the_velocity_of_the_hand() -> None:

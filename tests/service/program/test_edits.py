@@ -119,6 +119,17 @@ def test_fields_of_a_path_are_set_together_and_one_is_taken_back_alone():
     assert [one.field for one in back.changes] == ["tolerance_m"]
 
 
+@pytest.mark.parametrize("edit", [{"target": (0.0, -0.673, 0.107)}, {"tolerance_m": 0.02}])
+def test_another_target_is_no_place_to_go_on_from(edit: dict[str, Any]):
+    """The velocity is that of the hand at the target that was taught."""
+    first, *rest = taught()
+    velocity = (0.0, 0.01, -0.08)
+    first = first.model_copy(update={"path": PATH.model_copy(update={"end_velocity": velocity})})
+    path = edited((first, *rest), ChangeApp(app=ref(first), **edit)).apps[0].path
+    assert path is not None
+    assert path.end_velocity == (None if "target" in edit else velocity)
+
+
 def test_a_force_keeps_the_direction_that_was_taught_and_the_limit_of_the_cell():
     pressing = press()[1]
     made = edited(press(), ChangeApp(app=ref(pressing), force_n=4.0)).apps[1]

@@ -32,7 +32,7 @@ from caesura_service.constants import GRAVITY
 from caesura_service.robot import load_panda
 from service.changepoint.catalogue import Whole
 from service.changepoint.quadrature import constant_velocity
-from service.program.segments import program, segment
+from service.program.segments import program, segment, stopping_at
 
 STEP_S = 0.1
 NU0, SIGMA2, KAPPA0, LINE_STEP_S = 3.0, 0.5, 1.0, 0.5
@@ -366,6 +366,7 @@ def test_the_load_that_was_carried() -> None:
     apps = program(
         segment("transport", 4.2, 5.7, load_kg=loads[0], load_sd_kg=0.01),
         segment("transport", 5.7, 7.5, load_kg=loads[1], load_sd_kg=0.01),
+        at=stopping_at,
     )
     assert [app.load_kg for app in apps] == [pytest.approx(by_time)] * 2
     assert abs(printed - loads.mean()) > 0.0015

@@ -67,12 +67,14 @@ def task_program(
     paths: Paths | None = None,
     gaps: Sequence[Gap] = (),
     known: Sequence[GripperAction] | None = None,
+    app_before: App | None = None,
 ) -> tuple[App, ...]:
     """The apps of a demonstration, in time order.
 
     least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
     force_limit_n [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in
-    time order; known: every grip, where `grips` are those of these steps alone.
+    time order; known: every grip, where `grips` are those of these steps alone; app_before:
+    the last app of the steps before them.
     """
     kept = kept_steps(steps, grips if known is None else known, moment_at, least_s)
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
@@ -86,7 +88,7 @@ def task_program(
             apps += build(_Group(group, before, after, rest, moment_at, force_limit_n, paths))
     apps += [_grip_app(grip, grip.t, grip.t, moment_at, 1.0, ()) for grip in rest]
     apps = [_as_observed(app, gaps) for app in sorted(apps, key=lambda app: app.t0)]
-    return tuple(apps) if paths is None else with_end_velocities(apps, paths)
+    return tuple(apps) if paths is None else with_end_velocities(apps, paths, app_before)
 
 
 def _as_observed(app: App, gaps: Sequence[Gap]) -> App:

@@ -13,13 +13,14 @@ from caesura_protocol.programs.app_times import goes_on
 from caesura_service.program.paths import Paths
 
 
-def with_end_velocities(apps: Sequence[App], paths: Paths) -> tuple[App, ...]:
+def with_end_velocities(apps: Sequence[App], paths: Paths, before: App | None) -> tuple[App, ...]:
     """Apps in time order whose paths state the velocities of their ends.
 
-    A start has one where the app before goes on to it, a target where the app goes on to the next.
+    A start has one where the app before goes on to it, a target where the app goes on to the next. before:
+    the app before the first one.
     """
     made: list[App] = []
-    for last, app, following in zip([None, *apps], apps, [*apps[1:], None], strict=False):
+    for last, app, following in zip([before, *apps], apps, [*apps[1:], None], strict=False):
         begins = last is not None and goes_on(last, app)
         ends = goes_on(app, following)
         if app.path is None or not (begins or ends):

@@ -53,6 +53,7 @@ class IncrementalProgramBuilder:
     built: EncodedMessageLog[App] = field(
         default_factory=lambda: EncodedMessageLog(App)
     )  # from what lies before
+    _last_built: App | None = None
     _seen: dict[float, Moment] = field(default_factory=dict)  # moments behind that, before the last segment
     _seen_until: float = -np.inf  # [s] what lies before is seen from both sides: no moment changes any more
 
@@ -77,7 +78,9 @@ class IncrementalProgramBuilder:
             place = steps[quiet]
             before = [grip for grip in rest if grip.t < place.segment.t0]
             apps = self._program(steps[begin : quiet + 1], before, gaps, grips)
-            self.built.extend(app for app in apps if not app.segments or app.segments[0] < place.index)
+            finished = [app for app in apps if not app.segments or app.segments[0] < place.index]
+            self.built.extend(finished)
+            self._last_built = finished[-1] if finished else self._last_built
             self.first, self.since = place.index, place.segment.t0 + GRIP_SLACK_S
             rest = [grip for grip in rest if grip.t > self.since]
             self._seen.clear()
@@ -101,6 +104,7 @@ class IncrementalProgramBuilder:
             paths=self.paths,
             gaps=gaps,
             known=known,
+            app_before=self._last_built,
         )
         return apps if self.limited is None else tuple(map(self.limited, apps))
 

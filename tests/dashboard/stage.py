@@ -22,7 +22,7 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.conftest import free_port
 from harness.demonstrations import guided
 from harness.forked import Forked
-from harness.processes import CAESURA, DEADLINE_S, Process, Service, running, start
+from harness.processes import CAESURA, DEADLINE_S, Process, Service, environment, running, start
 
 REST_S = 240.0  # for which the hand rests afterwards: longer than the tests of a module take
 REST_HZ = 50.0  # of its samples: each is drawn ten times a second, all along the session
@@ -137,6 +137,28 @@ class Stage(Bridges):
     def __init__(self, service: Service, dashboard: Dashboard, folder: Path) -> None:
         super().__init__(service, folder)
         self.dashboard = dashboard
+
+
+class StandbyBridge:
+    """`caesura bridge --standby` of cell-1, in a process of its own."""
+
+    def __init__(self, stage: Stage) -> None:
+        file = stage.folder / "taught.npz"
+        patient().save(file)
+        self._command = [
+            *CAESURA, "bridge", "--standby", "--connect", stage.service.endpoint, "--station", "cell-1",
+            "--source", "file", "--file", str(file), "--pace", "4",
+        ]  # fmt: skip
+        self._process: subprocess.Popen[str] | Forked | None = None
+
+    def start(self) -> None:
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment()}
+        self._process = start(self._command, **quiet)
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait(DEADLINE_S)
 
 
 @contextmanager

@@ -1,8 +1,7 @@
-"""The operator's day in a real browser: start, teach, stop, name, and find it after a restart."""
+"""What an operator does beside teaching, in a real browser: name, list, delete, drop, compare."""
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,39 +18,16 @@ from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
 from dashboard.browser import PATIENCE_MS, SETTLED, THEMES, Visitor, needs_chromium
-from dashboard.stage import Stage, patient
+from dashboard.stage import Stage, StandbyBridge, patient
 from harness.demonstrations import guided
-from harness.forked import Forked
-from harness.processes import CAESURA, DEADLINE_S, environment, eventually, start
+from harness.processes import eventually
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 
 
-class StandbyBridge:
-    """`caesura bridge --standby` of cell-1, in a process of its own."""
-
-    def __init__(self, stage: Stage) -> None:
-        file = stage.folder / "taught.npz"
-        patient().save(file)
-        self._command = [
-            *CAESURA, "bridge", "--standby", "--connect", stage.service.endpoint, "--station", "cell-1",
-            "--source", "file", "--file", str(file), "--pace", "4",
-        ]  # fmt: skip
-        self._process: subprocess.Popen[str] | Forked | None = None
-
-    def start(self) -> None:
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment()}
-        self._process = start(self._command, **quiet)
-
-    def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait(DEADLINE_S)
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def bridge(stage: Stage) -> Iterator[StandbyBridge]:
     bridge = StandbyBridge(stage)
     try:
@@ -84,75 +60,8 @@ def pictured(visitor: Visitor, name: str) -> None:
     page.set_viewport_size(DESKTOP)
 
 
-def session_of(page: Page) -> str:
-    """The session that the page names as the current one."""
-    words = page.locator(".state-line").inner_text()
-    return words.split("session ")[1].split(" ·")[0]
-
-
-def described(caesura: Caesura, session: str, station: str = "cell-1") -> Description:
+def described(caesura: Caesura, session: str, station: str) -> Description:
     return caesura.snapshot(station, session).status.description
-
-
-def test_start_teach_stop_name_and_find_it_after_a_restart_of_everything(
-    stage: Stage, bridge: StandbyBridge, visitor: Visitor
-):
-    page, desk = visitor.page, visitor.page.locator(".desk")
-    page.goto(f"{stage.dashboard.url}/station/cell-1")
-    expect(desk).to_contain_text("Ready")
-    expect(desk.locator(".stop")).to_be_disabled()
-    expect(page.locator(".selection")).to_have_text(
-        "Signals and segments are drawn here once a demonstration begins."
-    )
-    for tools in (".scrub", ".signals"):  # there is nothing to zoom or to choose yet
-        expect(page.locator(tools)).to_have_count(0)
-    pictured(visitor, "desk-ready")
-
-    desk.locator(".task").fill("wipe")
-    desk.locator(".operator").fill("Ann")
-    desk.locator(".task").press("Enter")
-    expect(desk).to_contain_text("Teaching")
-    expect(desk.locator(".start")).to_be_disabled()
-    expect(desk).to_contain_text("A demonstration is being taught.")
-    expect(page.get_by_text("move to contact").first).to_be_visible()
-    pictured(visitor, "desk-teaching")
-    session = session_of(page)
-
-    desk.locator(".stop").focus()
-    page.keyboard.press("Enter")
-    expect(desk).to_contain_text("Ready")
-    form = page.locator(".description")
-    form.locator(".yes").click()
-    expect(form.locator(".saved")).to_contain_text("Saved.")
-    form.locator(".name-task").fill("wipe the table")
-    form.locator(".name-tags").fill("left, slow")
-    form.locator(".name-tags").press("Tab")
-    pictured(visitor, "desk-named")
-    with stage.reader() as caesura:
-        named = Description(task="wipe the table", operator="Ann", tags=("left", "slow"), success=True)
-        eventually(lambda: described(caesura, session) == named)
-        form.locator(".take-back").click()
-        eventually(lambda: described(caesura, session) == named.model_copy(update={"tags": ()}))
-        samples = caesura.snapshot("cell-1", session).status.samples
-    expect(form.locator(".name-tags")).to_have_value("")
-
-    assert visitor.errors == []
-    page.goto("about:blank")  # a page that loses its dashboard reports that as an error
-    stage.dashboard.kill()
-    bridge.kill()
-    stage.service.kill()
-    stage.service.start()
-    stage.dashboard.start()
-    page.goto(f"{stage.dashboard.url}/sessions")
-    page.locator(".words").fill("table ann")
-    row = page.locator("tbody tr")
-    expect(row).to_have_count(1)
-    expect(row).to_contain_text("yes")
-    row.get_by_role("link", name="wipe the table").click()
-    expect(page.get_by_text("move to contact").first).to_be_visible()
-    with stage.reader() as caesura:
-        assert caesura.snapshot("cell-1", session).status.samples == samples > 0
-    bridge.start()
 
 
 CHANGE_TWO_FIELDS = """(form) => {
@@ -182,9 +91,7 @@ def test_two_changes_at_once_are_both_stored_and_the_last_can_be_undone(stage: S
         assert visitor.errors == []
 
 
-def test_the_reason_stands_beside_a_start_that_is_not_possible(
-    stage: Stage, bridge: StandbyBridge, visitor: Visitor
-):
+def test_the_reason_stands_beside_a_start_that_is_not_possible(stage: Stage, visitor: Visitor):
     page, why = visitor.page, visitor.page.locator(".desk-why")
     stage.teach("cell-2", patient())
     page.goto(f"{stage.dashboard.url}/station/cell-2")
@@ -194,9 +101,7 @@ def test_the_reason_stands_beside_a_start_that_is_not_possible(
     expect(why).to_contain_text("No bridge is connected at cell-2.")
 
 
-def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(
-    stage: Stage, bridge: StandbyBridge, visitor: Visitor
-):
+def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stage, visitor: Visitor):
     with stage.reader() as caesura:
         for number, success in (("a", True), ("b", False), ("c", None)):
             stage.teach("cell-3", guided(), session=f"list-{number}", pace="fast")

@@ -20,8 +20,9 @@ from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
 from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium, settled
 from dashboard.operator import Operator
-from dashboard.stage import Stage, patient
-from dashboard.test_start_stop import StandbyBridge, session_of
+from dashboard.stage import Stage, StandbyBridge, patient
+from dashboard.test_start_stop import described, pictured
+from harness.processes import eventually
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -31,6 +32,7 @@ SHORT_S = 1.5
 LEAST_SHOWN = 35  # of 50 samples a second, in half of that
 INSERTED_S = 1.4  # [s] in the middle of the first movement
 AXES = ("x", "y", "z")
+NAMED = Description(task="wipe the table", operator="Ann", note="calm hand", success=True)
 # Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
 DRAWN = """([name, from, to]) => {
   const { state, plots } = document.querySelector(".plots").plots;
@@ -80,25 +82,64 @@ def looks_right(visitor: Visitor, name: str) -> None:
     at_a_desk(page)
 
 
-def teach(visitor: Visitor) -> str:
-    """Start, teach, stop and name a demonstration; return its session."""
+def teach(stage: Stage, visitor: Visitor) -> str:
+    """Start, teach, stop and name a demonstration; return its session.
+
+    The keyboard starts and stops; `trial` sees that a mouse could, as nothing covers the buttons.
+    """
     page, desk = visitor.page, visitor.page.locator(".desk")
+    start, stop = (desk.get_by_role("button", name=name) for name in ("Start", "Stop"))
     expect(desk).to_contain_text("Ready")
-    desk.locator(".task").fill("press the pump")
+    expect(stop).to_be_disabled()
+    expect(page.locator(".selection")).to_have_text(
+        "Signals and segments are drawn here once a demonstration begins."
+    )
+    for tools in (".scrub", ".signals"):  # there is nothing to zoom or to choose yet
+        expect(page.locator(tools)).to_have_count(0)
+    pictured(visitor, "day-ready")
+
+    start.click(trial=True)
     desk.locator(".operator").fill("Ann")
-    desk.get_by_role("button", name="Start").click()
+    desk.locator(".task").fill("press the pump")
+    desk.locator(".task").press("Enter")
     expect(desk).to_contain_text("Teaching")
+    expect(start).to_be_disabled()
+    expect(desk).to_contain_text("A demonstration is being taught.")
+    expect(page.get_by_text("move to contact").first).to_be_visible()
+    pictured(visitor, "day-teaching")
     shown = page.locator(".scrub output")
     page.wait_for_function(f"(shown) => parseFloat(shown.innerText) > {TAUGHT_S}", arg=shown.element_handle())
-    visitor.picture("day-teaching-desktop")
-    desk.get_by_role("button", name="Stop").click()
+    stop.click(trial=True)
+    stop.focus()
+    page.keyboard.press("Enter")
     expect(desk).to_contain_text("Ready")
     session = session_of(page)
-    form = page.locator(".description")
+    describe(stage, visitor, session)
+    return session
+
+
+def session_of(page: Page) -> str:
+    """The session that the page names as the current one."""
+    words = page.locator(".state-line").inner_text()
+    return words.split("session ")[1].split(" ·")[0]
+
+
+def describe(stage: Stage, visitor: Visitor, session: str) -> None:
+    """State what was taught, and take the last statement back."""
+    tagged = NAMED.model_copy(update={"tags": ("left", "slow")})
+    form = visitor.page.locator(".description")
     form.locator(".name-note").fill("calm hand")
     form.locator(".yes").click()
     expect(form.locator(".saved")).to_contain_text("Saved.")
-    return session
+    form.locator(".name-task").fill(NAMED.task)
+    form.locator(".name-tags").fill("left, slow")
+    form.locator(".name-tags").press("Tab")
+    pictured(visitor, "day-named")
+    with stage.reader() as caesura:
+        eventually(lambda: described(caesura, session, "cell-1") == tagged)
+        form.locator(".take-back").click()
+        eventually(lambda: described(caesura, session, "cell-1") == NAMED)
+    expect(form.locator(".name-tags")).to_have_value("")
 
 
 def correct(visitor: Visitor) -> None:
@@ -202,19 +243,18 @@ def restart(stage: Stage, bridge: StandbyBridge, page: Page) -> None:
 def find(stage: Stage, page: Page) -> None:
     """The day after: search the list for words of its description, and open it."""
     page.goto(f"{stage.dashboard.url}/sessions")
-    page.locator(".words").fill("pump ann")
+    page.locator(".words").fill("table ann")
     rows = page.locator("tbody tr")
     expect(rows).to_have_count(1)
     expect(rows).to_contain_text("yes")
-    rows.get_by_role("link", name="press the pump").click()
+    rows.get_by_role("link", name=NAMED.task).click()
     expect(page.locator(".app").first).to_be_visible()
 
 
 def check_results(caesura: Caesura, session: str, before: Snapshot) -> None:
     """What was taught, named, corrected and edited is there as it was."""
     after = caesura.snapshot("cell-1", session)
-    named = Description(task="press the pump", operator="Ann", note="calm hand", success=True)
-    assert after.status.description == named
+    assert after.status.description == NAMED
     assert after.status.samples == before.status.samples > 0
     assert after.segments.segments == before.segments.segments
     assert after.program.apps == before.program.apps
@@ -227,7 +267,7 @@ def test_a_demonstration_from_its_start_to_the_day_after(
 ):
     page = visitor.page
     page.goto(f"{stage.dashboard.url}/station/cell-1")
-    session = teach(visitor)
+    session = teach(stage, visitor)
     correct(visitor)
     with stage.reader() as caesura:
         number = pressing_of(caesura.snapshot("cell-1", session))

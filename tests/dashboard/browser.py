@@ -32,7 +32,10 @@ FLAGS = (
 )  # fmt: skip
 # V8 compiles no short page for speed, and one thread draws it: an eighth less processor time.
 FOR_SHORT_PAGES = ("--js-flags=--no-maglev --no-turbofan --single-threaded-gc", "--num-raster-threads=1")
-TABLET = {"width": 1180, "height": 820}
+DESK, TABLET, PHONE = (
+    {"width": width, "height": height} for width, height in ((1440, 900), (1180, 820), (390, 844))
+)
+UPRIGHT = {"width": TABLET["height"], "height": TABLET["width"]}
 PATIENCE_MS = 60_000
 AXE = {"resultTypes": ["violations"], "preload": False}
 NOTHING_LOADS = """() => [...document.querySelectorAll(".q-loading-bar")]
@@ -54,6 +57,7 @@ TYPE_SIZES = """() => {
   return found;
 }"""
 Theme = Literal["light", "dark"]
+SIZES = {"desktop": DESK, "phone": PHONE}
 THEMES: dict[Theme, tuple[str, ...]] = {"light": (), "dark": ("color-contrast",)}  # axe's rules; all, or some
 
 
@@ -179,3 +183,18 @@ class Visitor:
     def _listen(self, kind: str, text: str) -> None:
         if kind == "error":
             self.errors.append(text)
+
+
+def looks_right(visitor: Visitor, name: str) -> None:
+    """Light at a desk and dark on a phone axe finds nothing; nothing scrolls sideways, nor on a tablet."""
+    page = visitor.page
+    for (theme, rules), (where, size) in zip(THEMES.items(), SIZES.items(), strict=True):
+        page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
+        visitor.theme = theme
+        page.set_viewport_size(size)
+        visitor.picture(f"{name}-{where}")
+        assert visitor.sideways_px() <= 0, f"{name} scrolls sideways at {size['width']} px"
+        assert visitor.barriers(*rules) == []
+    page.set_viewport_size(UPRIGHT)
+    assert visitor.sideways_px() <= 0, f"{name} scrolls sideways at {UPRIGHT['width']} px"
+    page.set_viewport_size(DESK)

@@ -8,11 +8,10 @@ from playwright.sync_api import Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.errors import ProtocolError
-from dashboard.browser import THEMES, Visitor, settled
+from dashboard.browser import Visitor, settled
 from dashboard.stage import KINDS, Stage
 from dashboard.subscriber import Subscriber
 
-DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 T = 1.4  # [s] in the middle of the first movement, where no changepoint is
 SHOWN_S = 5.0  # up to there the plot shows what is found while the operator points into it
 LEFT, RIGHT = 64, 12  # of the plot, as in scale.js
@@ -121,16 +120,3 @@ class Operator:
             while True:
                 caesura.undo(self.wire.now.station, self.wire.now.session, author="Ann")
         expect(self.page.get_by_role("button", name="Undo", exact=True)).to_have_count(0)
-
-
-def looks_right(visitor: Visitor, name: str) -> None:
-    """On a desk and a phone, light and dark: axe finds nothing, nothing scrolls sideways."""
-    page = visitor.page
-    for where, size in (("phone", PHONE), ("desktop", DESK)):
-        page.set_viewport_size(size)
-        for theme, rules in THEMES.items():
-            page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
-            visitor.theme = theme
-            visitor.picture(f"{name}-{where}")
-            assert visitor.barriers(*rules) == []
-        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0

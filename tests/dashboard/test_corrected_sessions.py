@@ -16,8 +16,8 @@ from caesura_protocol.messages import Remove
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import snapshot
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
-from dashboard.operator import DESK, NEAR_S, PHONE, Operator, T, looks_right
+from dashboard.browser import DESK, PATIENCE_MS, PHONE, THEMES, Visitor, looks_right, needs_chromium
+from dashboard.operator import NEAR_S, Operator, T
 from dashboard.stage import Dashboard, Stage
 from harness.demonstrations import guided
 from harness.processes import running

@@ -17,14 +17,13 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
-from dashboard.browser import PATIENCE_MS, SETTLED, THEMES, Visitor, needs_chromium
+from dashboard.browser import DESK, PATIENCE_MS, SETTLED, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage, StandbyBridge, patient
 from harness.demonstrations import guided
 from harness.processes import eventually
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
-DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 
 
 @pytest.fixture
@@ -40,24 +39,9 @@ def bridge(stage: Stage) -> Iterator[StandbyBridge]:
 @pytest.fixture
 def visitor(browser: Browser) -> Iterator[Visitor]:
     visitor = Visitor(browser)
-    visitor.page.set_viewport_size(DESKTOP)
+    visitor.page.set_viewport_size(DESK)
     yield visitor
     visitor.close()
-
-
-def pictured(visitor: Visitor, name: str) -> None:
-    """Pictures in both sizes and themes; nothing keeps a person out, or is wider than the page."""
-    page = visitor.page
-    sizes = {"desktop": DESKTOP, "phone": PHONE}
-    for (theme, rules), (size, view) in zip(THEMES.items(), sizes.items(), strict=True):
-        page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
-        visitor.theme = theme
-        page.set_viewport_size(view)
-        visitor.picture(f"{name}-{size}")
-        wider = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
-        assert wider <= 0, f"{name} scrolls sideways by {wider} px at {view['width']} px"
-        assert visitor.barriers(*rules) == []
-    page.set_viewport_size(DESKTOP)
 
 
 def described(caesura: Caesura, session: str, station: str) -> Description:
@@ -115,7 +99,7 @@ def test_sessions_are_searched_filtered_sorted_and_deleted_with_undo(stage: Stag
         expect(names).to_have_text(["press c", "press b", "press a"])
         page.get_by_role("button", name="name").click()
         expect(names).to_have_text(["press a", "press b", "press c"])
-        pictured(visitor, "sessions-listed")
+        looks_right(visitor, "sessions-listed")
         page.locator(".by-success").select_option("false")
         expect(names).to_have_text(["press b"])
         names.get_by_role("link").click()
@@ -167,7 +151,7 @@ def test_a_recording_is_dropped_and_played_as_a_session(
     form.locator(".station").fill("cell-1")
     form.locator(".session").fill("from-a-file")
     form.locator(".task").fill("press")
-    pictured(visitor, "recording-questions")
+    looks_right(visitor, "recording-questions")
     form.locator(".play-recording").click()
     expect(page.locator(".drop-state")).to_contain_text("The robot of station cell-1 is connected")
     form.locator(".station").fill("cell-7")
@@ -184,7 +168,7 @@ def test_a_recording_is_dropped_and_played_as_a_session(
         assert len(played.segments.segments) > 2
     page.goto(f"{stage.dashboard.url}/sessions/cell-7/from-a-file")
     check_path_in_3d(page, played.program)
-    pictured(visitor, "path")
+    looks_right(visitor, "path")
     assert visitor.errors == []
 
 
@@ -266,7 +250,7 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     expect(page.get_by_text("duration")).not_to_have_count(0)
     page.wait_for_function(BOTH_LOADED)
     assert page.evaluate(RANGES) == [[0, pytest.approx(float(slower.t[-1]), abs=0.3)]] * 2, "one axis of time"
-    pictured(visitor, "compared")
+    looks_right(visitor, "compared")
     page.get_by_role("button", name="Zoom in").first.click()
     page.wait_for_function(BOTH_LOADED)
     first, second = page.evaluate(RANGES)

@@ -38,23 +38,27 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 GARBAGE = (20_000, 20, 20)  # objects, and collections of a younger generation, that begin one of an older
 MEMORY = Path("/dev/shm")
 LEAST_FREE = 4 << 30  # [bytes] in memory
-# Files that take long, the longest first. Two of the first five have no browser: with five browsers at once,
-# pages are slow, and what is live is drawn for longer.
+# Files that take long, the longest first: those that wait (harness/scheduling.py), then those that compute.
 LONG = (
     "tests/dashboard/test_browser.py",
-    "tests/dashboard/test_corrections.py",
-    "tests/lab/execution/test_executor.py",
+    "tests/dashboard/test_whole_day.py",
     "tests/dashboard/test_corrected_sessions.py",
-    "tests/service/changepoint/test_compiled_filter.py",
+    "tests/dashboard/test_start_stop.py",
+    "tests/dashboard/test_dropped.py",
     "tests/dashboard/",
+    "tests/service/security/test_diagnosis.py",
+    "tests/faults/",
     "tests/acceptance/test_serve",
     "tests/docs/",
-    "tests/faults/",
+    "tests/deploy/",
+    "tests/lab/execution/test_executor.py",
+    "tests/service/changepoint/test_compiled_filter.py",
+    "tests/service/segmentation/",
     "tests/lab/",
     "tests/acceptance/",
     "tests/clients/",
     "tests/service/changepoint/",
-    "tests/service/segmentation/",
+    "tests/service/sessions/",
 )
 settings.register_profile("quick", max_examples=30, deadline=None, derandomize=True)
 settings.register_profile(  # for `make mutations`: whether it fails, not how little it takes
@@ -104,6 +108,14 @@ def pytest_xdist_setupnodes(config: pytest.Config, specs: list[object]) -> None:
     if CAN_FORK:
         config.get_terminal_writer().flush()
         fork_workers(len(specs))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """What `make test` asks for, with files that wait beside files that compute."""
+    from harness.scheduling import Scheduling  # noqa: PLC0415 - pytest-xdist may not be installed
+
+    return Scheduling(config, log) if config.option.dist == "loadfile" else None
 
 
 @pytest.hookimpl(tryfirst=True)

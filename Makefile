@@ -14,7 +14,8 @@ demo: $(STAMP)
 	$(BIN)/caesura demo $(ARGS)
 
 # Five at a time, for tests wait for processes, browsers and clocks; each takes a file at a time, in the order of
-# tests/conftest.py, for the tests of a file share what they have simulated and started.
+# tests/conftest.py, for the tests of a file share what they have simulated and started. Which process takes which:
+# tests/harness/scheduling.py.
 test: $(TESTED)
 	$(BIN)/python -m pytest -n 5 --dist loadfile --no-loadscope-reorder $(ARGS)
 

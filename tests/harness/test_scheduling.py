@@ -49,7 +49,7 @@ def test_three_of_five_begin_with_what_waits_and_two_with_what_computes():
     assert [set(node.given) for node in nodes] == [{file} for file in (*WAITS, *COMPUTES)]
 
 
-def test_what_is_left_is_taken_by_whoever_is_free():
+def test_a_worker_that_finds_none_of_its_sort_takes_another():
     scheduling, (waiting, computing) = scheduled((0, 3))
     for index in range(12, 20):  # all that compute
         scheduling.mark_test_complete(computing, index)

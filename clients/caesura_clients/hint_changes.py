@@ -1,4 +1,4 @@
-"""Which hints are raised and cleared from one update of a session to the next."""
+"""Which hints are raised, updated and cleared from one update of a session to the next."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ Active = dict[tuple[HintKind, float], Hint]  # by kind and the time at which it 
 
 @dataclass(frozen=True)
 class HintChange:
-    """A hint that was raised or cleared; active: how many of its station are active after that."""
+    """A hint that was raised, updated or cleared; active: how many of its station are active after that.
 
-    event: Literal["raised", "cleared"]
+    Updated: it is the same hint, and asks for something else.
+    """
+
+    event: Literal["raised", "updated", "cleared"]
     station: str
     session: str
     hint: Hint
@@ -55,6 +58,9 @@ class HintChanges:
             self._active[key] = active
         for one in active.keys() - before.keys():
             changes.append(HintChange("raised", station, session, active[one], self._count(station)))
+        for one in active.keys() & before.keys():
+            if active[one].advice != before[one].advice:
+                changes.append(HintChange("updated", station, session, active[one], self._count(station)))
         return changes
 
     def _count(self, station: str) -> int:

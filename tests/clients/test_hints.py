@@ -15,7 +15,7 @@ from rich.console import Console
 from typer import BadParameter
 
 from caesura_clients.cli import hints as hints_command
-from caesura_clients.cli.hints import _failure
+from caesura_clients.cli.hints import _failure, hint_line
 from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.following import SessionRemoved
 from caesura_clients.hint_changes import HintChange, HintChanges
@@ -66,6 +66,21 @@ def test_each_hint_is_raised_and_cleared_once():
     ]
     assert said(changes, update(limit)) == []
     assert said(changes, SessionRemoved("cell-1", "s1")) == [("cleared", "joint_limit", 0)]
+
+
+def test_a_hint_that_asks_for_something_else_is_updated():
+    changes = HintChanges()
+    pause = hint("uncertain_boundary", 2.0)
+    again = pause.model_copy(update={"advice": "Show the part again."})
+    assert said(changes, update(pause)) == [("raised", "uncertain_boundary", 1)]
+    (change,) = changes.receive(update(again))
+    assert (change.event, change.active) == ("updated", 1)
+    assert hint_line(change) == (
+        "cell-1/s1 2.00 updated uncertain_boundary uncertain_boundary found. Show the part again."
+    )
+    reworded = again.model_copy(update={"text": "Otherwise said."})
+    assert said(changes, update(reworded)) == []
+    assert said(changes, SessionRemoved("cell-1", "s1")) == [("cleared", "uncertain_boundary", 0)]
 
 
 def test_what_is_over_at_first_sight_is_no_change_and_the_end_clears_all():

@@ -57,6 +57,22 @@ def test_a_part_to_show_again_links_to_the_program_in_which_it_is_replaced(updat
     assert shown["link"] == "Replace the apps of 5.0 to 5.2 s: Edit, Teach again"
 
 
+def test_a_boundary_links_to_the_program_once_its_part_is_to_be_shown_again(update):
+    pause = hint("uncertain_boundary", 5.2, "It is not clear.", "Pause here.")
+    pause = pause.model_copy(update={"t0": 4.6, "tn": 4.6})
+    again = pause.model_copy(update={"t0": 2.0, "tn": 8.6})
+    shown = [banner_of(replace(update("motion"), hints=(one,)))["hints"][0] for one in (pause, again)]
+    assert ["link" in one for one in shown] == [False, True]
+
+
+def test_two_hints_of_a_kind_are_told_apart(update):
+    pauses = tuple(
+        hint("uncertain_boundary", since, "It is not clear.", "Pause here.") for since in (3.0, 5.2)
+    )
+    shown = banner_of(replace(update("motion"), hints=pauses))["hints"]
+    assert len({one["key"] for one in shown}) == 2
+
+
 @needs_chromium
 def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(browser: Browser):
     hand = hint("hand_in_wrench", 3.0, HAND, "Hold the robot behind the sensor.")

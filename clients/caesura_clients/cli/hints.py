@@ -1,4 +1,4 @@
-"""`caesura hints`: each hint as it is raised and cleared, as a line or as a command that is run."""
+"""`caesura hints`: each hint as it is raised, updated and cleared, as a line or as a command that is run."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def hints(
         typer.Option(
             "--exec",
             metavar="COMMAND",
-            help="Run it at each change, with CAESURA_HINT_EVENT (raised or cleared), _KIND, _TEXT, _ADVICE, "
-            "_STATION, _SESSION and _ACTIVE set. It gets 5 s.",
+            help="Run it at each change, with CAESURA_HINT_EVENT (raised, updated or cleared), _KIND, _TEXT, "
+            "_ADVICE, _STATION, _SESSION and _ACTIVE set. It gets 5 s.",
         ),
     ] = None,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
-    """Show hints to the teacher as they are raised and cleared. All stations by default.
+    """Show hints to the teacher as they are raised, updated and cleared. All stations by default.
 
     A command drives a light or a tone: CAESURA_HINT_ACTIVE is 0 once no hint of the station is active. At the
     end every active hint counts as cleared.
@@ -56,10 +56,13 @@ def hints(
 
 
 def hint_line(change: HintChange) -> str:
-    """A change as a line: station/session, time, raised or cleared, kind, and what was found."""
+    """A change as a line: station/session, time, event, kind, and what was found.
+
+    The time is that of the end of a hint that is cleared, and else the time at which it was raised.
+    """
     hint = change.hint
-    t = hint.since if change.event == "raised" or hint.until is None else hint.until
-    said = f" {hint.text} {hint.advice}" if change.event == "raised" else ""
+    t = hint.since if change.event != "cleared" or hint.until is None else hint.until
+    said = f" {hint.text} {hint.advice}" if change.event != "cleared" else ""
     return f"{change.station}/{change.session} {t:.2f} {change.event} {hint.kind}{said}"
 
 

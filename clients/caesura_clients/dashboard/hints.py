@@ -17,8 +17,9 @@ def banner_of(update: Update | None) -> dict[str, Any]:
 
 def _shown(hint: Hint, update: Update) -> dict[str, Any]:
     """A hint, and of a part to show again where it is replaced."""
-    shown = {"kind": hint.kind, "text": hint.text, "advice": hint.advice}
-    if hint.kind != "show_again" or hint.t0 is None or hint.tn is None:
+    key = f"{hint.kind} {hint.since}"
+    shown = {"key": key, "kind": hint.kind, "text": hint.text, "advice": hint.advice}
+    if hint.t0 is None or hint.tn is None or hint.tn <= hint.t0:
         return shown
     part = f"the apps of {hint.t0:.1f} to {hint.tn:.1f} s: Edit, Teach again"
     return shown | {"href": f"/sessions/{update.station}/{update.session}", "link": f"Replace {part}"}

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,7 @@ class CoachingCase:
 
 @dataclass(frozen=True)
 class PublishedHint:
-    """A hint as it was published last, and when it was published first [s]."""
+    """A hint as it was published first, with the time at which it was cleared; and when that was [s]."""
 
     hint: Hint
     at: float
@@ -106,13 +106,16 @@ EACH = 7  # faults that are tried in a demonstration
 
 def published(recording: Recording) -> list[PublishedHint]:
     """Every hint of a recording, with the time at which a subscriber has it [s]. Raises as `views`."""
-    first: dict[tuple[HintKind, float], float] = {}
-    newest: dict[tuple[HintKind, float], Hint] = {}
+    first: dict[tuple[HintKind, float], PublishedHint] = {}
+    until: dict[tuple[HintKind, float], float | None] = {}
     for view in views(recording):
         for hint in view.hints:
-            first.setdefault((hint.kind, hint.since), float(recording.t[view.samples - 1]))
-            newest[hint.kind, hint.since] = hint
-    return [PublishedHint(newest[key], at) for key, at in first.items()]
+            key = hint.kind, hint.since
+            first.setdefault(key, PublishedHint(hint, float(recording.t[view.samples - 1])))
+            until[key] = hint.until
+    return [
+        replace(one, hint=one.hint.model_copy(update={"until": until[key]})) for key, one in first.items()
+    ]
 
 
 def run_case(case: CoachingCase) -> CoachingResult:
@@ -133,7 +136,7 @@ def run_case(case: CoachingCase) -> CoachingResult:
         name=f"{case.scenario}-{case.seed}",
         seconds=float(shown.recording.t[-1] - shown.recording.t[0]),
         hints=tuple(one.hint.kind for one in hints),
-        explained=tuple(one.hint.kind for one in hints if _is_explained(one.hint, taught, hints)),
+        explained=tuple(one.hint.kind for one in hints if _is_explained(one.hint, taught)),
     )
     faults = []
     for name in case.faults:
@@ -158,15 +161,12 @@ def judged(name: str, case: CoachingCase, fault: Fault) -> FaultResult:
     return FaultResult(name, case.scenario, case.seed, fault.cause, latency)
 
 
-def _is_explained(hint: Hint, taught: CleanDemonstration, others: Sequence[PublishedHint]) -> bool:
+def _is_explained(hint: Hint, taught: CleanDemonstration) -> bool:
     """Does the truth have a cause for the hint, although no fault was injected?"""
     t, truth = taught.recording.t, taught.truth
     near = int(np.searchsorted(t, hint.since))
     window = slice(max(near - 1000, 0), near + 1000)
     match hint.kind:
-        case "show_again":  # of the boundary that stayed unclear, whose own hint it takes the place of
-            own = [one.hint for one in others if one.hint.kind == "uncertain_boundary"]
-            return any(_is_explained(one, taught, ()) for one in own if one.until == hint.since)
         case "uncertain_boundary":
             place = hint.since if hint.t0 is None else hint.t0
             optional = [one["t"] for one in truth["changepoints"] if one["level"] == "optional"]

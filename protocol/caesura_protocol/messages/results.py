@@ -145,7 +145,10 @@ class Posterior(Result):
 
 
 class Hint(Message):
-    """What a teacher can do better, raised while the demonstration goes on."""
+    """What a teacher can do better, raised while the demonstration goes on.
+
+    Its kind and since say which hint it is. The rest may change while it is active.
+    """
 
     kind: HintKind
     since: Seconds  # [s] the observation at which it was raised

@@ -3,10 +3,12 @@
 The models of segments look five observations ahead at a corner that takes 0.3 s: then its weight does not
 change any more (`changepoint.corner_weight`). After that the smoothed probability that a boundary is near is
 mostly below 0.1 or above 0.9. In between, the demonstration does not show whether a segment ends there.
-Of a slower corner the weight is settled after seven. To wait for it gives no fewer false hints. A
-boundary that stays so until it leaves the window of the posterior is in a part that is to be shown again.
+Of a slower corner the weight is settled after seven. To wait for it gives no fewer false hints.
 A hint needs two observations in a row at which a boundary is unclear, because most resolve with the
 second.
+
+A boundary has one hint. At first its advice is to pause. Where the boundary stays unclear until it leaves
+the window of the posterior, a pause comes too late: the same hint asks for the part to be shown again.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from caesura_protocol.messages import Hint
+from caesura_protocol.messages import Hint, HintKind
 from caesura_service.coaching.coach import HintLog
 
 LAG = 5  # observations after a boundary at which it is judged: the look-ahead at a corner of 0.3 s
@@ -24,6 +26,7 @@ RESOLVED = 0.8  # probability for or against it, above which the hint is cleared
 WINDOW = 40  # observations, after which a boundary's probability does not change
 LEAST = 20  # observations for which a hint stays, so that it can be read
 SHOWN = 100  # observations for which a part that is to be shown again is hinted at
+KIND: HintKind = "uncertain_boundary"
 PAUSE = "Pause here for half a second."
 
 
@@ -54,15 +57,15 @@ class BoundaryCoach:
         self._candidate: Boundary | None = None  # was unclear at the observation before
         self._open: list[Boundary] = []  # that were unclear, and are neither resolved nor out of the window
         self._hinted: Boundary | None = None  # the last one for which a hint was raised
+        self._again: Boundary | None = None  # whose part is to be shown again
         self._sure: float | None = None  # [s] the newest sure boundary
-        self._again_until = 0  # observation; 0: nothing is to be shown again
+        self._again_until = 0  # observation
 
     def observe(self, posterior: SmoothedPosterior, t: float, places: Sequence[float]) -> None:
         """Take the posterior after an observation at t [s]. places: where a segment would start [s]."""
         newest = posterior.count - 1
-        if self._again_until and newest >= self._again_until:
-            self._again_until = 0
-            self.log.clear("show_again", t)
+        if newest >= self._again_until:
+            self._clear_again(t)
         index = newest - LAG
         if index < REACH:
             return
@@ -87,35 +90,40 @@ class BoundaryCoach:
         return self._hinted is None or index > self._hinted.start + LEAST
 
     def _watch(self, boundary: Boundary, t: float, probability: float) -> None:
-        """Raise the hint; it takes the place of one at a boundary before, which is followed on."""
+        """Raise the hint, and follow the boundary."""
         self._hinted = boundary
         self._open.append(boundary)
-        self.log.clear("uncertain_boundary", t)
         text = (
             f"It is not clear whether a segment ends at {boundary.t:.1f} s (probability {probability:.2f})."
         )
         self.log.raise_hint(
-            Hint(kind="uncertain_boundary", since=t, text=text, advice=PAUSE, t0=boundary.t, tn=boundary.t)
+            Hint(kind=KIND, since=t, text=text, advice=PAUSE, t0=boundary.t, tn=boundary.t), boundary.t
         )
 
     def _follow(
         self, probabilities: Callable[[int, int], list[float]], boundary: Boundary, newest: int, t: float
     ) -> None:
-        """Clear the hint once the boundary is resolved, or leaves the window unresolved."""
+        """Clear the hint once the boundary is resolved; change it where it leaves the window unclear."""
         found = sum(probabilities(boundary.start - REACH, boundary.start + REACH))
         is_resolved = not 1.0 - RESOLVED < found < RESOLVED
         age = newest - boundary.start
         if age < LAG + LEAST or (not is_resolved and age < WINDOW):
             return
         self._open.remove(boundary)
-        if boundary is self._hinted:
-            self.log.clear("uncertain_boundary", t)
-        if UNSURE < found <= SURE:
-            self._again_until = newest + SHOWN
-            until = t if self._sure is None or self._sure <= boundary.t else self._sure
-            text = f"The boundary at {boundary.t:.1f} s stayed unclear."
-            advice = f"Show the part from {boundary.after:.1f} to {until:.1f} s again."
-            self.log.clear("show_again", t)
-            self.log.raise_hint(
-                Hint(kind="show_again", since=t, text=text, advice=advice, t0=boundary.after, tn=until)
-            )
+        if not UNSURE < found <= SURE:
+            self.log.clear(KIND, t, place=boundary.t)
+            return
+        self._clear_again(t)
+        self._again, self._again_until = boundary, newest + SHOWN
+        until = t if self._sure is None or self._sure <= boundary.t else self._sure
+        text = f"The boundary at {boundary.t:.1f} s stayed unclear."
+        advice = f"Show the part from {boundary.after:.1f} to {until:.1f} s again."
+        self.log.update_hint(
+            KIND, boundary.t, {"text": text, "advice": advice, "t0": boundary.after, "tn": until}
+        )
+
+    def _clear_again(self, t: float) -> None:
+        """Clear the hint that asks for a part, if there is one."""
+        if self._again is not None:
+            self.log.clear(KIND, t, place=self._again.t)
+            self._again = None

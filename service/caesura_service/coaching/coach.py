@@ -1,4 +1,4 @@
-"""Raises and clears hints: each kind once, with hysteresis, and not again for a while.
+"""Raises and clears hints: each kind once, or once a place, with hysteresis, and not again for a while.
 
 A rule has a level, of which 1 is its limit. A hint is raised when the level was at 1 or more for `confirm`
 observations, and cleared when it was below `clear_below` for `release` of them. For `refractory_s` after
@@ -8,7 +8,7 @@ that no hint of its kind is raised.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,8 +31,11 @@ class Trigger:
     refractory_s: float = 5.0
 
 
+Cause = tuple[HintKind, float | None]  # a kind, and the place that it is about [s], where it has several
+
+
 class _Standing(NamedTuple):
-    """Of one kind of hint."""
+    """Of one cause of hints."""
 
     hint: Hint | None = None  # the active one
     streak: int = 0  # observations in a row that speak for a change
@@ -40,21 +43,17 @@ class _Standing(NamedTuple):
 
 
 class HintLog:
-    """The active hint of each kind, and the newest cleared ones."""
+    """The active hint of each cause, and the newest cleared ones."""
 
     def __init__(self) -> None:
-        self._standing: dict[HintKind, _Standing] = {}
+        self._standing: dict[Cause, _Standing] = {}
         self._cleared: tuple[Hint, ...] = ()
         self.stirred: set[HintKind] = set()  # kinds that are active, or about to be
         self.hints: tuple[Hint, ...] = ()  # the same tuple as long as nothing changes
 
-    def is_active(self, kind: HintKind) -> bool:
-        """Whether a hint of this kind is active."""
-        return kind in self._standing and self._standing[kind].hint is not None
-
     def step(self, trigger: Trigger, t: float, level: float, words: Callable[[], Words]) -> None:
         """Take the level of a rule at a time [s]; nan is no reason for a hint. words: for a new hint."""
-        before = self._standing.get(trigger.kind, _Standing())
+        before = self._standing.get((trigger.kind, None), _Standing())
         if before.hint is None:
             streak = before.streak + 1 if level >= (1.0 if t >= before.silent_until else LOUD) else 0
             if streak >= trigger.confirm:
@@ -67,32 +66,46 @@ class HintLog:
                 self.clear(trigger.kind, t, trigger.refractory_s)
                 return
         if streak != before.streak:
-            self._standing[trigger.kind] = before._replace(streak=streak)
+            self._standing[trigger.kind, None] = before._replace(streak=streak)
             if streak:
                 self.stirred.add(trigger.kind)
             elif before.hint is None:
                 self.stirred.discard(trigger.kind)
 
-    def raise_hint(self, hint: Hint) -> None:
-        """Make a hint the active one of its kind."""
-        self._standing[hint.kind] = _Standing(hint)
+    def raise_hint(self, hint: Hint, place: float | None = None) -> None:
+        """Make a hint the active one of its kind, at a place [s] if it has several."""
+        self._standing[hint.kind, place] = _Standing(hint)
         self.stirred.add(hint.kind)
         self._publish()
 
-    def clear(self, kind: HintKind, t: float, refractory_s: float = 0.0) -> None:
-        """Clear the active hint of a kind, if there is one, at a time [s]."""
-        standing = self._standing.get(kind, _Standing())
+    def update_hint(self, kind: HintKind, place: float | None, changes: Mapping[str, object]) -> None:
+        """Change what the active hint of a cause says: it stays the same hint."""
+        standing = self._standing.get((kind, place), _Standing())
         if standing.hint is not None:
-            over = standing.hint.model_copy(update={"until": max(t, standing.hint.since)})
-            self._cleared = (*self._cleared, over)[-CLEARED_KEPT:]
-            self._standing[kind] = _Standing(silent_until=t + refractory_s)
-            self.stirred.discard(kind)
+            changed = Hint.model_validate({**standing.hint.model_dump(), **changes})
+            self._standing[kind, place] = standing._replace(hint=changed)
             self._publish()
+
+    def clear(
+        self, kind: HintKind, t: float, refractory_s: float = 0.0, *, place: float | None = None
+    ) -> None:
+        """Clear the active hint of a cause, if there is one, at a time [s]."""
+        hint = self._standing.get((kind, place), _Standing()).hint
+        if hint is None:
+            return
+        over = hint.model_copy(update={"until": max(t, hint.since)})
+        self._cleared = (*self._cleared, over)[-CLEARED_KEPT:]
+        if place is None:
+            self._standing[kind, None] = _Standing(silent_until=t + refractory_s)
+        else:
+            del self._standing[kind, place]
+        self.stirred.discard(kind)
+        self._publish()
 
     def clear_all(self, t: float) -> None:
         """Clear every active hint: the demonstration is over."""
-        for kind in [*self._standing]:
-            self.clear(kind, t)
+        for kind, place in [*self._standing]:
+            self.clear(kind, t, place=place)
 
     def _publish(self) -> None:
         active = [one.hint for one in self._standing.values() if one.hint is not None]

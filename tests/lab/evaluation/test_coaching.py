@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -53,6 +54,18 @@ def taught() -> CleanDemonstration:
         return Recording(T, {**signals, "force": force}, wrench_source="flange_sensor_with_hand")
 
     return CleanDemonstration(recording, {"segments": segments, "changepoints": []}, with_hand, load_panda())
+
+
+def test_a_hint_counts_once_and_is_at_the_place_that_it_named_first(monkeypatch):
+    pause = Hint(kind="uncertain_boundary", since=2.0, text="Unclear.", advice="Pause.", t0=1.4, tn=1.4)
+    again = pause.model_copy(update={"advice": "Show it again.", "t0": 0.0, "tn": 5.0})
+    over = again.model_copy(update={"until": 6.0})
+    shown = [
+        SimpleNamespace(hints=(one,), samples=n) for one, n in ((pause, 2100), (again, 5000), (over, 6100))
+    ]
+    monkeypatch.setattr(coaching, "views", lambda _recording: shown)
+    (one,) = coaching.published(Recording(T, {"pos": np.zeros((T.size, 3))}))
+    assert (one.at, one.hint.t0, one.hint.until) == (T[2099], 1.4, 6.0)
 
 
 def test_every_fault_has_a_hint_and_there_are_fifty():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from caesura_protocol.messages import Hint
 from caesura_service.coaching import BoundaryCoach
-from caesura_service.coaching.boundaries import LAG, LEAST, WINDOW
+from caesura_service.coaching.boundaries import LAG, LEAST, PAUSE, SHOWN, WINDOW
 
 
 class FakePosterior:
@@ -50,12 +50,12 @@ def test_a_boundary_that_is_decided_in_the_end_asks_for_nothing():
     assert hint.until == 0.1 * (20 + WINDOW)  # three to one is no reason to show a part again
 
 
-def test_another_unclear_boundary_takes_the_place_of_one_that_could_be_read():
-    first, second, again = followed({20: {20: 0.5}, 50: {50: 0.5}, 70: {50: 0.9}})
-    assert (first.t0, second.t0) == (2.0, 5.0)
-    assert first.until == second.since == 0.1 * (50 + LAG + 1)
+def test_each_unclear_boundary_has_a_hint_of_its_own():
+    first, second = followed({20: {20: 0.5}, 50: {50: 0.5}, 70: {50: 0.9}}, count=80)
+    assert second.t0 == 5.0
     assert second.until == 0.1 * 75
-    assert (again.kind, again.since) == ("show_again", 0.1 * (20 + WINDOW)), "the first one is followed on"
+    assert first.advice == "Show the part from 0.0 to 6.0 s again.", "the first one is followed on"
+    assert first.until is None
 
 
 def test_a_hint_stays_so_long_that_it_can_be_read():
@@ -64,6 +64,15 @@ def test_a_hint_stays_so_long_that_it_can_be_read():
 
 
 def test_a_boundary_that_stays_unclear_asks_for_its_part_from_the_last_sure_one():
-    pause, again = followed({20: {20: 0.95}, 50: {50: 0.5}})
-    assert pause.until == again.since == 0.1 * (50 + WINDOW)
-    assert (again.kind, again.t0, again.tn) == ("show_again", 2.0, again.since)
+    pause, *_ = followed({20: {20: 0.95}, 50: {50: 0.5}}, count=50 + WINDOW)
+    (again,) = followed({20: {20: 0.95}, 50: {50: 0.5}}, count=200)
+    out = 0.1 * (50 + WINDOW)  # when it leaves the window
+    assert (pause.advice, again.advice) == (PAUSE, f"Show the part from 2.0 to {out:.1f} s again.")
+    assert (again.kind, again.since) == (pause.kind, pause.since), "one cause, one hint"
+    assert (again.t0, again.tn, again.until) == (2.0, out, 0.1 * (50 + WINDOW + SHOWN))
+
+
+def test_of_two_parts_that_are_to_be_shown_again_the_newer_one_is_asked_for():
+    first, second = followed({20: {20: 0.5}, 50: {50: 0.5}}, count=50 + WINDOW + 1)
+    assert (first.until, second.until) == (0.1 * (50 + WINDOW), None)
+    assert "again" in second.advice

@@ -6,7 +6,7 @@ export default {
   data: () => ({ hints: [] }),
   template: `
     <div class="hints" role="status" aria-label="Hints to the teacher">
-      <div v-for="(hint, index) in hints" :key="hint.kind" class="hint" :class="{ first: index === 0 }">
+      <div v-for="(hint, index) in hints" :key="hint.key" class="hint" :class="{ first: index === 0 }">
         <p class="hint-advice">{{ hint.advice }}</p>
         <p class="hint-text">{{ hint.text }} <a v-if="hint.href" :href="hint.href">{{ hint.link }}</a></p>
       </div>

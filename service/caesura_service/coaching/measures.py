@@ -13,8 +13,9 @@ In movement a force is one of these:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from statistics import fmean, pstdev
 from typing import NamedTuple
 
@@ -47,9 +48,12 @@ class ArmLimits:
     upper: Array
     jacobian: Callable[[Array], Array]
 
-    def nearest(self, joints: Array, speeds: Array) -> tuple[int, float]:
-        """Which joint comes nearest to a limit within AHEAD_S at its speed [rad/s], and how near [rad]."""
-        later = joints + AHEAD_S * speeds
+    def nearest(self, joints: Array, speeds: Array, slowing: Array) -> tuple[int, float]:
+        """Which joint comes nearest to a limit within AHEAD_S, and how near [rad].
+
+        speeds (n,) [rad/s]; slowing (n,) [rad/s²] by which each gets slower, 0 where it does not.
+        """
+        later = joints + speeds * _seconds_at_speed(speeds, slowing)
         low, high = np.minimum(joints, later), np.maximum(joints, later)
         left = np.minimum(low - self.lower, self.upper - high)
         joint = int(left.argmin())
@@ -76,6 +80,15 @@ class CoachingSetup:
     path_tolerance_m: float
     arm: ArmLimits | None = None
     is_tared: bool = True
+
+
+def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
+    """In how long [s] a joint comes so far, at its speed, as within AHEAD_S while it slows down to a stop."""
+    size = np.abs(speeds)
+    stops_in = np.divide(size, slowing, out=np.full_like(size, np.inf), where=slowing > 0.0)
+    moves_for = np.minimum(stops_in, AHEAD_S)
+    lost = np.divide(moves_for, stops_in, out=np.zeros_like(size), where=stops_in > 0.0)
+    return moves_for * (1.0 - 0.5 * lost)
 
 
 class ObservedPose(NamedTuple):
@@ -144,7 +157,7 @@ class Meter:
         arm, arm_age = state.arm, state.arm_age + 1
         before = None if pose.after_gap or not state.poses else state.poses[-1]
         if self._setup.arm is not None and (before is None or arm_age >= ARM_EVERY):
-            arm, arm_age = _of_arm(self._setup.arm, pose, before), 0
+            arm, arm_age = _of_arm(self._setup.arm, pose, state.poses if before else ()), 0
         if before is None:
             unchanged = begun(state.unchanged, pose.measured_n, pose.t, pose.position)
             state = state._replace(poses=(pose,), push=0.0, free=(), unchanged=unchanged, arm=arm, arm_age=0)
@@ -212,15 +225,24 @@ def _difference(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-def _of_arm(arm: ArmLimits, pose: ObservedPose, before: ObservedPose | None) -> ArmMeasures:
-    """Measure the joints of an observation."""
+def _of_arm(arm: ArmLimits, pose: ObservedPose, before: tuple[ObservedPose, ...]) -> ArmMeasures:
+    """Measure the joints of an observation; before: the poses without a gap before it, oldest first."""
     joints = pose.joints
     if joints is None:
         return NO_ARM
-    speeds = np.zeros_like(joints)
-    if before is not None and before.joints is not None:
-        speeds = (joints - before.joints) / (pose.t - before.t)
-    return ArmMeasures(arm.smallest_singular_value(joints), *arm.nearest(joints, speeds))
+    speeds, slowing = _joint_speeds([*before[-2:], pose])
+    return ArmMeasures(arm.smallest_singular_value(joints), *arm.nearest(joints, speeds, slowing))
+
+
+def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:
+    """How fast each joint is at the end of up to three poses [rad/s], and how it slows down [rad/s²]."""
+    known = [(one.t, one.joints) for one in poses if one.joints is not None]
+    steps = [((q - before) / (t - earlier), t - earlier) for (earlier, before), (t, q) in pairwise(known)]
+    if len(steps) < 2:
+        nothing = np.zeros_like(known[-1][1])
+        return (steps[0][0] if steps else nothing), nothing
+    (before, _), (speeds, dt) = steps
+    return speeds, np.maximum(np.abs(before) - np.abs(speeds), 0.0) / dt
 
 
 def _driving_and_stray(force: Vector, heading: Vector, is_open: bool) -> tuple[float, float]:

@@ -266,6 +266,18 @@ def test_a_joint_is_hinted_at_before_it_reaches_its_limit(panda: ArmLimits):
     assert STEP_S * reached - 1.0 <= hint.since <= STEP_S * reached
 
 
+def test_a_joint_that_slows_down_before_its_limit_gives_no_hint(panda: ArmLimits):
+    """From 1 rad/s it stops within 1 s, 0.15 rad before: at its speed it would be within the margin."""
+    joints = led(6, 0.0)
+    for k, row in enumerate(joints):
+        seconds = STEP_S * k
+        row[6] = panda.upper[6] - 0.65 + min(seconds - 1.0, 0.0)
+        if seconds > 1.0:
+            row[6] += 0.5 * (1.0 - (2.0 - min(seconds, 2.0)) ** 2)
+    assert panda.upper[6] - joints[-1][6] == pytest.approx(0.15)
+    assert coached([AT_REST] * 40, joints=joints, arm=panda) == ()
+
+
 def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
     hints = coached([AT_REST] * 40, joints=led(3, -0.1), arm=panda)
     assert "singularity" in kinds(hints)

@@ -1,9 +1,10 @@
 """The bias of a tared force, tracked while it drifts.
 
-A bias drifts slowly; a contact comes and goes fast. So the bias is a random walk m with variance v, and each
-force is one of two things, as the movement is free or in contact. Free movement and contact each last:
+A bias drifts slowly; a contact comes and goes fast. So the bias is a random walk m with variance v of each
+axis, and each force is one of two things, as the movement is free or in contact. Free movement and contact
+each last:
 
-    free                p(F) = N(m, (v + R) I)
+    free                p(F) = N(m, v + R)
     a contact begins    p(F) = N(m, c² I)
     a contact lasts     p(F) = N(F before, s² I)
 
@@ -12,17 +13,21 @@ that a drift in the meantime is caught up with afterwards. Whether a force was f
 tool that comes off a surface reads nearly what the bias could be. So both are kept, as hypotheses with their
 probability (Reid 1979), and the bias is that of the most probable one. With one hypothesis, a contact that
 was taken for bias was never taken back: every free force after it was a contact then.
+
+While the fingers hold something its weight and the bias are one: the upright axis says nothing of either
+then, and the other two are followed on.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 Vector = tuple[float, float, float]
 
-AXES = 3
+AXES, LEVEL_AXES = 3, 2  # of a force; those that are not upright, which come first
 MOST_HYPOTHESES = 8
 LOG_LEAST = 50.0  # below the most probable one by so much, a hypothesis is given up
 LIKE_N2 = 0.25  # [N²] of a difference that the noise of a force hides
@@ -32,7 +37,7 @@ class BiasHypothesis(NamedTuple):
     """Which forces were free, as far as that still matters: the bias that follows, and how probable it is."""
 
     mean: Vector = (0.0, 0.0, 0.0)  # [N]
-    variance: float = 0.0  # [N²]
+    variance: Vector = (0.0, 0.0, 0.0)  # [N²]
     log_weight: float = 0.0  # relative to the most probable one
     contact: Vector | None = None  # [N] the force of the contact that lasts; None: movement is free
 
@@ -48,8 +53,8 @@ class DriftState(NamedTuple):
         return self.hypotheses[0].mean
 
     @property
-    def variance(self) -> float:
-        """[N²] of the most probable hypothesis."""
+    def variance(self) -> Vector:
+        """[N²] of each axis, of the most probable hypothesis."""
         return self.hypotheses[0].variance
 
 
@@ -72,14 +77,17 @@ class DriftTracker:
     def wait(self, state: DriftState, dt: float) -> DriftState:
         """Let a time [s] pass of which no force is known to be free."""
         gained, most = self.walk_n2_per_s * dt, self.most_n2
-        waited = [BiasHypothesis(m, min(v + gained, most), w, f) for m, v, w, f in state.hypotheses]
+        waited = [
+            BiasHypothesis(m, (min(x + gained, most), min(y + gained, most), min(z + gained, most)), w, f)
+            for m, (x, y, z), w, f in state.hypotheses
+        ]
         return DriftState(tuple(waited))
 
-    def advance(self, state: DriftState, force: Vector, dt: float) -> DriftState:
-        """Take a force [N], dt [s] after the one before."""
+    def advance(self, state: DriftState, force: Vector, dt: float, *, laden: bool = False) -> DriftState:
+        """Take a force [N], dt [s] after the one before; laden: the fingers hold something."""
         found: list[BiasHypothesis] = []
         for one in self.wait(state, dt).hypotheses:
-            found += self._branches(one, force)
+            found += self._branches(one, force, laden=laden)
         found.sort(key=_log_weight, reverse=True)
         best = found[0].log_weight
         kept: list[BiasHypothesis] = []
@@ -90,27 +98,29 @@ class DriftTracker:
                 kept.append(BiasHypothesis(one.mean, one.variance, one.log_weight - best, one.contact))
         return DriftState(tuple(kept))
 
-    def _branches(self, one: BiasHypothesis, force: Vector) -> tuple[BiasHypothesis, BiasHypothesis]:
+    def _branches(
+        self, one: BiasHypothesis, force: Vector, *, laden: bool
+    ) -> tuple[BiasHypothesis, BiasHypothesis]:
         """The hypothesis with the force as free, and as a contact."""
-        (x, y, z), (mx, my, mz), variance = force, one.mean, one.variance
-        dx, dy, dz = x - mx, y - my, z - mz
-        off2 = dx * dx + dy * dy + dz * dz
-        spread = variance + self.noise_n * self.noise_n
-        gain = variance / spread
+        noise2, contact2 = self.noise_n * self.noise_n, self.contact_n * self.contact_n
+        step2 = self.contact_step_n * self.contact_step_n
         lasts, changes = math.log(self.lasting_share), math.log(1.0 - self.lasting_share)
-        free = _log_normal(off2, spread)
-        if one.contact is None:
-            free += lasts
-            contact = changes + _log_normal(off2, max(self.contact_n * self.contact_n, spread))
-        else:
-            free += changes
-            cx, cy, cz = one.contact
-            step2 = (x - cx) * (x - cx) + (y - cy) * (y - cy) + (z - cz) * (z - cz)
-            contact = lasts + _log_normal(step2, self.contact_step_n * self.contact_step_n)
-        moved = (mx + gain * dx, my + gain * dy, mz + gain * dz)
+        free, contact = (lasts, changes) if one.contact is None else (changes, lasts)
+        mean, variance = [*one.mean], [*one.variance]
+        for axis in range(LEVEL_AXES if laden else AXES):
+            off, spread = force[axis] - one.mean[axis], one.variance[axis] + noise2
+            gain = one.variance[axis] / spread
+            mean[axis] += gain * off
+            variance[axis] *= 1.0 - gain
+            free += _log_normal(off, spread)
+            contact += (
+                _log_normal(off, max(contact2, spread))
+                if one.contact is None
+                else _log_normal(force[axis] - one.contact[axis], step2)
+            )
         return (
-            BiasHypothesis(moved, variance * (1.0 - gain), one.log_weight + free),
-            BiasHypothesis(one.mean, variance, one.log_weight + contact, force),
+            BiasHypothesis(_vector(mean), _vector(variance), one.log_weight + free),
+            BiasHypothesis(one.mean, one.variance, one.log_weight + contact, force),
         )
 
 
@@ -118,9 +128,14 @@ def _log_weight(one: BiasHypothesis) -> float:
     return one.log_weight
 
 
-def _log_normal(off2: float, variance: float) -> float:
-    """Log density of a force off2 [N²] from its mean, but for a constant."""
-    return -0.5 * (off2 / variance + AXES * math.log(variance))
+def _log_normal(off: float, variance: float) -> float:
+    """Log density of an axis of a force, off [N] from its mean, but for a constant."""
+    return -0.5 * (off * off / variance + math.log(variance))
+
+
+def _vector(axes: Sequence[float]) -> Vector:
+    x, y, z = axes
+    return x, y, z
 
 
 def _is_like(one: BiasHypothesis, other: BiasHypothesis) -> bool:
@@ -129,4 +144,4 @@ def _is_like(one: BiasHypothesis, other: BiasHypothesis) -> bool:
         return False
     (ax, ay, az), (bx, by, bz) = one.mean, other.mean
     apart2 = (ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz)
-    return apart2 < min(one.variance, other.variance) + LIKE_N2
+    return apart2 < min(*one.variance, *other.variance) + LIKE_N2

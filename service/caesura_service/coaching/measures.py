@@ -200,13 +200,13 @@ class Meter:
         predicted = tracker.wait(state.drift, dt)
         if speed < MOVING_M_PER_S:
             return predicted, 0.0, 0.0, 0.0
-        heading, is_open = (x / speed, y / speed, z / speed), pose.holding == 0.0
+        heading = x / speed, y / speed, z / speed
         force = _difference(pose.force, state.zero or NOTHING)
-        driving_n, stray_n = _driving_and_stray(force, heading, is_open)
-        driving, stray = _driving_and_stray(_difference(force, predicted.mean), heading, is_open)
-        deviation = math.sqrt(predicted.variance + FORCE_IN_MOTION_N * FORCE_IN_MOTION_N)
+        driving_n, stray_n = _driving_and_stray(force, heading, pose.holding)
+        driving, stray = _driving_and_stray(_difference(force, predicted.mean), heading, pose.holding)
+        deviation = math.sqrt(_along(predicted.variance, heading) + FORCE_IN_MOTION_N * FORCE_IN_MOTION_N)
         push = min(max(state.push + driving / deviation - REFERENCE, 0.0), 2.0 * PUSH_LIMIT)
-        drift = tracker.advance(state.drift, force, dt)
+        drift = tracker.advance(state.drift, force, dt, laden=pose.holding == 1.0)
         # A tracked bias may be wrong, and so may that of the tare: what is stray, both show.
         return drift, push, driving_n, min(stray_n, stray) if speed >= FREE_M_PER_S else 0.0
 
@@ -223,6 +223,12 @@ def _moves_freely(pose: ObservedPose) -> bool:
 
 def _difference(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _along(variance: Vector, heading: Vector) -> float:
+    """The variance [N²] along a heading of a force whose axes have these."""
+    (x, y, z), (hx, hy, hz) = variance, heading
+    return x * hx * hx + y * hy * hy + z * hz * hz
 
 
 def _of_arm(arm: ArmLimits, pose: ObservedPose, before: tuple[ObservedPose, ...]) -> ArmMeasures:
@@ -245,18 +251,22 @@ def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:
     return speeds, np.maximum(np.abs(before) - np.abs(speeds), 0.0) / dt
 
 
-def _driving_and_stray(force: Vector, heading: Vector, is_open: bool) -> tuple[float, float]:
+def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[float, float]:
     """[N] of a force that drives along the heading, and what neither friction nor a load explains of it.
 
-    is_open: the fingers hold nothing. Where they may, a force that sinks with its load does not drive.
+    holding: 0, the fingers hold nothing. Where they may, a force that sinks with its load does not drive. 1,
+    they hold something: what pulls down is its weight.
     """
     (x, y, z), (hx, hy, hz) = force, heading
     level = x * hx + y * hy
+    sinks = holding != 0.0 and z < 0.0 and hz < 0.0
+    driving = level if sinks else level + z * hz
+    if holding == 1.0:
+        z = max(z, 0.0)
     along = level + z * hz
     across = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-    weight = -z if is_open and along < across else 0.0
-    sinks = not is_open and z < 0.0 and hz < 0.0
-    return (level if sinks else along), max(-along - across, weight, 0.0)
+    weight = -z if holding == 0.0 and along < across else 0.0
+    return driving, max(-along - across, weight, 0.0)
 
 
 def path_error(poses: tuple[ObservedPose, ...]) -> float:

@@ -182,6 +182,23 @@ def test_a_zero_that_drifts_is_found_and_a_contact_is_not():
     assert coached(along_x(60), after(20, (-6.0, 0.0, 20.0), total=60)) == ()
 
 
+def test_what_the_fingers_hold_is_neither_a_drift_nor_a_cable_as_it_is_lifted():
+    """Its 12 N are even for so long that they were taken for a bias."""
+    up = [(0.4, 0.0, 0.3 + STEP_S * 0.15 * k) for k in range(30)]
+    assert coached(up, after(5, (0.0, 0.0, -12.0)), holding=1.0) == ()
+    assert kinds(coached(up, after(5, (0.0, 0.0, -12.0)), holding=0.0)) == ["unexplained_force"]
+
+
+def test_what_the_fingers_hold_is_no_drift_as_it_is_carried():
+    weight = [(0.0, 0.0, -min(2.5 * max(k - 5, 0), 10.0)) for k in range(60)]
+    assert coached(along_x(60), weight, holding=1.0) == ()
+
+
+def test_a_drift_across_the_weight_of_what_the_fingers_hold_is_found():
+    drift = [(0.0, min(0.1 * k, 11.0), -12.0) for k in range(140)]
+    assert kinds(coached(along_x(140, speed=0.12), drift, holding=1.0)) == ["bias_drift"]
+
+
 def test_a_contact_leaves_the_tracked_bias_as_it_is():
     tracker, state = DriftTracker(0.5), DriftState()
     for _ in range(20):

@@ -8,6 +8,10 @@ In movement a force is one of these:
 - a hand: it drives the movement, and does work on the robot, as nothing passive does for long. A load works
   only while it sinks;
 - stray, which is what is left: a cable that pulls, or something that hangs on the tool.
+
+A surface that springs back drives the tool too, but it returns no more work than it took up as it was pressed.
+So what drives is the surface's while the work that it holds, since the tool touched it, is above zero. A hand
+has no such bound. A force as small as a bias is no touch, and holds nothing.
 """
 
 from __future__ import annotations
@@ -133,6 +137,7 @@ class MotionState(NamedTuple):
 
     poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
     push: float = 0.0  # as in Measures
+    held_j: float = 0.0  # [J] work that what the tool touches took up and did not return
     drift: DriftState = DriftState()
     zero: Vector | None = None  # [N] what the force reads in free movement, where there is no tare
     free: tuple[Vector, ...] = ()  # [N] the forces in free movement, in a row, until the zero is known
@@ -160,7 +165,8 @@ class Meter:
             arm, arm_age = _of_arm(self._setup.arm, pose, state.poses if before else ()), 0
         if before is None:
             unchanged = begun(state.unchanged, pose.measured_n, pose.t, pose.position)
-            state = state._replace(poses=(pose,), push=0.0, free=(), unchanged=unchanged, arm=arm, arm_age=0)
+            state = state._replace(poses=(pose,), push=0.0, held_j=0.0, free=(), unchanged=unchanged)
+            state = state._replace(arm=arm, arm_age=0)
             return state, Measures(arm=arm)
         unchanged, frozen_s = advanced(state.unchanged, pose.measured_n, pose.t, pose.position)
         poses = (*state.poses[1 - POSES :], pose)
@@ -171,6 +177,7 @@ class Meter:
         if not self._setup.clean_wrench:
             return state, measured
         state = self._with_zero(state, pose)
+        state = state._replace(held_j=self._held(state, before, pose))
         drift, push, driving_n, stray_n = self._of_force(state, pose, pose.t - before.t)
         x, y, z = drift.mean
         bias_n = math.sqrt(x * x + y * y + z * z)
@@ -186,6 +193,15 @@ class Meter:
             return state._replace(free=free)
         x, y, z = map(fmean, zip(*free, strict=True))
         return state._replace(zero=(x, y, z), free=(), push=0.0, drift=DriftState())
+
+    def _held(self, state: MotionState, before: ObservedPose, pose: ObservedPose) -> float:
+        """[J] of work that what the tool touches holds after a pose: what it took up, less what it returned."""
+        bias = _sum(state.zero or NOTHING, state.drift.mean)
+        now, earlier = _difference(pose.force, bias), _difference(before.force, bias)
+        if math.hypot(*now) <= self.setup_of(state).bias_n:
+            return 0.0
+        way = _difference(pose.position, before.position)
+        return state.held_j - 0.5 * sum((a + b) * d for a, b, d in zip(earlier, now, way, strict=True))
 
     def _of_force(
         self, state: MotionState, pose: ObservedPose, dt: float
@@ -204,6 +220,8 @@ class Meter:
         force = _difference(pose.force, state.zero or NOTHING)
         driving_n, stray_n = _driving_and_stray(force, heading, pose.holding)
         driving, stray = _driving_and_stray(_difference(force, predicted.mean), heading, pose.holding)
+        if state.held_j > 0.0:
+            driving_n, driving = min(driving_n, 0.0), min(driving, 0.0)
         deviation = math.sqrt(_along(predicted.variance, heading) + FORCE_IN_MOTION_N * FORCE_IN_MOTION_N)
         push = min(max(state.push + driving / deviation - REFERENCE, 0.0), 2.0 * PUSH_LIMIT)
         drift = tracker.advance(state.drift, force, dt, laden=pose.holding == 1.0)
@@ -219,6 +237,10 @@ def _tracker(scale_n: float) -> DriftTracker:
 def _moves_freely(pose: ObservedPose) -> bool:
     """Is the force of an observation bias, as far as is known: faster than a contact, and without a load?"""
     return math.hypot(*pose.velocity) >= FREE_M_PER_S and pose.holding != 1.0
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _difference(a: Vector, b: Vector) -> Vector:

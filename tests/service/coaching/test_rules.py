@@ -151,6 +151,19 @@ def test_a_hand_that_lifts_the_tool_is_a_hand_whatever_the_fingers_hold(holding:
     assert "hand_in_wrench" in kinds(coached(rising, after(5, (0.0, 0.0, 9.8)), holding=holding))
 
 
+def pressed_and_let_go(back_n: float) -> tuple[Hint, ...]:
+    """A tool presses 40 mm against 10 N, and comes back with a force that drives it."""
+    heights = [0.3 - 0.01 * k for k in range(6)] + [0.24 - 0.01 * k for k in range(4)]
+    heights += [heights[-1] + 0.006 * k for k in range(1, 7)]
+    forces = [(0.0, 0.0, 0.0)] * 6 + [(0.0, 0.0, 10.0)] * 4 + [(0.0, 0.0, back_n)] * 6
+    return coached([(0.4, 0.0, height) for height in heights], forces)
+
+
+def test_a_surface_that_springs_back_is_no_hand_and_one_that_returns_more_work_than_it_took_up_is():
+    assert pressed_and_let_go(back_n=7.0) == ()
+    assert kinds(pressed_and_let_go(back_n=20.0)) == ["hand_in_wrench"]
+
+
 def test_a_surface_along_which_the_tool_slides_gives_no_hint():
     assert coached(along_x(30), after(5, (-6.0, 0.0, 20.0))) == ()
 

@@ -7,13 +7,18 @@ Of a slower corner the weight is settled after seven. To wait for it gives no fe
 A hint needs two observations in a row at which a boundary is unclear, because most resolve with the
 second.
 
+Where the arm rests for as long as the advice says, the advice has been followed: a boundary in such a rest
+has no hint.
+
 A boundary has one hint. At first its advice is to pause. Where the boundary stays unclear until it leaves
 the window of the posterior, a pause comes too late: the same hint asks for the part to be shown again.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 from typing import NamedTuple, Protocol
 
 from caesura_protocol.messages import Hint, HintKind
@@ -25,6 +30,7 @@ UNSURE, SURE = 1.0 / 3.0, 2.0 / 3.0  # odds of two to one, either way
 RESOLVED = 0.8  # probability for or against it, above which the hint is cleared
 WINDOW = 40  # observations, after which a boundary's probability does not change
 LEAST = 20  # observations for which a hint stays, so that it can be read
+PAUSED = 5  # steps between observations in which the arm rests, for a rest to be the pause that is advised
 SHOWN = 100  # observations for which a part that is to be shown again is hinted at
 KIND: HintKind = "uncertain_boundary"
 PAUSE = "Pause here for half a second."
@@ -60,9 +66,16 @@ class BoundaryCoach:
         self._again: Boundary | None = None  # whose part is to be shown again
         self._sure: float | None = None  # [s] the newest sure boundary
         self._again_until = 0  # observation
+        self._rests: deque[bool] = deque(maxlen=LAG + PAUSED)  # whether the arm rests in the newest steps
 
-    def observe(self, posterior: SmoothedPosterior, t: float, places: Sequence[float]) -> None:
-        """Take the posterior after an observation at t [s]. places: where a segment would start [s]."""
+    def observe(
+        self, posterior: SmoothedPosterior, t: float, places: Sequence[float], *, rests: bool = False
+    ) -> None:
+        """Take the posterior after an observation at t [s].
+
+        places: where a segment would start [s]; rests: the arm has not moved since the observation before.
+        """
+        self._rests.append(rests)
         newest = posterior.count - 1
         if newest >= self._again_until:
             self._clear_again(t)
@@ -79,7 +92,7 @@ class BoundaryCoach:
         if near[REACH] == max(near) and found > UNSURE:
             if found > SURE:
                 self._sure = places[index]
-            elif self._may_hint(index):
+            elif self._may_hint(index) and not self._is_in_pause():
                 after = places[0] if self._sure is None else self._sure
                 self._candidate = Boundary(index, places[index], after)
         for boundary in [*self._open]:
@@ -88,6 +101,15 @@ class BoundaryCoach:
     def _may_hint(self, index: int) -> bool:
         """Is this another boundary than the last one, whose hint was there long enough to be read?"""
         return self._hinted is None or index > self._hinted.start + LEAST
+
+    def _is_in_pause(self) -> bool:
+        """Does the arm rest for the advised pause about the boundary that is judged?"""
+        steps = [*self._rests]
+        before, after = steps[: -LAG - 1], steps[-LAG - 1 :]  # whose first step leads to the boundary
+        rest = [*takewhile(bool, after)]
+        if rest:
+            rest += takewhile(bool, reversed(before))
+        return len(rest) >= PAUSED
 
     def _watch(self, boundary: Boundary, t: float, probability: float) -> None:
         """Raise the hint, and follow the boundary."""

@@ -9,9 +9,9 @@ In movement a force is one of these:
   only while it sinks;
 - stray, which is what is left: a cable that pulls, or something that hangs on the tool.
 
-A surface that springs back drives the tool too, but it returns no more work than it took up as it was pressed.
-So what drives is the surface's while the work that it holds, since the tool touched it, is above zero. A hand
-has no such bound. A force as small as a bias is no touch, and holds nothing.
+A surface that springs back drives the tool too, but it returns no more work than it took up as it was
+pressed. So what drives is the surface's while the work that it holds, since the tool touched it, is above
+zero. A hand has no such bound. A force as small as a bias is no touch, and holds nothing.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ class Meter:
         return state._replace(zero=(x, y, z), free=(), push=0.0, drift=DriftState())
 
     def _held(self, state: MotionState, before: ObservedPose, pose: ObservedPose) -> float:
-        """[J] of work that what the tool touches holds after a pose: what it took up, less what it returned."""
+        """[J] of work that what the tool touches holds after a pose: it took it up, and did not return it."""
         bias = _sum(state.zero or NOTHING, state.drift.mean)
         now, earlier = _difference(pose.force, bias), _difference(before.force, bias)
         if math.hypot(*now) <= self.setup_of(state).bias_n:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.constants import JOINTS_MOST, TARED_BIAS_N
+from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screwing import Course
@@ -111,6 +111,15 @@ class ObservationStore:
         before, after = self._row(begin)[_ROTATION], self._row(last)[_ROTATION]
         x, y, z = (b - a for a, b in zip(before, after, strict=True))
         return x, y, z
+
+    def rests(self, index: int) -> bool:
+        """Has the flange neither moved nor turned since the observation before?"""
+        if index == 0 or self.after_gap(index):
+            return False
+        seconds = self.t(index) - self.t(index - 1)
+        moved = math.dist(self.position(index - 1), self.position(index))
+        turned = HANDS_BREADTH_M * math.hypot(*self.turned(index - 1, index))
+        return max(moved, turned) <= REST_M_PER_S * seconds
 
     def force(self, index: int) -> tuple[float, float, float]:
         """[N] tared force on the robot."""

@@ -369,7 +369,8 @@ class SegmentationPipeline:
     def _step(self, index: int) -> None:
         """Filter an observation, and look whether the posterior gives a hint."""
         self._division.step(index)
-        self._boundary_coach.observe(self._division.online, self._history.t(index), self._division.places)
+        division, t = self._division, self._history.t(index)
+        self._boundary_coach.observe(division.online, t, division.places, rests=self._history.rests(index))
 
     def _take(self, conditioned: ConditioningOutput) -> None:
         for t0, tn in conditioned.gaps:

@@ -18,14 +18,16 @@ class FakePosterior:
         return [self.probabilities.get(s, 0.0) for s in range(first, last + 1)]
 
 
-def followed(changes: dict[int, dict[int, float]], count: int = 120) -> tuple[Hint, ...]:
-    """changes: after an observation, the probability of others; one observation each 0.1 s."""
+def followed(
+    changes: dict[int, dict[int, float]], count: int = 120, rest: range = range(0)
+) -> tuple[Hint, ...]:
+    """changes: after an observation, the probability of others; rest: steps; an observation each 0.1 s."""
     posterior, coach, places = FakePosterior(), BoundaryCoach(), []
     for k in range(count):
         places.append(0.1 * k)
         posterior.count = k + 1
         posterior.probabilities |= changes.get(k, {})
-        coach.observe(posterior, 0.1 * k, places)
+        coach.observe(posterior, 0.1 * k, places, rests=k in rest)
     return coach.log.hints
 
 
@@ -38,6 +40,13 @@ def test_an_even_boundary_is_hinted_at_and_cleared_when_it_is_resolved():
     assert (hint.kind, hint.t0) == ("uncertain_boundary", 2.0)
     assert hint.since == 0.1 * (20 + LAG + 1)  # at the second observation at which it is unclear
     assert hint.until == 0.1 * (20 + LAG + LEAST)  # resolved before, and shown so long that it can be read
+
+
+def test_where_the_arm_pauses_for_half_a_second_no_pause_is_advised():
+    for rest in (range(20, 25), range(16, 21), range(18, 23)):
+        assert followed({20: {20: 0.5}}, count=50, rest=rest) == ()
+    for rest in (range(20, 24), range(21, 40), range(10, 20)):
+        assert len(followed({20: {20: 0.5}}, count=50, rest=rest)) == 1
 
 
 def test_a_boundary_that_resolves_with_the_next_observation_gives_no_hint():

@@ -11,7 +11,8 @@ In movement a force is one of these:
 
 A surface that springs back drives the tool too, but it returns no more work than it took up as it was
 pressed. So what drives is the surface's while the work that it holds, since the tool touched it, is above
-zero. A hand has no such bound. A force as small as a bias is no touch, and holds nothing.
+zero. Work against friction is lost, and not held. A hand has no such bound. A force as small as a bias is no
+touch, and holds nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ ZERO_COUNT = 5  # observations of free movement that show the zero of a force wi
 POSES = 4  # the cubic through them is compared with the movement between the middle two
 NOTHING: Vector = (0.0, 0.0, 0.0)
 AHEAD_S = 0.5  # in which a joint reaches the limit that is hinted at
-ARM_EVERY = 3  # observations from one look at the joints to the next
+ARM_EVERY = 3  # observations from one look at the Jacobian to the next
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ class MotionState(NamedTuple):
     free: tuple[Vector, ...] = ()  # [N] the forces in free movement, in a row, until the zero is known
     unchanged: UnchangedForce | None = None
     arm: ArmMeasures = NO_ARM
-    arm_age: int = 0  # observations since the joints were measured
+    arm_age: int = 0  # observations since the Jacobian was computed
 
 
 class Meter:
@@ -161,8 +162,11 @@ class Meter:
         """Take one observation."""
         arm, arm_age = state.arm, state.arm_age + 1
         before = None if pose.after_gap or not state.poses else state.poses[-1]
-        if self._setup.arm is not None and (before is None or arm_age >= ARM_EVERY):
-            arm, arm_age = _of_arm(self._setup.arm, pose, state.poses if before else ()), 0
+        if self._setup.arm is not None:
+            poses = state.poses if before else ()
+            if before is None or arm_age >= ARM_EVERY:
+                arm, arm_age = _singular(self._setup.arm, pose), 0
+            arm = _near_limit(self._setup.arm, arm, [*poses[-2:], pose])
         if before is None:
             unchanged = begun(state.unchanged, pose.measured_n, pose.t, pose.position)
             state = state._replace(poses=(pose,), push=0.0, held_j=0.0, free=(), unchanged=unchanged)
@@ -200,8 +204,8 @@ class Meter:
         now, earlier = _difference(pose.force, bias), _difference(before.force, bias)
         if math.hypot(*now) <= self.setup_of(state).bias_n:
             return 0.0
-        way = _difference(pose.position, before.position)
-        return state.held_j - 0.5 * sum((a + b) * d for a, b, d in zip(earlier, now, way, strict=True))
+        x, y, z = (0.5 * (a + b) for a, b in zip(earlier, now, strict=True))
+        return state.held_j + _stored((x, y, z), _difference(pose.position, before.position))
 
     def _of_force(
         self, state: MotionState, pose: ObservedPose, dt: float
@@ -239,6 +243,20 @@ def _moves_freely(pose: ObservedPose) -> bool:
     return math.hypot(*pose.velocity) >= FREE_M_PER_S and pose.holding != 1.0
 
 
+def _stored(force: Vector, way: Vector) -> float:
+    """[J] that a spring can take up of a force [N] on a way [m], less what it returns.
+
+    Friction is at most the force across the way, and stores nothing.
+    """
+    (x, y, z), (dx, dy, dz) = force, way
+    returned = x * dx + y * dy + z * dz
+    if returned >= 0.0:
+        return -returned
+    size2, way2 = x * x + y * y + z * z, dx * dx + dy * dy + dz * dz
+    rubbed = math.sqrt(max(size2 * way2 - returned * returned, 0.0))
+    return max(-returned - rubbed, 0.0)
+
+
 def _sum(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
@@ -253,13 +271,18 @@ def _along(variance: Vector, heading: Vector) -> float:
     return x * hx * hx + y * hy * hy + z * hz * hz
 
 
-def _of_arm(arm: ArmLimits, pose: ObservedPose, before: tuple[ObservedPose, ...]) -> ArmMeasures:
-    """Measure the joints of an observation; before: the poses without a gap before it, oldest first."""
-    joints = pose.joints
+def _singular(arm: ArmLimits, pose: ObservedPose) -> ArmMeasures:
+    """Measure how near the joints of an observation are to a singularity."""
+    return NO_ARM if pose.joints is None else ArmMeasures(arm.smallest_singular_value(pose.joints))
+
+
+def _near_limit(arm: ArmLimits, measured: ArmMeasures, poses: Sequence[ObservedPose]) -> ArmMeasures:
+    """Add how near the joints come to a limit; poses: up to three without a gap, the newest last."""
+    joints = poses[-1].joints
     if joints is None:
         return NO_ARM
-    speeds, slowing = _joint_speeds([*before[-2:], pose])
-    return ArmMeasures(arm.smallest_singular_value(joints), *arm.nearest(joints, speeds, slowing))
+    joint, left_rad = arm.nearest(joints, *_joint_speeds(poses))
+    return measured._replace(joint=joint, joint_left_rad=left_rad)
 
 
 def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:

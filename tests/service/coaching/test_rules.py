@@ -164,6 +164,11 @@ def test_a_surface_that_springs_back_is_no_hand_and_one_that_returns_more_work_t
     assert kinds(pressed_and_let_go(back_n=20.0)) == ["hand_in_wrench"]
 
 
+def test_work_against_friction_is_not_returned_so_a_hand_after_a_slide_is_found():
+    slid = after(3, (-5.0, 0.0, 10.0), total=20)
+    assert "hand_in_wrench" in kinds(coached(along_x(26), [*slid, *[(8.0, 0.0, 0.0)] * 6]))
+
+
 def test_a_surface_along_which_the_tool_slides_gives_no_hint():
     assert coached(along_x(30), after(5, (-6.0, 0.0, 20.0))) == ()
 
@@ -306,6 +311,15 @@ def test_a_joint_that_slows_down_before_its_limit_gives_no_hint(panda: ArmLimits
             row[6] += 0.5 * (1.0 - (2.0 - min(seconds, 2.0)) ** 2)
     assert panda.upper[6] - joints[-1][6] == pytest.approx(0.15)
     assert coached([AT_REST] * 40, joints=joints, arm=panda) == ()
+
+
+def test_a_joint_that_is_within_the_margin_for_a_moment_is_hinted_at(panda: ArmLimits):
+    for reached in range(20, 23):  # one observation in three was looked at
+        joints = led(6, 0.0)
+        for row in joints:
+            row[6] = panda.upper[6] - 0.2
+        joints[reached][6] = panda.upper[6] - 0.04
+        assert kinds(coached([AT_REST] * 40, joints=joints, arm=panda)) == ["joint_limit"]
 
 
 def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):

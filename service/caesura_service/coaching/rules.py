@@ -26,6 +26,7 @@ ALONG_SCALES, SIZE_SCALES = 2.33, 3.37  # that 99 % stay below, of one component
 SINGULAR_BELOW = 0.05
 JOINT_MARGIN_RAD = 0.05
 STRAY_CONFIRM = 3  # observations: an impact is shorter
+LIMIT_CONFIRM = 2  # observations: at the fastest point of a movement no joint slows down yet
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ RULES: tuple[SignalRule, ...] = (
         ),
     ),
     SignalRule(
-        Trigger("joint_limit", confirm=1),
+        Trigger("joint_limit", confirm=LIMIT_CONFIRM),
         _joint_level,
         lambda m, _setup: (
             f"Joint {m.arm.joint + 1} nears its limit: "

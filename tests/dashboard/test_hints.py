@@ -65,7 +65,7 @@ def test_a_boundary_links_to_the_program_once_its_part_is_to_be_shown_again(upda
     assert ["link" in one for one in shown] == [False, True]
 
 
-def test_two_hints_of_a_kind_are_told_apart(update):
+def test_two_hints_of_a_kind_are_distinguished(update):
     pauses = tuple(
         hint("uncertain_boundary", since, "It is not clear.", "Pause here.") for since in (3.0, 5.2)
     )

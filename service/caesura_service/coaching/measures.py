@@ -115,6 +115,7 @@ class ArmMeasures(NamedTuple):
     singular_value: float = math.nan  # the smallest of the flange's Jacobian
     joint: int = 0  # which is nearest to a limit
     joint_left_rad: float = math.nan  # the least within AHEAD_S
+    left_now_rad: float = math.nan  # the least of all joints now
 
 
 NO_ARM = ArmMeasures()
@@ -282,7 +283,8 @@ def _near_limit(arm: ArmLimits, measured: ArmMeasures, poses: Sequence[ObservedP
     if joints is None:
         return NO_ARM
     joint, left_rad = arm.nearest(joints, *_joint_speeds(poses))
-    return measured._replace(joint=joint, joint_left_rad=left_rad)
+    left_now_rad = float(np.minimum(joints - arm.lower, arm.upper - joints).min())
+    return measured._replace(joint=joint, joint_left_rad=left_rad, left_now_rad=left_now_rad)
 
 
 def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from caesura_protocol.wrench_reading import FROZEN_S
-from caesura_service.coaching.coach import Trigger, Words
+from caesura_service.coaching.coach import LOUD, Trigger, Words
 from caesura_service.coaching.measures import AHEAD_S, PUSH_LIMIT, CoachingSetup, Measures
 
 ALONG_SCALES, SIZE_SCALES = 2.33, 3.37  # that 99 % stay below, of one component and of three
@@ -44,8 +44,9 @@ def _hand_level(m: Measures, setup: CoachingSetup) -> float:
 
 
 def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
-    """1 at the margin, 2 at the limit, 0 two margins away."""
-    return 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
+    """Of what is ahead: 1 at the margin, 2 at the limit, 0 two margins away. Within the margin it is loud."""
+    ahead = 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
+    return max(ahead, LOUD) if m.arm.left_now_rad <= JOINT_MARGIN_RAD else ahead
 
 
 def _singular_level(m: Measures, _setup: CoachingSetup) -> float:

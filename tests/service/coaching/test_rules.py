@@ -323,6 +323,15 @@ def test_a_joint_that_is_within_the_margin_for_a_moment_is_hinted_at(panda: ArmL
         assert kinds(coached([AT_REST] * 40, joints=joints, arm=panda)) == ["joint_limit"]
 
 
+def test_a_joint_that_is_within_its_margin_is_hinted_at_soon_after_another_hint(panda: ArmLimits):
+    """The first hint saw it coming, and was cleared as the joint slowed down: then its kind was silent."""
+    joints = led(6, 0.0)
+    for k, row in enumerate(joints):
+        row[6] = panda.upper[6] - (0.7 - 0.1 * min(k, 4) if k < 25 else 0.04)
+    hints = coached([AT_REST] * 40, joints=joints, arm=panda)
+    assert [round(hint.since, 1) for hint in hints] == [0.3, 2.6]
+
+
 def test_a_straight_elbow_is_near_a_singularity(panda: ArmLimits):
     hints = coached([AT_REST] * 40, joints=led(3, -0.1), arm=panda)
     assert "singularity" in kinds(hints)

@@ -16,7 +16,6 @@ the window of the posterior, a pause comes too late: the same hint asks for the 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import takewhile
 from typing import NamedTuple, Protocol
@@ -66,7 +65,7 @@ class BoundaryCoach:
         self._again: Boundary | None = None  # whose part is to be shown again
         self._sure: float | None = None  # [s] the newest sure boundary
         self._again_until = 0  # observation
-        self._rests: deque[bool] = deque(maxlen=LAG + PAUSED)  # whether the arm rests in the newest steps
+        self._rests: tuple[bool, ...] = ()  # whether the arm rests in the newest steps
 
     def observe(
         self, posterior: SmoothedPosterior, t: float, places: Sequence[float], *, rests: bool = False
@@ -75,7 +74,7 @@ class BoundaryCoach:
 
         places: where a segment would start [s]; rests: the arm has not moved since the observation before.
         """
-        self._rests.append(rests)
+        self._rests = (*self._rests, rests)[-LAG - PAUSED :]
         newest = posterior.count - 1
         if newest >= self._again_until:
             self._clear_again(t)
@@ -104,8 +103,10 @@ class BoundaryCoach:
 
     def _is_in_pause(self) -> bool:
         """Does the arm rest for the advised pause about the boundary that is judged?"""
-        steps = [*self._rests]
-        before, after = steps[: -LAG - 1], steps[-LAG - 1 :]  # whose first step leads to the boundary
+        before, after = (
+            self._rests[: -LAG - 1],
+            self._rests[-LAG - 1 :],
+        )  # whose first step leads to the boundary
         rest = [*takewhile(bool, after)]
         if rest:
             rest += takewhile(bool, reversed(before))

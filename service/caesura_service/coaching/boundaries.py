@@ -103,10 +103,7 @@ class BoundaryCoach:
 
     def _is_in_pause(self) -> bool:
         """Does the arm rest for the advised pause about the boundary that is judged?"""
-        before, after = (
-            self._rests[: -LAG - 1],
-            self._rests[-LAG - 1 :],
-        )  # whose first step leads to the boundary
+        before, after = self._rests[: -LAG - 1], self._rests[-LAG - 1 :]  # the first leads to the boundary
         rest = [*takewhile(bool, after)]
         if rest:
             rest += takewhile(bool, reversed(before))

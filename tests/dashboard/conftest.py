@@ -14,6 +14,7 @@ from clients.examples import snapshot
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+    from dashboard.browser import Visitor
     from dashboard.stage import Stage
 
 Make = Callable[..., Update]
@@ -33,6 +34,16 @@ def browser() -> Iterator[Browser]:
 
     with chromium(*FOR_SHORT_PAGES) as browser:
         yield browser
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Browser) -> Iterator[Visitor]:
+    """A page for the tests of one module, each of which begins again."""
+    from dashboard.browser import Visitor  # noqa: PLC0415 - playwright may not be installed
+
+    visitor = Visitor(browser)
+    yield visitor
+    visitor.close()
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 
 from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium
 from harness.demonstrations import guided
 from harness.processes import CAESURA, Process, running
 
@@ -38,10 +38,9 @@ class Annotate(Process):
 
 
 @pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser)
-    yield visitor
-    visitor.close()
+def visitor(opened: Visitor) -> Visitor:
+    opened.begin_again(TABLET)
+    return opened
 
 
 @pytest.fixture(scope="module")

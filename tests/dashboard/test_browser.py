@@ -13,7 +13,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
-from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
 from harness.processes import eventually, running
@@ -61,7 +61,14 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
 
 
 @pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
+def visitor(opened: Visitor) -> Visitor:
+    opened.begin_again(TABLET)
+    return opened
+
+
+@pytest.fixture
+def newcomer(browser: Browser) -> Iterator[Visitor]:
+    """With an empty cache, and a page that may be closed."""
     visitor = Visitor(browser)
     yield visitor
     visitor.close()
@@ -73,25 +80,25 @@ def goto(stage: Stage, visitor: Visitor, path: str) -> Page:
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visitor, name: str):
+def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, newcomer: Visitor, name: str):
     path, words = PAGES[name]
-    page = goto(stage, visitor, path)
+    page = goto(stage, newcomer, path)
     expect(page.get_by_text(words).first).to_be_visible()
-    for visitor.theme, rules in THEMES.items():
-        page.emulate_media(color_scheme=visitor.theme)
-        visitor.picture(name)
-        assert visitor.barriers(*rules) == []
-    assert visitor.hosts == {"127.0.0.1"}, "something is fetched from outside"
-    assert visitor.received_bytes() < MEGABYTE
+    for newcomer.theme, rules in THEMES.items():
+        page.emulate_media(color_scheme=newcomer.theme)
+        newcomer.picture(name)
+        assert newcomer.barriers(*rules) == []
+    assert newcomer.hosts == {"127.0.0.1"}, "something is fetched from outside"
+    assert newcomer.received_bytes() < MEGABYTE
     page.emulate_media(color_scheme="light")
     tab_reaches_everything_and_shows_where_it_is(page)
-    sizes = visitor.type_sizes()
+    sizes = newcomer.type_sizes()
     assert set(sizes) <= TYPE, sizes
     page.set_viewport_size(PHONE)
     expect(page.get_by_text(words).first).to_be_visible()
-    eventually(lambda: visitor.sideways_px() == 0)
-    visitor.picture(f"{name}-phone")
-    assert visitor.errors == []
+    eventually(lambda: newcomer.sideways_px() == 0)
+    newcomer.picture(f"{name}-phone")
+    assert newcomer.errors == []
 
 
 def tab_reaches_everything_and_shows_where_it_is(page: Page) -> None:
@@ -246,18 +253,18 @@ def logged_in(page: Page, password: str) -> bool:
     return not page.get_by_label("Password").is_visible()
 
 
-def test_with_a_password_nothing_is_shown_before_it(stage: Stage, visitor: Visitor, tmp_path: Path):
+def test_with_a_password_nothing_is_shown_before_it(stage: Stage, newcomer: Visitor, tmp_path: Path):
     file = tmp_path / "password"
     file.write_text("correct horse\n")
     options = ("--password-file", str(file), "--read-only")
     with running(Dashboard(stage.service.endpoint, *options)) as locked:
-        page = visitor.page
+        page = newcomer.page
         page.goto(f"{locked.url}/station/cell-2")
         expect(page.locator("h1")).to_have_text("Caesura")
         page.get_by_label("Password").fill("wrong horse")
         page.get_by_role("button", name="Log in").click()
         expect(page.get_by_role("alert")).to_have_text("That is not the password.")
-        assert visitor.barriers() == []
+        assert newcomer.barriers() == []
         eventually(lambda: logged_in(page, "correct horse"))  # a wrong one delays its address by a second
         page.get_by_role("link", name="cell-2").click()
         expect(page.locator(".app").first).to_be_visible()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,10 +10,10 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros2)")
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
-from dashboard.browser import PATIENCE_MS, Visitor, needs_chromium
+from dashboard.browser import DESK, PATIENCE_MS, Visitor, needs_chromium
 from dashboard.stage import Stage
 from harness import ros
 from harness.demonstrations import guided
@@ -25,11 +24,9 @@ TAUGHT = guided()
 
 
 @pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser)
-    visitor.page.set_viewport_size({"width": 1440, "height": 900})
-    yield visitor
-    visitor.close()
+def visitor(opened: Visitor) -> Visitor:
+    opened.begin_again(DESK)
+    return opened
 
 
 def npz(folder: Path) -> Path:

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
@@ -37,11 +37,9 @@ def bridge(stage: Stage) -> Iterator[StandbyBridge]:
 
 
 @pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser)
-    visitor.page.set_viewport_size(DESK)
-    yield visitor
-    visitor.close()
+def visitor(opened: Visitor) -> Visitor:
+    opened.begin_again(DESK)
+    return opened
 
 
 def described(caesura: Caesura, session: str, station: str) -> Description:

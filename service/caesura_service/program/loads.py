@@ -17,7 +17,15 @@ import numpy as np
 from caesura_protocol.messages import Segment
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
-from caesura_service.program.program_segment import KINDS, Context, ProgramSegment, holds, length, observed
+from caesura_service.program.program_segment import (
+    KINDS,
+    Context,
+    ProgramSegment,
+    holds,
+    joined_where,
+    length,
+    observed,
+)
 from caesura_service.program.strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
 
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
@@ -105,13 +113,7 @@ def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment) -> bool:
 
 def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[ProgramSegment]:
     """The same steps; holds that follow each other at once are one."""
-    joined: list[ProgramSegment] = []
-    for step in kept:
-        if joined and _is_hold(joined[-1]) and _is_hold(step):
-            joined[-1] = step.joined_to(joined[-1])
-        else:
-            joined.append(step)
-    return joined
+    return joined_where(kept, lambda one, two: _is_hold(one) and _is_hold(two))
 
 
 def _is_hold(step: ProgramSegment) -> bool:

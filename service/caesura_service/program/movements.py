@@ -11,7 +11,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from caesura_service.program.program_segment import ROUNDED_S, Context, MomentAt, ProgramSegment, observed
+from caesura_service.program.program_segment import (
+    ROUNDED_S,
+    Context,
+    MomentAt,
+    ProgramSegment,
+    joined_where,
+    length,
+    observed,
+    slows_at,
+)
 
 NEAR_S = 0.7  # to either side of a boundary, where the neighbouring peaks of speed lie
 CORNER_COSINE = 0.5**0.5  # of 45 degrees, from which on a path turns
@@ -21,13 +30,7 @@ MOVES = ("motion", "transport")  # kinds that may be one with another of their k
 
 def with_whole_movements(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """The same steps; a movement, or a carry, that goes on in the next one is one with it."""
-    joined: list[ProgramSegment] = []
-    for step in steps:
-        if joined and _moves_on(joined[-1], step, context.moment_at):
-            joined[-1] = step.joined_to(joined[-1])
-        else:
-            joined.append(step)
-    return joined
+    return joined_where(steps, lambda movement, step: _moves_on(movement, step, context.moment_at))
 
 
 def _moves_on(movement: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
@@ -46,10 +49,7 @@ def turns_or_slows(t: float, moment_at: MomentAt) -> bool:
     """
     before, after = observed(t - NEAR_S, t), observed(t, t + NEAR_S)
     steps = np.diff(np.array([moment_at(one).position for one in (*before, *after)]), axis=0)
-    ways = np.linalg.norm(steps, axis=1)
     place = len(before) - 1  # of the step across the boundary
-    near = slice(place - 1, place + 2)
-    into, out_of = steps[near][0], steps[near][-1]
-    peak = min(ways[: place + 1].max(), ways[place:].max())
-    turns = float(into @ out_of) <= CORNER_COSINE * float(np.linalg.norm(into) * np.linalg.norm(out_of))
-    return turns or bool(ways[near].min() <= SLOWS_SHARE * peak)
+    into, out_of = steps[place - 1], steps[place + 1]
+    turns = float(into @ out_of) <= CORNER_COSINE * length(into) * length(out_of)
+    return turns or slows_at(np.linalg.norm(steps, axis=1), place, SLOWS_SHARE)

@@ -159,6 +159,30 @@ class ProgramSegment:
         return across < max(ACROSS_M, ACROSS_SHARE * abs(self.pushed_in))
 
 
+def joined_where(
+    steps: Sequence[ProgramSegment],
+    are_one: Callable[[ProgramSegment, ProgramSegment], bool],
+    as_one: Callable[[ProgramSegment, ProgramSegment], ProgramSegment] = lambda one, two: two.joined_to(one),
+) -> list[ProgramSegment]:
+    """The same steps; where the last one and the next are one, they are made one."""
+    joined: list[ProgramSegment] = []
+    for step in steps:
+        if joined and are_one(joined[-1], step):
+            joined[-1] = as_one(joined[-1], step)
+        else:
+            joined.append(step)
+    return joined
+
+
+def slows_at(ways: Sequence[float] | NDArray[np.float64], place: int, share: float) -> bool:
+    """Is the slowest of three steps about a place at most a share of the lesser peak on both sides of it?
+
+    ways: how far each step between two observations leads; place: of the step across a boundary.
+    """
+    peak = min(max(ways[: place + 1]), max(ways[place:]))
+    return bool(min(ways[max(place - 1, 0) : place + 2]) <= share * peak)
+
+
 def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
     """Whether the fingers hold something in the middle of it; None where they have not said anything."""
     middle = 0.5 * (step.segment.t0 + step.segment.tn)

@@ -30,8 +30,10 @@ from caesura_service.program.program_segment import (
     Moment,
     MomentAt,
     ProgramSegment,
+    joined_where,
     length,
     observed,
+    slows_at,
 )
 
 NOWHERE_M = 0.01  # a movement shorter than this leads nowhere
@@ -64,13 +66,7 @@ def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[Pr
 
 def with_whole_turns(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
     """The same steps; a turn in contact that goes on about its axis without a stop is one."""
-    joined: list[ProgramSegment] = []
-    for step in steps:
-        if joined and _turns_on(joined[-1], step, context.moment_at):
-            joined[-1] = _one_turn(joined[-1], step)
-        else:
-            joined.append(step)
-    return joined
+    return joined_where(steps, lambda turn, step: _turns_on(turn, step, context.moment_at), _one_turn)
 
 
 def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
@@ -376,9 +372,7 @@ def _stops_between(turn: ProgramSegment, following: ProgramSegment, moment_at: M
     turned = [angle_between(a, b) for a, b in pairwise(seen) if a is not None and b is not None]
     if len(turned) < len(seen) - 1:
         return True
-    place = len(before) - 1
-    peak = min(max(turned[: place + 1]), max(turned[place:]))
-    return min(turned[max(place - 1, 0) : place + 2]) <= STOPS_SHARE * peak
+    return slows_at(turned, len(before) - 1, STOPS_SHARE)
 
 
 def _one_turn(turn: ProgramSegment, following: ProgramSegment) -> ProgramSegment:

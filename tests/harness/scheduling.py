@@ -1,8 +1,8 @@
 """Which process of a test run takes which file: every other one what waits, the others what computes.
 
 Tests of a dashboard, of faults and of networks wait for pages, processes and deadlines. While all processes
-of a run have such files, processors idle; while none has, they queue. Whoever finds no file of its sort takes
-what is left.
+of a run have such files, processors idle; while none has, they queue. A process that finds no file of its
+sort takes what is left.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TypeGuard
 
 import numpy as np
@@ -153,7 +154,7 @@ class SkillController:
             search = arrival_speed(app, approach, self.setpoint.position, self.safety)
             arriving = search * approach
         moving = np.concatenate([self.setpoint.velocity, self.setpoint.turning])
-        path = self.path_within_limits(app, _seconds(app), arriving, moving, goes_on=passes_on)
+        path = self.path_within_limits(app, _seconds(app), arriving, moving, passes_on=passes_on)
         seconds = float(path.t[-1])
         torque_stop = TorqueStop(app.screw)
         search_s = 0.0 if approach is None else self.safety.search_m / search
@@ -259,19 +260,16 @@ class SkillController:
         arriving: Array | None = None,
         moving: Array | None = None,
         *,
-        goes_on: bool = False,
+        passes_on: bool = False,
     ) -> Curve:
         """Plan the path of an app from the current pose, in its duration, or slower by the limits.
 
         Arguments as `app_path`.
         """
         here = self.setpoint
-
-        def lasting(duration_s: float) -> Curve:
-            return app_path(
-                app, here.position, here.rotation, duration_s, arriving, moving=moving, goes_on=goes_on
-            )
-
+        lasting = partial(
+            app_path, app, here.position, here.rotation, arriving=arriving, moving=moving, passes_on=passes_on
+        )
         path = lasting(seconds)
         slower = max(self.safety.slower(*path.peaks()), self.arm.joint_speed_share(path) / JOINT_SHARE)
         return path if slower == 1.0 else lasting(slower * seconds)

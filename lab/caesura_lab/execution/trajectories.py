@@ -34,12 +34,12 @@ def app_path(
     arriving: Array | None = None,
     *,
     moving: Array | None = None,
-    goes_on: bool = False,
+    passes_on: bool = False,
 ) -> Curve:
     """The reproduced path of an app from where the robot is, (3,) [m] and (3, 3), in some seconds.
 
     arriving: (3,) [m/s] at its target where a contact ends it; moving: (6,) [m/s], [rad/s] with which the
-    robot moves now, None at rest; goes_on: with the stated velocity of its target, where it rests otherwise.
+    robot moves now, None at rest; passes_on: its target has the stated velocity, and is a rest otherwise.
     The speed is that which was taught. A robot that is more than `ASTRAY_M` away from where the path was
     taught to start goes there first, at the pace of the path; else it goes to the first via point. Without a
     path, straight. Where ways are compared, a radian of a turn counts as `TURNED_M`.
@@ -71,7 +71,7 @@ def app_path(
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
         values[0, 3:] = quaternion_of(rotation)
     passing[0] = np.nan if moving is None else moving
-    if not goes_on:
+    if not passes_on:
         passing[-1] = np.nan
     if arriving is not None:
         passing[-1, :3] = arriving

@@ -35,7 +35,7 @@ from caesura_lab.execution.trajectories import (
 from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
 from caesura_lab.retiming.time_law import AT_REST, Arrival, TimeLawError, fastest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
-from caesura_protocol.messages import App, AppPath, ViaPoint
+from caesura_protocol.messages import App, ViaPoint
 from caesura_protocol.programs.app_times import TURNED_M, may_retime, moved
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import STANDOFF_M
@@ -244,16 +244,10 @@ def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep
                 angular_velocity=tuple(turning.tolist()) if turns else None,
             )
         )
-    path = _at_rest(app.path)
-    start = path.start.model_copy(update={"t": t0})
-    path = path.model_copy(update={"start": start, "via": tuple(via), "tn": t0 + seconds})
+    rests = {"end_velocity": None, "end_angular_velocity": None}
+    start = app.path.start.model_copy(update={"t": t0, "velocity": None, "angular_velocity": None})
+    path = app.path.model_copy(update={"start": start, "via": tuple(via), "tn": t0 + seconds, **rests})
     return app.model_copy(update={"tn": t0 + seconds, "path": path})
-
-
-def _at_rest(path: AppPath) -> AppPath:
-    """The path that begins and ends at rest."""
-    start = path.start.model_copy(update={"velocity": None, "angular_velocity": None})
-    return path.model_copy(update={"start": start, "end_velocity": None, "end_angular_velocity": None})
 
 
 def _lasting(app: ProgramStep, seconds: float) -> ProgramStep:

@@ -7,7 +7,6 @@ is a template (`franky_template.py.txt`) with these filled in.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import zip_longest
 from typing import Any
 
 from caesura_protocol.app_kinds import ends_in_contact, step_title
@@ -62,9 +61,8 @@ def _limits(safety: Safety) -> str:
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
     """What the script needs of each app; one that goes on in the next states the velocities of its target."""
     rows = []
-    for app, following, after in zip_longest(apps, apps[1:], apps[2:]):
-        if app is None:
-            break
+    around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], strict=False)
+    for app, following, after in around:
         row = _row(app)
         if app.path is not None and _is_passed(app, following, after):
             row["goes_on"] = tuple(map(_rounded, (app.path.end_velocity, app.path.end_angular_velocity)))

@@ -73,8 +73,8 @@ def task_program(
 
     least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
     force_limit_n [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in
-    time order; known: every grip, where `grips` are those of these steps alone; app_before:
-    the last app of the steps before them.
+    time order; known: every grip, where `grips` are those of these steps alone; app_before: the last
+    app of the steps before them.
     """
     kept = kept_steps(steps, grips if known is None else known, moment_at, least_s)
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]

@@ -422,12 +422,14 @@ def _value(app: App, name: str) -> Any:
 
 def _set_target(app: App, target: Vector) -> dict[str, Any]:
     """Another target has no joints that were taught; its path ends at rest, as far off as the target is."""
+    if target == app.target:
+        return {}
     path = app.path
     if path is not None and app.target is not None:
         off_m = path.deviation_m + math.dist(target, app.target)
         rests = {"end_velocity": None, "end_angular_velocity": None}
-        path = path.model_copy(update={"deviation_m": off_m, **(rests if target != app.target else {})})
-    return {"target": target, "joints": app.joints if target == app.target else None, "path": path}
+        path = path.model_copy(update={"deviation_m": off_m, **rests})
+    return {"target": target, "joints": None, "path": path}
 
 
 def _set_force(app: App, newtons: float) -> dict[str, Any]:

@@ -99,6 +99,6 @@ def test_a_path_goes_on_with_the_velocity_of_its_target_only_where_the_next_app_
     where = np.array(start), matrix_of(DOWN), 4.0  # twice as slow as it was taught
     alone = app_path(moving, *where)
     assert_allclose([alone.at(t)[1][:3] for t in (0.0, 4.0)], 0.0, atol=1e-12)
-    onward = app_path(moving, *where, moving=np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0]), goes_on=True)
+    onward = app_path(moving, *where, moving=np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0]), passes_on=True)
     assert_allclose(onward.at(0.0)[1][:3], (0.0, 0.03, 0.0), atol=1e-12)
     assert_allclose(onward.at(4.0)[1][:3], passing / 2.0, atol=1e-12)

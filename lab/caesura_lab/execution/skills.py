@@ -95,10 +95,9 @@ class SkillController:
         """
         path = None if following is None else following.path
         if self.contact_direction is None and path is not None and seconds > 0.0:
-            start, here = np.array(path.start.position), self.setpoint.position
-            way = float(np.linalg.norm(start - here))
+            way = math.dist(path.start.position, self.setpoint.position)
             if way <= ASTRAY_M and way <= MOST_CREEP_M_PER_S * seconds:
-                creep = Curve.through([0.0, seconds], [here, start])
+                creep = self._way_to(path.start, seconds)
                 for k in range(1, round(seconds / DT) + 1):
                     self.tick(self._setpoint_at(creep, k * DT))
                 return
@@ -280,10 +279,14 @@ class SkillController:
         if begins is None or math.dist(begins.position, here.position) > 2.0 * ASTRAY_M or seconds < RISE_S:
             self.hold_position(seconds, force_n)
             return
-        poses = [[*here.position], [*begins.position]]
-        if begins.orientation is not None:
-            poses = [[*poses[0], *quaternion_of(here.rotation)], [*poses[1], *begins.orientation]]
-        self.press(force_n, seconds, path=Curve.through([0.0, seconds], poses), depth_m=None)
+        self.press(force_n, seconds, path=self._way_to(begins, seconds), depth_m=None)
+
+    def _way_to(self, place: ViaPoint, seconds: float) -> Curve:
+        """Straight from the setpoint to a place, in some seconds."""
+        poses = [[*self.setpoint.position], [*place.position]]
+        if place.orientation is not None:
+            poses = [[*poses[0], *quaternion_of(self.setpoint.rotation)], [*poses[1], *place.orientation]]
+        return Curve.through([0.0, seconds], poses)
 
     def _setpoint_at(self, path: Curve, t: float) -> Setpoint:
         """Return the setpoint of a path at a time [s]; a path without orientation keeps the present one."""

@@ -11,7 +11,14 @@ from caesura_protocol.messages import App
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.reproduced_path import Curve, knots_of
-from caesura_protocol.rotations import angle_of_matrices, matrix_of, quaternion_of, turned_along
+from caesura_protocol.rotations import (
+    align_signs,
+    angle_of_matrices,
+    angular_velocities,
+    matrix_of,
+    quaternion_of,
+    turned_along,
+)
 
 ALIGNED = 0.7  # cosine between tool and force, above which the tool's axis is the direction of a press
 ASTRAY_M = 0.01  # from where a path was taught to start
@@ -64,12 +71,15 @@ def app_path(
             passing = np.vstack([passing[:1], passing])
         slower = seconds / (times[-1] - times[0])
         times, passing = (times - times[0]) * slower, passing / slower
-    if times[1] < EARLY_S:
-        _blend(times, values, passing, position)
-    values[0, :3] = position
+    here = position
     if values.shape[1] == 7:
         values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
-        values[0, 3:] = quaternion_of(rotation)
+        here = np.append(position, quaternion_of(rotation))
+        align_signs(values[:, 3:])
+        here[3:] *= np.copysign(1.0, here[3:] @ values[0, 3:])
+    if times[1] < EARLY_S:
+        _blend(times, values, passing, here)
+    values[0] = here
     passing[0] = np.nan if moving is None else moving
     if not passes_on:
         passing[-1] = np.nan
@@ -79,14 +89,17 @@ def app_path(
     return curve if arriving is None else _braked(curve, arriving)
 
 
-def _blend(times: Array, values: Array, passing: Array, position: Array) -> None:
-    """Begin a path at a position, and get onto it within `BLEND_S` in place of before its first via point."""
-    aside = position - values[0, :3]
-    back = Curve.through([0.0, min(BLEND_S, float(times[-1]))], [aside, np.zeros(3)])
+def _blend(times: Array, values: Array, passing: Array, here: Array) -> None:
+    """Begin a path at a pose (c,), and get onto it within `BLEND_S`, not before its first via point."""
+    aside = here - values[0]
+    back = Curve.through([0.0, min(BLEND_S, float(times[-1]))], [aside, np.zeros_like(aside)])
     for knot in range(1, int(np.searchsorted(times, back.t[-1]))):
         offset, velocity, _ = back.at(float(times[knot]))
-        values[knot, :3] += offset
-        passing[knot, :3] += velocity
+        values[knot] += offset
+        passing[knot, :3] += velocity[:3]
+        if len(here) == 7:
+            values[knot, 3:] /= np.linalg.norm(values[knot, 3:])
+            passing[knot, 3:] += angular_velocities(values[None, knot, 3:], velocity[None, 3:])[0]
 
 
 def _braked(curve: Curve, arriving: Array) -> Curve:

@@ -25,6 +25,7 @@ SHARE = 0.88  # of an acceleration or a jerk that is planned with: the arm does 
 SPEED_SHARE = 0.97  # of the speeds from which on the executor slows a movement down
 LOOK_S, TICK_S = 4e-3, 1e-3  # between two inverse kinematics; between two looks
 FEWEST = 24  # inverse kinematics of a movement
+LEAST_RISE_S, MOST_RISE_S = 0.02, 0.04
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,15 @@ class MotionLimits:
     turn: float
     acceleration: float
     jerk: float
+
+    @property
+    def rise_s(self) -> float:
+        """For how long [s] an acceleration that jumps is averaged, twice (`time_law`).
+
+        A jump from one limit of the acceleration to the other then takes half the jerk that a joint may have.
+        """
+        longest = float(np.max(4.0 * self.joints[1] / self.joints[2]))
+        return min(max(longest, LEAST_RISE_S), MOST_RISE_S)
 
 
 def limits_of(robot: Robot, safety: Safety, load_kg: float) -> MotionLimits:

@@ -119,7 +119,7 @@ def _fastest(
     until = approach_direction(app, following, matrix_of(app.orientation or FINGERS_DOWN))
 
     def timed(arrival: Arrival) -> ProgramStep:
-        law = fastest(way.along, *_with_flange(way, limits), arrival)
+        law = fastest(way.along, *_with_flange(way, limits), limits.rise_s, arrival)
         return _on_its_path(app, _timed(app, way, *law))
 
     def of_limits(curve: Curve) -> float:

@@ -1,8 +1,8 @@
 """Where a movement is on its way at each time: as fast as limits of velocity and acceleration allow.
 
 TOPP-RA (Pham & Pham 2018, "A New Approach to Time-Optimal Path Parameterization Based on Reachability
-Analysis") gives a law whose acceleration jumps. It is averaged over `SMOOTHED_S` twice, so the acceleration
-rises and falls within that time. The way stays the same, and the movement takes so much longer.
+Analysis") gives a law whose acceleration jumps. It is averaged twice, so the acceleration rises and falls.
+The way stays the same, and the movement takes longer by twice the time over which it is averaged.
 
 A movement that a contact ends arrives with a speed, for which it brakes in time.
 """
@@ -21,7 +21,6 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 Array = NDArray[np.float64]
 
 TICK_S = 1e-3
-SMOOTHED_S = 0.04
 UNLIMITED = 1e3  # [m/s, m/s²]
 
 
@@ -46,11 +45,17 @@ AT_REST = Arrival()
 
 
 def fastest(
-    way: Array, values: Array, velocity: Array, acceleration: Array, arrival: Arrival = AT_REST
+    way: Array,
+    values: Array,
+    velocity: Array,
+    acceleration: Array,
+    rise_s: float,
+    arrival: Arrival = AT_REST,
 ) -> tuple[Array, Array]:
     """Times (n,) [s] from 0 at every millisecond, and the way covered by then, from rest on.
 
-    way: (k,) [m] rising; values: (k, d) of the coordinates there; velocity, acceleration: (d,) their limits.
+    way: (k,) [m] rising; values: (k, d) of the coordinates there; velocity, acceleration: (d,) their limits;
+    rise_s [s]: over which the law is averaged, twice.
     Raises TimeLawError.
     """
     path = toppra.SplineInterpolator(way, np.column_stack([values, way]))
@@ -72,7 +77,8 @@ def fastest(
     ticks = np.arange(0.0, times[-1] + TICK_S, TICK_S)
     covered = CubicHermiteSpline(times, way, speeds)(np.minimum(ticks, times[-1]))
     covered += arrival.speed * np.maximum(ticks - times[-1], 0.0)
-    box = np.full(round(SMOOTHED_S / TICK_S), TICK_S / SMOOTHED_S)
+    ticks_of_rise = round(rise_s / TICK_S)
+    box = np.full(ticks_of_rise, 1.0 / ticks_of_rise)
     kernel = np.convolve(box, box)
     around = len(kernel) - 1
     beyond = covered[-1] + arrival.speed * TICK_S * np.arange(1, around + 1)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate
+from itertools import pairwise
 from types import MappingProxyType
 
 from caesura_service.changepoint.best_path_window import NOTHING, PathSegment, outline_of
@@ -17,6 +16,7 @@ from caesura_service.changepoint.smoothed_probabilities import INTERVAL_REACH
 from caesura_service.changepoint.threshold_segmenter import ThresholdSegmenter
 
 INTERVAL_PROBABILITY = 0.9
+PLACE_STEPS = 0.9  # by which a boundary may lie from the middle between two observations (`boundary_place`)
 TURNING = "turning"
 MOST_ODDS = 700.0  # log, against a kind: the exponential of more is infinite
 
@@ -42,7 +42,7 @@ class InferredSegment:
     end: int
     verdict: Classification
     start_probability: float  # that a segment starts here or at a neighbouring observation
-    start_interval: tuple[int, int]  # observations between which it starts with INTERVAL_PROBABILITY
+    start_interval: tuple[float, float]  # in observations, in which it starts with INTERVAL_PROBABILITY
     start_final: bool
     end_final: bool
     start_stands: bool = False  # nothing that is said of its start can change any more
@@ -166,16 +166,28 @@ def _stretch(
     )
 
 
-def _interval(online: ChangepointFilter, before: int, start: int, after: int) -> tuple[int, int]:
-    """First and last observation of the central interval, among those that may be the same event.
-
-    One observation wider on either side: what happens lies between observations, not at one.
-    """
+def _interval(online: ChangepointFilter, before: int, start: int, after: int) -> tuple[float, float]:
+    """Ends of the central interval, among the observations that may be the same event."""
     if start == 0:
-        return 0, 0
+        return 0.0, 0.0
     first, last = max(start - INTERVAL_REACH, before + 1, 1), min(start + INTERVAL_REACH, after - 1)
-    mass = list(accumulate(online.changepoint_probabilities(first, last, about=start)))
+    mass = online.changepoint_probabilities(first, last, about=start)
     tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
-    low, high = (bisect_left(mass, share * mass[-1]) for share in (tail, 1.0 - tail))
-    low, high = min(first + low, start) - 1, max(first + min(high, len(mass) - 1), start) + 1
-    return max(low, 0), min(high, online.count - 1)
+    low, high = (first + interpolated_quantile(mass, share) for share in (tail, 1.0 - tail))
+    return max(min(low, start), 0.0), min(max(high, start), online.count - 1.0)
+
+
+def interpolated_quantile(mass: Iterable[float], share: float) -> float:
+    """Where a share of the masses at 0, 1, … is reached, each of them even within `PLACE_STEPS` around it."""
+    known = (0.0, *mass, 0.0)
+    left, alone = 2.0 * PLACE_STEPS * share * sum(known), 1.0 - PLACE_STEPS
+    for middle, (before, here) in enumerate(pairwise(known)):
+        # Between two middles both masses lie, and around a middle its own alone.
+        for end, width, density in (
+            (middle - alone, PLACE_STEPS - alone, before + here),
+            (middle + alone, 2.0 * alone, here),
+        ):
+            if density and left <= width * density:
+                return end - width + left / density
+            left -= width * density
+    return len(known) - 3.0 + PLACE_STEPS

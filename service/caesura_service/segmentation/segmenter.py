@@ -164,7 +164,7 @@ class Segmenter:
     def _as_said(self, stretch: InferredSegment) -> InferredSegment:
         """Return the segment as corrected: given its ends, the kind is the whole inference."""
         if self._heeded.is_certain(start := stretch.start):
-            stretch = replace(stretch, start_probability=1.0, start_interval=(start, start))
+            stretch = replace(stretch, start_probability=1.0, start_interval=(float(start), float(start)))
         label = self._heeded.label(start, stretch.end)
         if label is None:
             return stretch
@@ -214,9 +214,15 @@ class Segmenter:
         return known == now and (shown.t, shown.t_low, shown.t_high) == self._start_times(stretch)
 
     def _start_times(self, stretch: InferredSegment) -> tuple[float, float, float]:
-        """[s] where a segment begins, and between which middles that lies with probability 0.9."""
+        """[s] where a segment begins, and between which times that lies with probability 0.9."""
         t, (low, high) = self._starts_t[stretch.start], stretch.start_interval
-        return t, min(t, self.places[low]), max(t, self.places[high])
+        return t, min(t, self._place_at(low)), max(t, self._place_at(high))
+
+    def _place_at(self, index: float) -> float:
+        """[s] of an observation's place, or linearly between two of them."""
+        whole = int(index)
+        here = self.places[whole]
+        return here if whole == index else here + (index - whole) * (self.places[whole + 1] - here)
 
     def _segment(self, stretch: InferredSegment, load: Load | None) -> Segment:
         found, history = stretch.verdict, self._history

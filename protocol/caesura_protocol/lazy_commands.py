@@ -11,6 +11,8 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
+from caesura_protocol.option_words import values_named
+
 
 class LazyCommand(TyperCommand):
     """A command of which the name and the place are known; `load` imports the rest."""
@@ -36,7 +38,8 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Parse what was typed by the command's own options, and run that command then."""
-        return self.load().make_context(*args, **options)
+        with values_named():
+            return self.load().make_context(*args, **options)
 
 
 def add_command(app: typer.Typer, name: str, place: str, *, takes_numbers: bool = False) -> None:

@@ -80,7 +80,7 @@ def bridge(
     scenario: Annotated[
         str | None, typer.Option(help=f"What the simulated teacher shows: {', '.join(SCENARIO_NAMES)}.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the simulated teacher.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated teacher.")] = 0,
     preset: Annotated[
         str | None,
         typer.Option(help=f"Model; by default the service's own choice: {', '.join(PRESET_NAMES)}."),

@@ -30,7 +30,7 @@ def demo(
         bool, typer.Option("--fast", help="As fast as possible, not at the pace of a hand.")
     ] = False,
     scenario: Annotated[str, typer.Option(help="What is taught.")] = "pick_and_place",
-    seed: Annotated[int, typer.Option(help="Another seed, another person.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another person.")] = 0,
     robot: Annotated[str, typer.Option(help="Which arm, or the path of its robot.json.")] = "panda",
 ) -> None:
     """Teach a simulated robot and watch segments and the task program appear."""

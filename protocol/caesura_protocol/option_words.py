@@ -1,0 +1,45 @@
+"""Refusals of option values: each names what was typed and what is expected, with both limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+
+@contextmanager
+def values_named() -> Iterator[None]:
+    """Name the value and its limits where typer refuses a value by pydantic, which names one limit alone."""
+    try:
+        yield
+    except typer.BadParameter as refusal:
+        if findings := getattr(refusal.__cause__, "errors", None):
+            low, high = (getattr(refusal.param, end, None) for end in ("min", "max"))
+            refusal.message = _in_words(findings()[0], low, high)
+        raise
+
+
+def _in_words(finding: dict[str, Any], low: float | None, high: float | None) -> str:
+    """State a finding of pydantic about a value that was typed."""
+    kind, _, why = str(finding["type"]).partition("_")
+    if kind == "value":
+        return str(finding["msg"]).removeprefix("Value error, ")
+    if kind in {"greater", "less"} or why.startswith("parsing"):
+        number = "an integer" if kind == "int" else "a number"
+        return f"{finding['input']!r:.80}, expected {number}{limits(low, high)}"
+    return f"{finding['input']!r:.80}: {finding['msg']}"
+
+
+def limits(low: float | None, high: float | None) -> str:
+    """The limits of a number behind its noun.
+
+    >>> limits(1, 65535), limits(0.1, None), limits(None, 5), limits(None, None)
+    (' from 1 to 65535', ' of 0.1 or more', ' of 5 or less', '')
+    """
+    if low is not None and high is not None:
+        return f" from {low:.10g} to {high:.10g}"
+    if low is not None:
+        return f" of {low:.10g} or more"
+    return "" if high is None else f" of {high:.10g} or less"

@@ -69,13 +69,11 @@ def no_corrections(revision: int) -> str:
     return f"revision {revision}: its corrections, made under an older version of the service, are not listed"
 
 
-def meant(action: Action, effect: EditEffect) -> Action:
-    """The correction with the time of the changepoint that it removed or moved, which may lie beside."""
-    if not isinstance(action, Remove | Move):
-        return action
-    t, left = action.t, {one.t0 for one in effect.segments_after}
+def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:
+    """Where the changepoint was [s] that a correction removed or moved; it names one by a time beside it."""
+    left = {one.t0 for one in effect.segments_after}
     gone = [one.t0 for one in effect.segments_before[1:] if one.t0 not in left]
-    return action.model_copy(update={"t": min(gone, key=lambda place: abs(place - t), default=t)})
+    return min(gone, key=lambda place: abs(place - action.t), default=action.t)
 
 
 def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from caesura_clients.cli.edit import _print_corrections
-from caesura_clients.correction_words import described, effect_words, in_words, meant
+from caesura_clients.correction_words import changepoint_meant, described, effect_words, in_words
 from caesura_protocol.messages import (
     Action,
     AppOutline,
@@ -126,10 +126,9 @@ def test_of_many_apps_with_other_values_three_are_named():
 
 def test_a_changepoint_is_named_where_it_was():
     found = effect(segments_before=outlines("motion", "hold", "motion"), segments_after=outlines("hold"))
-    assert meant(Remove(t=1.3), found) == Remove(t=1.0)
-    assert meant(Move(t=1.8, to=1.5), found) == Move(t=2.0, to=1.5)
-    assert meant(Insert(t=1.3), found) == Insert(t=1.3)
-    assert meant(Remove(t=1.3), effect()) == Remove(t=1.3)
+    assert changepoint_meant(Remove(t=1.3), found) == 1.0
+    assert changepoint_meant(Move(t=1.8, to=1.5), found) == 2.0
+    assert changepoint_meant(Remove(t=1.3), effect()) == 1.3
 
 
 def test_a_session_whose_corrections_are_not_listed_is_not_called_uncorrected(

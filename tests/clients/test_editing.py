@@ -283,12 +283,13 @@ def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint
     removed = min((one.t for one in before.changepoints.changepoints), key=lambda t: abs(t - 4.3))
     done = typed(endpoint, *words)
     assert done.stdout.splitlines() == [
-        f"removed the changepoint at {removed:.2f} s; cell-17/{session} is at revision 1",
+        f"removed the changepoint at 4.30 s (it was at {removed:.2f} s); cell-17/{session} is at revision 1",
         *effect,
     ]
     segments = [one for one in segments_of(caesura, "cell-17") if one[0] < 4.15 < one[1]]
     ((t0, tn, kind),) = segments
     assert f"become {kind} {t0:.2f} to {tn:.2f} s." in effect[0]
+    assert "Ann removed the changepoint at 4.30 s" in typed(endpoint, "cell-17", session).stdout
     undone = typed(endpoint, "cell-17", session, "undo")
     assert undone.stdout.startswith("took back: Ann removed the changepoint at 4.30 s; ")
     refused = typed(endpoint, "cell-17", session, "remove", "99", "--preview")

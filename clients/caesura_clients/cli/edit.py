@@ -18,7 +18,7 @@ from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.cli.typed_actions import validated, wrong
 from caesura_clients.client import Caesura
-from caesura_clients.correction_words import described, effect_words, in_words, meant, no_corrections
+from caesura_clients.correction_words import changepoint_meant, described, effect_words, in_words, no_corrections
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.messages import (
@@ -26,6 +26,8 @@ from caesura_protocol.messages import (
     Correction,
     EditEffect,
     LimitForce,
+    Move,
+    Remove,
     Snapshot,
     TakeBack,
     Undo,
@@ -130,7 +132,15 @@ def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
         applied = [one for one in applied if one.number == action.number]
     if isinstance(action, Undo | TakeBack) and applied:
         return f"took back: {described(applied[-1], seen.clock)}"
-    return in_words(action if effect is None else meant(action, effect), seen.clock)
+    return in_words(action, seen.clock) + ("" if effect is None else _beside(action, effect, seen.clock))
+
+
+def _beside(action: Action, effect: EditEffect, clock: SessionClock) -> str:
+    """Where the changepoint was that a correction names by a time beside it."""
+    if not isinstance(action, Remove | Move):
+        return ""
+    typed, was = (clock.shown(one) for one in (action.t, changepoint_meant(action, effect)))
+    return "" if typed == was else f" (it was at {was} s)"
 
 
 def _print_corrections(found: Snapshot) -> None:

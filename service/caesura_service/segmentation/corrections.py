@@ -45,6 +45,7 @@ from caesura_service.journal import AppliedEdit, Resolution
 REACH_S = 0.5  # a changepoint this close is meant
 AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
 NAMED = 3  # changepoints that a refusal names
+NAMED_RANGES = 16  # of the numbers of corrections, the newest
 OVERLAP = 16  # apps that may begin before a time and reach beyond it, at most
 # What a later correction did to the changepoint that an earlier one set.
 _REFERS = {
@@ -101,6 +102,18 @@ def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
     breaks = [i for i in range(1, len(indices)) if indices[i] != indices[i - 1] + 1]
     for first, stop in pairwise([0, *breaks, len(indices)] if indices else ()):
         yield indices[first], indices[stop - 1] + 1
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """State rising numbers.
+
+    >>> _ranges([1, 2, 3, 5])
+    '1 to 3, 5'
+    """
+    ranges = [
+        f"{first} to {stop - 1}" if stop - first > 1 else f"{first}" for first, stop in _runs(numbers)
+    ]
+    return ", ".join([*(["…"] if len(ranges) > NAMED_RANGES else []), *ranges[-NAMED_RANGES:]])
 
 
 @dataclass(frozen=True)
@@ -190,7 +203,7 @@ class EditHistory:
         is_undone = action.number in [one.number for one in self.undone]
         why = "the correction is taken back already" if is_undone else "the session has no such correction"
         there = [one.number for one in self.active]
-        raise ProtocolError("conflict", why, value=action.number, expected=there[-NAMED:] or "none is there")
+        raise ProtocolError("conflict", why, value=action.number, expected=_ranges(there) or "none is there")
 
     def check_unreferred(self, one: ResolvedEdit, observation_at: Callable[[float], int]) -> None:
         """Check that no later correction refers to the changepoint that a correction set.

@@ -163,7 +163,8 @@ def test_bridge_reports_what_was_refused(played):
     assert result.exit_code == 1
     assert result.stdout == "cell-2/mine closed, 5 batches\n"
     line = result.stderr.splitlines()[-1]
-    for word in ("cell-2/mine: 640 refused (last: not a map)", "3 of 100 samples dropped", "1 gap, 0.25 s"):
+    gap = "1 gap, 0.25 s (at 5.00–5.25 s)"  # its time was not named
+    for word in ("cell-2/mine: 640 refused (last: not a map)", "3 of 100 samples dropped", gap):
         assert word in line
 
 
@@ -322,7 +323,7 @@ def test_watch_says_that_the_service_is_overloaded_and_what_was_lost(caesura, se
     service.snapshots = [whole.model_copy(update={"status": status})]
     shown = " ".join(caesura("watch", "--once").stdout.split())
     assert "the service is overloaded · 7 messages dropped, and batches among them asked" in shown
-    assert "1 gap, 0.25 s, 2 batches lost" in shown
+    assert "1 gap, 0.25 s (at 5.00–5.25 s), 2 batches lost" in shown
     service.snapshots = [whole]
     assert "overloaded" not in caesura("watch", "--once").stdout
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import threading
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ import zenoh
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Mark
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
-from caesura_clients.bridge.sources.ros2 import Ros2Source, parse_key
+from caesura_clients.bridge.sources.ros2 import LostStretches, Ros2Source, parse_key
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.column_mapping import ColumnMapping
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
@@ -27,6 +28,7 @@ from clients.fake_service import FakeService
 from clients.test_bridge import QUICK
 from harness import ros
 from harness.demonstrations import guided
+from harness.processes import eventually
 
 SENSOR = "flange_sensor"
 EARLIER_S, MUCH_LATER_S = 100, 50.0  # what is repeated until it is found, and the rest counted from it
@@ -165,8 +167,38 @@ def test_topics_of_their_own_give_the_segments_of_the_npz(router, demonstration,
     assert segment_recording(exact).segments == segment_recording(demonstration).segments
 
 
-def test_franka_is_found_by_its_type_alone(router, demonstration):
-    n = 60
+def test_what_was_dropped_is_named_with_its_time(router, demonstration, monkeypatch):
+    """Only the number of the messages was named, so nobody knew which part to teach again."""
+    monkeypatch.setattr("caesura_clients.bridge.sources.ros2.INBOX", 16)
+    messages = list(ros.franka_topic(franka_recording(demonstration, 400)))
+    with publisher(router, "rmw_zenoh") as node, opened(router, node, early(messages)) as source:
+        before = source.dropped
+        for message in messages:
+            node.put(*message)
+        eventually(lambda: source.dropped - before >= len(messages) - source._inbox.capacity)
+        source._over.set()  # `chunks` ends with what is still there
+        times = np.concatenate(list(source.chunks()))[:, 0]
+        said = re.fullmatch(r": samples are missing at (\S+)–(\S+) s", source.lost_words)
+    hole = int(np.diff(times).argmax())
+    assert said is not None
+    assert [float(one) for one in said.groups()] == pytest.approx(times[hole : hole + 2], abs=0.02)
+
+
+def test_the_newest_stretches_in_which_messages_were_lost_are_named():
+    lost = LostStretches()
+    assert str(lost) == ""
+    for dropped, before_s, after_s in [(0, 0.9, 1.0), (2, 1.0, 1.1), (5, 1.1, 1.5), (5, 1.5, 2.0), (5, 2.0, 2.1)]:
+        lost.look(dropped, before_s, after_s)
+    assert str(lost) == "1.00–2.00 s"
+    for t in (4, 6, 8):
+        lost.look(t + 2, float(t), None)
+        lost.look(t + 2, float(t), t + 1.0)
+    assert str(lost) == "…, 4.00–5.00 s, 6.00–7.00 s, 8.00–9.00 s"
+    lost.look(99, 9.5, 9.5)
+    assert str(lost).endswith("8.00–9.00 s, from 9.50 s on")
+
+
+def franka_recording(demonstration: Recording, n: int) -> Recording:
     reported = {
         "pos": demonstration.signals["pos"][:n],
         "quat": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
@@ -175,7 +207,13 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
         "torque": np.full((n, 3), 0.5),
         "tau": np.ones((n, 7)),
     }
-    messages = list(ros.franka_topic(Recording(demonstration.t[:n], reported)))
+    return Recording(demonstration.t[:n], reported)
+
+
+def test_franka_is_found_by_its_type_alone(router, demonstration):
+    n = 60
+    recording = franka_recording(demonstration, n)
+    messages = list(ros.franka_topic(recording))
     messages[-1][-1].robot_mode = 3  # guiding
     with publisher(router, "rmw_zenoh") as node, opened(router, node, early(messages)) as source:
         said = (source.wrench_source, source.hand_on_robot, source.force_frame, source.can_wait)
@@ -184,8 +222,8 @@ def test_franka_is_found_by_its_type_alone(router, demonstration):
         rows = rows_of(source, node, messages, n)
         assert source.button_pressed is True
     column = dict(zip(source.columns, rows[rows[:, 0] > MUCH_LATER_S].T, strict=True))
-    assert np.array_equal(column["pz"], reported["pos"][:, 2])
-    assert np.array_equal(column["fz"], reported["force"][:, 2])
+    assert np.array_equal(column["pz"], recording.signals["pos"][:, 2])
+    assert np.array_equal(column["fz"], recording.signals["force"][:, 2])
     assert column["mz"].tolist() == [0.5] * n
     assert column["tau7"].tolist() == [1.0] * n
 

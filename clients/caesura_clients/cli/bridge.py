@@ -36,6 +36,7 @@ from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import Change, watch_services
 from caesura_protocol.errors import Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
+from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 DEFAULT_STATION = "cell-1"
@@ -188,7 +189,7 @@ def bridge(
                 typer.echo(f"no {unmade}", err=True)
             typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
             for one in snapshots(caesura.transport, station, opened.session):
-                _print_outcome(one.status)
+                _print_outcome(one.status, clock_of(one.segments.segments))
 
 
 def _check_standby(source: str, session: str | None, marker: bool, stated: DescriptionOptions) -> None:
@@ -228,14 +229,16 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
             stack.callback(close)
         yield source
     if dropped := getattr(source, "dropped", 0):
-        typer.echo(f"{name}: {dropped} messages came faster than they were taken", err=True)
+        when = getattr(source, "lost_words", "")
+        typer.echo(f"{name}: {dropped} messages came faster than they were taken{when}", err=True)
 
 
-def _print_outcome(status: SessionStatus) -> None:
+def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:
     """One line on what did not become segments; exit code 1 where batches are lost."""
-    line = outcome_line(status)
+    line = outcome_line(status, clock)
     if line:
-        typer.echo(f"{status.station}/{status.session}: {line}", err=True)
+        since = f"; {clock.words}" if status.gaps and clock.words else ""
+        typer.echo(f"{status.station}/{status.session}: {line}{since}", err=True)
     if not stored_whole(status):
         raise typer.Exit(1)
 

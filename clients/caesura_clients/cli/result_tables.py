@@ -34,6 +34,7 @@ from caesura_protocol.screw_motion import torque_about_axis
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
+NAMED_GAPS = 3  # of a session, the newest
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
@@ -143,14 +144,14 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
     if status.dropped:
         parts.append(f"{status.dropped} messages dropped, and batches among them asked for again")
     if status.gaps:
-        parts.append(_gaps(status))
+        parts.append(_gaps(status, clock))
     parts += budgets_in_words(status.budgets)
     if status.last_refusal is not None:
         parts.append(_refusals(status))
     return Text(" · ".join(parts), style="dim")
 
 
-def outcome_line(status: SessionStatus) -> str:
+def outcome_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> str:
     """What became of what was sent, where it is not simply segments; empty where it is."""
     parts = []
     if status.refused:
@@ -158,7 +159,7 @@ def outcome_line(status: SessionStatus) -> str:
     if status.repeats:
         parts.append(f"{status.repeats} of {status.samples} samples dropped: their time did not advance")
     if status.gaps:
-        parts.append(_gaps(status))
+        parts.append(_gaps(status, clock))
     return " · ".join(parts)
 
 
@@ -243,7 +244,8 @@ def _why(refusal: Refusal) -> str:
     return refusal.message.removeprefix(f"{refusal.code}: ")
 
 
-def _gaps(status: SessionStatus) -> str:
+def _gaps(status: SessionStatus, clock: SessionClock) -> str:
+    """How many, how long, and when the newest were."""
     lost = f", {status.lost} batches lost" if status.lost else ""
     at_end = any(
         gap.t0 == gap.tn for gap in status.gaps
@@ -251,7 +253,10 @@ def _gaps(status: SessionStatus) -> str:
     least = "at least " if status.gaps_before or at_end else ""
     count = status.gaps_before + len(status.gaps)
     lasted_s = sum(gap.tn - gap.t0 for gap in status.gaps)
-    return f"{count} {'gap' if count == 1 else 'gaps'}, {least}{lasted_s:.2f} s{lost}"
+    when = ", ".join(clock.interval(gap.t0, gap.tn) for gap in status.gaps[-NAMED_GAPS:])
+    newest = "the newest at" if count > NAMED_GAPS else "at"
+    named = f" ({newest} {when} s)" if when else ""
+    return f"{count} {'gap' if count == 1 else 'gaps'}, {least}{lasted_s:.2f} s{named}{lost}"
 
 
 def description_line(description: Description) -> str:

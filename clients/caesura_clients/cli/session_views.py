@@ -55,8 +55,8 @@ def show(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
         return
-    lost = outcome_line(found.status)
     clock = clock_of(found.segments.segments)
+    lost = outcome_line(found.status, clock)
     views = [*clock_lines(clock), segments_view(found.status, found.segments.segments, clock)]
     if len(found.segments.phases) > 1:
         views.append(phases_table(found.segments.phases, "phases", clock))

@@ -262,4 +262,5 @@ def _refuse_quaternions(quaternions: Array) -> NoReturn:
     norms = lengths(quaternions)
     row = int((np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE).argmax())
     limit = f"1 ± {QUATERNION_NORM_TOLERANCE:g}"
-    raise ValueError(f"sample {row}: quaternion has norm {norms[row]:g}, expected {limit}")
+    likely = "is it a rotation vector, or angles?" if norms[row] else "samples without an orientation?"
+    raise ValueError(f"sample {row}: quaternion has norm {norms[row]:g}, expected {limit}: {likely}")

@@ -234,7 +234,14 @@ BAD_SAMPLES = {
     "wrong column count": (np.zeros((5, 3)), r"shape \(5, 3\), expected \(n, 9\)"),
     "not a matrix": (np.zeros(9), r"shape \(9,\), expected \(n, 9\)"),
     "not finite": (np.full((1, 9), np.nan), "sample 0: t is nan, expected a finite number"),
-    "no quaternion": (np.zeros((2, 9)), "sample 0: quaternion has norm 0, expected 1 ± 0.1"),
+    "no quaternion": (
+        np.zeros((2, 9)),
+        "sample 0: quaternion has norm 0, expected 1 ± 0.1: samples without an orientation",
+    ),
+    "angles for a quaternion": (
+        np.array([[0, 0, 0, 0, 180.0, 0, 90.0, 0, 0]]),
+        r"sample 0: quaternion has norm 201\.\d+, expected 1 ± 0.1: is it a rotation vector, or angles\?",
+    ),
     "impossible time": (np.full((1, 9), 1e11), "t is 100000000000.0, expected a time"),
     "gripper in millimetres": (
         np.array([[0, 0, 0, 0, 0, 0, 0, 1, 80.0]]),

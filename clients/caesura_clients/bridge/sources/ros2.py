@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,6 +30,7 @@ from caesura_protocol.formats.ros_types import FRANKA_STATE, READ, CannotDecode,
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
+from caesura_protocol.number_words import fixed, interval
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.network import Transport
@@ -41,6 +43,7 @@ DISCOVER_S = 10.0  # until no publisher has appeared
 CONNECT_S = 10.0
 TICK_S = 0.05
 INBOX = 16_384
+NAMED_STRETCHES = 3  # in which messages were lost, the newest
 GUIDING = 3  # `FrankaRobotState.ROBOT_MODE_GUIDING` (franka_msgs 1.0.0)
 _DDS_TYPE = re.compile(r"(?P<package>\w+)::msg::dds_::(?P<name>\w+)_")
 
@@ -50,6 +53,37 @@ class ReceivedMessage(NamedTuple):
 
     topic: Topic
     message: Any
+
+
+class LostStretches:
+    """When messages were dropped, in times [s] of the session: between the rows before and after."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._newest: deque[tuple[float, float]] = deque(maxlen=NAMED_STRETCHES)
+        self._dropped = 0
+        self._begins_s: float | None = None
+
+    def look(self, dropped: int, before_s: float, after_s: float | None) -> None:
+        """Take the count of dropped messages, with the newest row before a message and the one it made."""
+        if self._begins_s is not None and after_s is not None:
+            self._add(self._begins_s, after_s)
+            self._begins_s = None
+        if dropped > self._dropped:  # they may have followed this message: the next row is behind them
+            self._dropped = dropped
+            self._begins_s = before_s if self._begins_s is None else self._begins_s
+
+    def _add(self, begins_s: float, ends_s: float) -> None:
+        if self._newest and begins_s <= self._newest[-1][1]:
+            begins_s = self._newest.pop()[0]
+        else:
+            self.count += 1
+        self._newest.append((begins_s, ends_s))
+
+    def __str__(self) -> str:
+        at_end = [] if self._begins_s is None else [f"from {fixed(self._begins_s, 2)} s on"]
+        times = [f"{interval(first, last, 2)} s" for first, last in self._newest]
+        return ", ".join([*(["…"] if self.count > len(times) else []), *times, *at_end])
 
 
 class Ros2Source:
@@ -80,6 +114,7 @@ class Ros2Source:
         self._over = over or threading.Event()
         self._clock = clock
         self._inbox = Inbox(INBOX)
+        self._lost = LostStretches()
         self._stack = ExitStack()
         try:
             for key in self._keys():
@@ -102,6 +137,11 @@ class Ros2Source:
     def dropped(self) -> int:
         """Return how many messages were dropped because the inbox was full."""
         return self._inbox.dropped
+
+    @property
+    def lost_words(self) -> str:
+        """When they were dropped, in times of the session, to stand behind their number."""
+        return f": samples are missing at {self._lost}" if self.dropped else ""
 
     def close_with(self, close: Callable[[], None]) -> None:
         """Call `close` after everything else is closed."""
@@ -135,9 +175,13 @@ class Ros2Source:
     def _aligned_rows(self, received: ReceivedMessage) -> list[Row]:
         if received.topic.type == FRANKA_STATE:
             self.button_pressed = received.message.robot_mode == GUIDING
+        before_s = self._aligner.latest_s
         with _as_source():
             stamp = stamp_of(received.message, received.topic.name)
-            return self._aligner.push(stamp, self._plan.select_values(received.topic, received.message))
+            rows = self._aligner.push(stamp, self._plan.select_values(received.topic, received.message))
+        if not self._first_messages:  # those were received before anything was dropped
+            self._lost.look(self.dropped, before_s, rows[-1][0] if rows else None)
+        return rows
 
     def _received_messages(self) -> Iterator[ReceivedMessage | None]:
         """Yield every message, those of the discovery first; None where none has come for a moment."""

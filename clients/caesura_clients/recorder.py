@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.recording import Recording
+from caesura_protocol.session_clock import clock_from
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
 from caesura_protocol.transport.network import Transport
 
@@ -38,6 +41,7 @@ SILENT_S = 2.0  # a bridge says something every half second: without it, the ser
 LAST_S = 30.0  # at the end, for what is still missing
 UNREADABLE = 10_000  # batches that are remembered so as not to be asked for again
 TICK_S = 0.1
+NAMED_HOLES = 3  # the newest
 
 
 @dataclass
@@ -109,6 +113,13 @@ class Recorder:
         """Return how many batches exist and are not stored."""
         return self.known + 1 - len(self.batches)
 
+    def holes(self) -> Iterator[tuple[float, float]]:
+        """Yield when stored batches do not follow each other: the sample before and the one after [s]."""
+        for before, after in pairwise(sorted(self.batches)):
+            if after > before + 1:
+                ends = (unpack_samples(self.batches[seq]) for seq in (before, after))
+                yield float(next(ends)[-1, 0]), float(next(ends)[0, 0])
+
     def recording(self, status: SessionStatus | None) -> Recording:
         """Return the stored samples as a recording. Raises CaesuraError where there are none."""
         if not self.batches:
@@ -144,7 +155,9 @@ class RecordedSession:
         """Return what is missing from the recording, empty where nothing is."""
         said = []
         if self.recorder.lost:
-            said.append(f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps")
+            said.append(
+                f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps{self._gap_times}"
+            )
         status = None if self.snapshot is None else self.snapshot.status
         if status is None:
             said.append(
@@ -156,6 +169,14 @@ class RecordedSession:
         if not self.closed:
             said.append("the session goes on")
         return "; ".join(said)
+
+    @property
+    def _gap_times(self) -> str:
+        clock = clock_from(float(self.recording.t[0]))
+        newest = [clock.interval(t0, tn) for t0, tn in deque(self.recorder.holes(), maxlen=NAMED_HOLES)]
+        if not newest:
+            return " before the first sample or after the last"
+        return f", the newest at {', '.join(newest)} s" + (f" ({clock.words})" if clock.words else "")
 
 
 def record(

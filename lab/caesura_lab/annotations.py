@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import WRENCH_SOURCES
+from caesura_protocol.number_words import fixed, interval
 
 T = TypeVar("T")
 
@@ -26,6 +27,7 @@ LEVELS = ("major", "optional")
 HAND_ON_ROBOT = ("yes", "no", "unknown")
 SHA256_DIGITS = 64
 SUFFIX = ".ann.json"
+ROUNDING_S = 0.001  # of times
 
 
 class TruthError(CaesuraError, ValueError):
@@ -164,10 +166,12 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
         if not isinstance(content, Mapping):
             raise ValueError(f"is a {type(content).__name__}, expected an object")
         content = {"segments": (), "loads": (), "forces": (), "phases": (), "screws": (), **content}
+        window = _window(content["window"])
+        point_within = partial(_point, window=window)
         return Truth(
             name=name,
-            window=_window(content["window"]),
-            points=tuple(sorted(_each(content, "changepoints", _point), key=lambda point: point.t)),
+            window=window,
+            points=tuple(sorted(_each(content, "changepoints", point_within), key=lambda point: point.t)),
             spans=_each(content, "segments", _span),
             loads=_each(content, "loads", partial(_quantity, unit="kg")),
             forces=_each(content, "forces", partial(_quantity, unit="newton")),
@@ -259,17 +263,25 @@ def _window(values: Any) -> tuple[float, float]:
     return first, last
 
 
-def _point(mark: Mapping[str, Any]) -> TrueChangepoint:
+def _point(mark: Mapping[str, Any], window: tuple[float, float]) -> TrueChangepoint:
     level = mark["level"]
     if level not in LEVELS:
         raise ValueError(f"level is {level!r}, expected one of {list(LEVELS)}")
     tolerance = _number(mark, "tol")
     if not tolerance >= 0.0:
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
-    t_alt = None if mark.get("t_alt") is None else _number(mark, "t_alt")
-    return TrueChangepoint(
-        _number(mark, "t"), tolerance, level == "optional", str(mark.get("kind", level)), t_alt
-    )
+    t = _number_within(mark, "t", window)
+    t_alt = None if mark.get("t_alt") is None else _number_within(mark, "t_alt", window)
+    return TrueChangepoint(t, tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
+
+
+def _number_within(mark: Mapping[str, Any], name: str, window: tuple[float, float]) -> float:
+    """A time [s] of the window; its ends are rounded to milliseconds."""
+    t, (first, last) = _number(mark, name), window
+    if not first - ROUNDING_S <= t <= last + ROUNDING_S:
+        limits = interval(first, last, 3, " to ")
+        raise ValueError(f"{name} is {fixed(t, 3)} s, expected a time within the window from {limits} s")
+    return t
 
 
 def _span(segment: Mapping[str, Any]) -> TrueSegment:

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from caesura_clients.bridge import Bridge, BridgeSettings
-from caesura_clients.recorder import ATTEMPTS, Recorder, record
+from caesura_clients.recorder import ATTEMPTS, RecordedSession, Recorder, record
 from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.keys import ReplayRange, session_key, station_key
@@ -54,6 +54,20 @@ def test_what_is_missing_is_asked_for_until_it_is_here_or_gone(arrivals, beat, o
         found = recorder.recording(None)
         expected = np.concatenate([samples(20, t0=n * 0.02) for n in range(known + 1) if n not in gone])
         np.testing.assert_allclose(found.matrix(), expected)
+
+
+def test_what_is_missing_in_the_end_is_named_with_its_time():
+    """Only the number of batches was named."""
+    recorder = Recorder("s1")
+    for seq in {*range(60)} - {5, 6, 10, 20, 30}:
+        recorder.add_batch(batch(seq))
+    recorded = RecordedSession(recorder.recording(None), snapshot(0), recorder, closed=True)
+    times = "the newest at 0.20–0.22 s, 0.40–0.42 s, 0.60–0.62 s"
+    assert recorded.missed.startswith(f"5 of 60 batches are missing: gaps, {times}")
+    late = Recorder("s1")
+    late.add_batch(batch(3))
+    recorded = RecordedSession(late.recording(None), snapshot(0), late, closed=True)
+    assert "3 of 4 batches are missing: gaps before the first sample or after the last" in recorded.missed
 
 
 def test_a_question_without_an_answer_is_a_gap_in_the_end():

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -187,7 +188,8 @@ def test_what_was_dropped_is_named_with_its_time(router, demonstration, monkeypa
 def test_the_newest_stretches_in_which_messages_were_lost_are_named():
     lost = LostStretches()
     assert str(lost) == ""
-    for dropped, before_s, after_s in [(0, 0.9, 1.0), (2, 1.0, 1.1), (5, 1.1, 1.5), (5, 1.5, 2.0), (5, 2.0, 2.1)]:
+    rows = [0.9, 1.0, 1.1, 1.5, 2.0, 2.1]
+    for dropped, (before_s, after_s) in zip([0, 2, 5, 5, 5], pairwise(rows), strict=True):
         lost.look(dropped, before_s, after_s)
     assert str(lost) == "1.00–2.00 s"
     for t in (4, 6, 8):

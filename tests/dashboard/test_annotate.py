@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from harness.processes import CAESURA, Process, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
+DAY_S = 1_700_000_000.0  # when a recording with times of day begins
 STEPS_TO_A_SECOND = 20  # of 0.05 s
 
 
@@ -176,6 +178,46 @@ def test_keys_before_the_connection_stands_keep_their_order(file: Path, annotati
         )
         expect(page.locator(".message")).to_contain_text("guided.ann.json")
     assert json.loads(annotation.read_text(encoding="utf-8"))["changepoints"][0]["tol"] == 0.1
+
+
+def test_what_goes_to_a_changepoint_waits_for_the_one_that_is_being_made(
+    file: Path, annotation: Path, visitor: Visitor
+):
+    """Keys that came before the answer to an edit went to the changepoints before it, or past one."""
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        expect(page.locator(".selection")).to_contain_text("1 changepoint, saved")
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND)
+        page.evaluate(
+            """() => {
+              const canvas = document.querySelector("canvas");
+              const keys = ["d", "ArrowRight", "[", "x", "]", "[", "ArrowLeft", "c"];
+              for (const key of keys) canvas.dispatchEvent(new KeyboardEvent("keydown", { key }));
+            }"""
+        )
+        expect(page.locator(".message")).to_have_text("corner at 0.450 s")
+        expect(page.locator(".selection")).to_contain_text("2 changepoints, not saved")
+        press(page, "s")
+        expect(page.locator(".message")).to_contain_text("guided.ann.json")
+    assert [point.t for point in read_annotation(annotation).points] == [0.45, 0.5]
+
+
+def test_times_of_day_are_shown_from_the_start(tmp_path: Path, visitor: Visitor):
+    """The cursor, the marks and the axis had ten digits before the point."""
+    file = tmp_path / "day.npz"
+    replace(guided(), t=guided().t + DAY_S).save(file)
+    with running(Annotate(file)) as tool:
+        page = opened(tool, visitor)
+        press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "q")
+        expect(page.locator(".message")).to_have_text("start at 1.000 s")
+        expect(page.locator(".selection")).to_contain_text("Time 1.000 s")
+        expect(page.locator(".selection")).to_contain_text("start at 1.000 s")
+        start = "Times [s] from 2023-11-14 22:13:20 UTC on, the start;"
+        assert visitor.page.locator("body").inner_text().count(start) == 1
+        press(page, "s")
+        expect(page.locator(".message")).to_contain_text("day.ann.json")
+        assert visitor.errors == []
+    assert [point.t for point in read_annotation(file.with_suffix(".ann.json")).points] == [DAY_S + 1.0]
 
 
 def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(shared: Annotate, visitor: Visitor):

@@ -18,7 +18,13 @@ from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.cli.typed_actions import validated, wrong
 from caesura_clients.client import Caesura
-from caesura_clients.correction_words import changepoint_meant, described, effect_words, in_words, no_corrections
+from caesura_clients.correction_words import (
+    changepoint_meant,
+    described,
+    effect_words,
+    in_words,
+    no_corrections,
+)
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.messages import (

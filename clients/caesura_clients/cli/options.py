@@ -52,7 +52,10 @@ ForceLimit = Annotated[
 PathTolerance = Annotated[
     float | None,
     typer.Option(
-        min=0.1, metavar="MM", callback=_finite, help="Of the apps' paths \\[mm]; by default the service's, 2."
+        min=0.1,
+        metavar="MM",
+        callback=_finite,
+        help="Of the apps' paths \\[mm]; by default the service's, 2.",
     ),
 ]
 AngleTolerance = Annotated[

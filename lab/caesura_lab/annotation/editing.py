@@ -27,6 +27,11 @@ SAME_S = 0.001  # points closer than this are one; times are kept in millisecond
 UNDO_STEPS = 1000
 
 
+def milliseconds(t: float) -> float:
+    """Round a time [s] as annotations keep it."""
+    return round(t, 3)
+
+
 class EditError(CaesuraError, ValueError):
     """An edit does not apply at this time; the message says why."""
 
@@ -175,7 +180,7 @@ class AnnotationEditor:
         """Apply an edit of EDITS at t [s], to the millisecond. Raises EditError, which changes nothing."""
         if name not in EDITS:
             raise EditError(f"unknown edit {name!r}, expected one of {list(EDITS)}")
-        self._documents.append(EDITS[name](self.document, round(t, 3)))
+        self._documents.append(EDITS[name](self.document, milliseconds(t)))
 
     def undo(self) -> None:
         """Return to the document before the last edit. Raises EditError where there is none."""

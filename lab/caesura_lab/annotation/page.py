@@ -6,6 +6,7 @@ and the whole annotation is sent back: the page shows what would be saved.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,11 +17,12 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.elements import WEB
 from caesura_clients.dashboard.server import Address, run
-from caesura_lab.annotation.editing import AnnotationEditor, Document, segment_at
+from caesura_lab.annotation.editing import AnnotationEditor, EditError, Entry, milliseconds, segment_at
 from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation
 from caesura_lab.annotations import KINDS
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 ASSETS = "/assets"
 _HEAD = (
@@ -29,19 +31,24 @@ _HEAD = (
 )
 
 
+TIMES = ("t", "t_alt", "t0", "t1")  # of changepoints and segments
 MODULES = {"caesura-dashboard": str(WEB), "caesura-annotate": str(Path(__file__).parent / "web")}
 
 
 class AnnotationSession(NamedTuple):
-    """Annotation that the page edits. name: of the recording; path: of the annotation."""
+    """Annotation that the page edits.
+
+    name: of the recording; path: of the annotation; clock: from when on the page shows times.
+    """
 
     name: str
     path: Path
     editor: AnnotationEditor
     signals: PlottedSignals
+    clock: SessionClock = NO_OFFSET
 
     def run_command(self, command: str, t: float) -> str:
-        """Carry out a command of the page and return a message. Raises CaesuraError."""
+        """Carry out a command at a time of the page [s] and return a message. Raises CaesuraError."""
         if command == "save":
             save_annotation(self.editor.document, self.path)
             self.editor.mark_saved()
@@ -49,39 +56,48 @@ class AnnotationSession(NamedTuple):
         if command == "undo":
             self.editor.undo()
             return "undone"
-        t = round(t, 3)
-        self.editor.edit(command, t)
+        t = milliseconds(t + self.clock.start_s)
+        try:
+            self.editor.edit(command, t)
+        except EditError as error:
+            raise EditError(self.clock.text(str(error))) from error
         at = segment_at(self.editor.document, t)
         if command in KINDS and at is not None:
-            return f"{command} from {_extent(self.editor.document, at)}"
-        return f"{command} at {t:.3f} s"
+            return f"{command} from {self._extent(at)}"
+        return f"{command} at {self.clock.shown(t, 3)} s"
 
     def state(self, message: str = "", *, failed: bool = False) -> dict[str, Any]:
         """Return what the browser shows of the annotation."""
         document = self.editor.document
         return {
-            "window": list(document["window"]),
-            "points": [dict(point) for point in document["changepoints"]],
-            "segments": [dict(segment) for segment in document["segments"]],
+            "window": [self._shown(t) for t in document["window"]],
+            "points": [self._as_shown(point) for point in document["changepoints"]],
+            "segments": [self._as_shown(segment) for segment in document["segments"]],
             "saved": self.editor.is_saved,
             "message": message,
             "failed": failed,
         }
 
+    def _shown(self, t: float) -> float:
+        return milliseconds(t - self.clock.start_s) if self.clock.start_s else t
 
-def _extent(document: Document, index: int) -> str:
-    """State which part a segment is, and which changepoints lie within it."""
-    segment = document["segments"][index]
-    within = [
-        point
-        for point in document["changepoints"]
-        if point["level"] == "major" and segment["t0"] < point["t"] < segment["t1"]
-    ]
-    extent = f"{segment['t0']:.2f} to {segment['t1']:.2f} s"
-    if not within:
-        return extent
-    many = "changepoint" if len(within) == 1 else "changepoints"
-    return f"{extent}, over {len(within)} major {many}: remove the class (0) to divide it there"
+    def _as_shown(self, entry: Entry) -> Mapping[str, Any]:
+        return {name: self._shown(value) if name in TIMES else value for name, value in entry.items()}
+
+    def _extent(self, index: int) -> str:
+        """State which part a segment is, and which changepoints lie within it."""
+        document = self.editor.document
+        segment = document["segments"][index]
+        within = [
+            point
+            for point in document["changepoints"]
+            if point["level"] == "major" and segment["t0"] < point["t"] < segment["t1"]
+        ]
+        extent = f"{self.clock.shown(segment['t0'])} to {self.clock.shown(segment['t1'])} s"
+        if not within:
+            return extent
+        many = "changepoint" if len(within) == 1 else "changepoints"
+        return f"{extent}, over {len(within)} major {many}: remove the class (0) to divide it there"
 
 
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
@@ -90,7 +106,7 @@ class AnnotationView(Element, component="web/annotate.js", esm=MODULES):
     def __init__(self, annotation_session: AnnotationSession) -> None:
         super().__init__()
         self._annotation_session = annotation_session
-        self._props["signals"] = annotation_session.signals.as_payload()
+        self._props["signals"] = annotation_session.signals.as_payload(annotation_session.clock.start_s)
         self._props["initial"] = annotation_session.state()
         self.on("command", self._run_command)
 
@@ -114,6 +130,8 @@ def serve(annotation_session: AnnotationSession, address: Address) -> None:
         ui.page_title(f"{annotation_session.name} · Caesura annotate")
         ui.add_head_html(_HEAD)
         TextElement(tag="h1", text=annotation_session.name)
+        if words := annotation_session.clock.words:
+            TextElement(tag="p", text=f"{words[0].upper()}{words[1:]}; the file has the recording's own.")
         AnnotationView(annotation_session)
 
     run(address)

@@ -45,10 +45,10 @@ class PlottedSignals(NamedTuple):
             f"{span:.0f} s; parts of at most {MAX_ROWS / PLOT_HZ:.0f} s have one every {1 / PLOT_HZ:g} s"
         )
 
-    def as_payload(self) -> dict[str, Any]:
-        """Return the signals as the browser takes them: lists, one a line."""
+    def as_payload(self, start_s: float = 0.0) -> dict[str, Any]:
+        """Return the signals as the browser takes them: lists, one a line; times count from start_s [s]."""
         return {
-            "t": np.round(self.t, 4).tolist(),
+            "t": np.round(self.t - start_s, 4).tolist(),
             "speed": np.round(self.speed, 3).tolist(),
             "position": np.round(self.position.T, 3).tolist(),
             "force": None if self.force is None else np.round(self.force.T, 3).tolist(),

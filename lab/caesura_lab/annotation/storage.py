@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from caesura_lab.annotation.editing import Document
+from caesura_lab.annotation.editing import Document, milliseconds
 from caesura_lab.annotations import SUFFIX, RecordingSource, TruthError, read_annotation, truth_of
 from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
@@ -56,7 +56,7 @@ def new_annotation(recording: Recording, source: Path, annotator: str) -> Docume
     hashed = {"recording": {"file": source.name, "sha256": _sha256(source)}} if source.is_file() else {}
     return {
         "file": source.name,
-        "window": [round(float(recording.t.min()), 3), round(float(recording.t.max()), 3)],
+        "window": [milliseconds(float(recording.t.min())), milliseconds(float(recording.t.max()))],
         "wrench_source": recording.wrench_source,
         "hand_on_robot": recording.hand_on_robot,
         "hand_force_in_wrench": _hand_in_wrench(recording),

@@ -22,6 +22,7 @@ from caesura_clients.cli.options import (
 from caesura_lab.annotations import truth_file
 from caesura_lab.commands.options import Mapping, RecordingFile
 from caesura_protocol.formats.read import load_recording
+from caesura_protocol.session_clock import clock_from
 
 DEFAULT_PORT = 8081
 
@@ -47,7 +48,7 @@ def annotate(
 ) -> None:
     """Mark boundaries and classes of a recording by hand, in a browser on this machine."""
     from caesura_clients.dashboard.server import Address, check_free  # noqa: PLC0415
-    from caesura_lab.annotation.editing import AnnotationEditor  # noqa: PLC0415
+    from caesura_lab.annotation.editing import AnnotationEditor, milliseconds  # noqa: PLC0415
     from caesura_lab.annotation.page import AnnotationSession, serve  # noqa: PLC0415
     from caesura_lab.annotation.signals import plotted_signals  # noqa: PLC0415
     from caesura_lab.annotation.storage import (  # noqa: PLC0415
@@ -80,7 +81,8 @@ def annotate(
         editor = AnnotationEditor(document)
         signal.signal(signal.SIGTERM, _interrupt)  # as Ctrl-C
         with suppress(KeyboardInterrupt):
-            serve(AnnotationSession(file.name, path, editor, signals), address)
+            clock = clock_from(milliseconds(float(recording.t.min())))
+            serve(AnnotationSession(file.name, path, editor, signals, clock), address)
         if not editor.is_saved:
             draft = save_draft(editor.document, path)
             typer.echo(f"not saved: the marks are in {draft}; rename it to {path} to keep them", err=True)

@@ -110,9 +110,7 @@ def _ranges(numbers: Sequence[int]) -> str:
     >>> _ranges([1, 2, 3, 5])
     '1 to 3, 5'
     """
-    ranges = [
-        f"{first} to {stop - 1}" if stop - first > 1 else f"{first}" for first, stop in _runs(numbers)
-    ]
+    ranges = [f"{first} to {stop - 1}" if stop - first > 1 else f"{first}" for first, stop in _runs(numbers)]
     return ", ".join([*(["…"] if len(ranges) > NAMED_RANGES else []), *ranges[-NAMED_RANGES:]])
 
 

@@ -23,7 +23,8 @@ export default {
     };
   },
   created() {
-    this.commands = []; // that the server has not answered
+    this.isAsked = false; // a command that the server has not answered
+    this.waiting = []; // actions behind it
     this.show(this.initial);
   },
   mounted() {
@@ -63,15 +64,22 @@ export default {
       Object.assign(this, state);
       this.redraw();
     },
-    // One command at a time: before the connection stands, events do not arrive in the order of the keys.
+    // In the order of the keys; what needs the marks, and what is behind it, waits for the answer to a command.
+    act(action, needsMarks = false) {
+      if (this.waiting.length || (needsMarks && this.isAsked)) this.waiting.push(action);
+      else action();
+    },
+    // One at a time: before the connection stands, events do not arrive in the order of the keys.
     command(name) {
-      this.commands.push({ name, t: this.cursor });
-      if (this.commands.length === 1) this.$emit("command", this.commands[0]);
+      this.act(() => {
+        this.isAsked = true;
+        this.$emit("command", { name, t: this.cursor });
+      }, true);
     },
     answered(state) {
       this.show(state);
-      this.commands.shift();
-      if (this.commands.length) this.$emit("command", this.commands[0]);
+      this.isAsked = false;
+      while (this.waiting.length && !this.isAsked) this.waiting.shift()();
     },
     key(event) {
       if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -85,16 +93,16 @@ export default {
         PageDown: () => this.pan(0.5),
         Home: () => this.goto(this.first),
         End: () => this.goto(this.last),
-        "[": () => this.hop(-1),
-        "]": () => this.hop(1),
         v: () => this.toggleWindow(),
       };
       const pressed = event.key.length === 1 ? event.key.toLowerCase() : event.key; // the caps lock may be on
       const known = keys.find(({ key, alias }) => key === pressed || alias === pressed);
-      const action = actions[pressed] || (known && (() => this.command(known.name)));
-      if (!action) return;
+      const hops = { "[": -1, "]": 1 };
+      if (pressed in hops) this.act(() => this.hop(hops[pressed]), true);
+      else if (pressed in actions) this.act(actions[pressed]);
+      else if (known) this.command(known.name);
+      else return;
       event.preventDefault();
-      action();
     },
     goto(t) {
       this.cursor = milliseconds(Math.min(Math.max(t, this.first), this.last));
@@ -121,7 +129,8 @@ export default {
       this.to = Math.min(this.from + span, this.last);
     },
     pressed(event) {
-      this.goto(this.scale().t(event.offsetX));
+      const t = this.scale().t(event.offsetX);
+      this.act(() => this.goto(t));
     },
     wheeled(event) {
       const at = this.scale().t(event.offsetX);

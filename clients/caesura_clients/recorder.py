@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
@@ -155,9 +154,8 @@ class RecordedSession:
         """Return what is missing from the recording, empty where nothing is."""
         said = []
         if self.recorder.lost:
-            said.append(
-                f"{self.recorder.lost} of {self.recorder.known + 1} batches are missing: gaps{self._gap_times}"
-            )
+            count = f"{self.recorder.lost} of {self.recorder.known + 1} batches"
+            said.append(f"{count} are missing: gaps{self._gap_times()}")
         status = None if self.snapshot is None else self.snapshot.status
         if status is None:
             said.append(
@@ -170,13 +168,13 @@ class RecordedSession:
             said.append("the session goes on")
         return "; ".join(said)
 
-    @property
     def _gap_times(self) -> str:
-        clock = clock_from(float(self.recording.t[0]))
-        newest = [clock.interval(t0, tn) for t0, tn in deque(self.recorder.holes(), maxlen=NAMED_HOLES)]
-        if not newest:
+        clock, holes = clock_from(float(self.recording.t[0])), [*self.recorder.holes()]
+        if not holes:
             return " before the first sample or after the last"
-        return f", the newest at {', '.join(newest)} s" + (f" ({clock.words})" if clock.words else "")
+        which = "the newest at" if len(holes) > NAMED_HOLES else "at"
+        times = ", ".join(clock.interval(t0, tn) for t0, tn in holes[-NAMED_HOLES:])
+        return f" {which} {times} s" + (f" ({clock.words})" if clock.words else "")
 
 
 def record(

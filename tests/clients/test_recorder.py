@@ -62,8 +62,8 @@ def test_what_is_missing_in_the_end_is_named_with_its_time():
     for seq in {*range(60)} - {5, 6, 10, 20, 30}:
         recorder.add_batch(batch(seq))
     recorded = RecordedSession(recorder.recording(None), snapshot(0), recorder, closed=True)
-    times = "the newest at 0.20–0.22 s, 0.40–0.42 s, 0.60–0.62 s"
-    assert recorded.missed.startswith(f"5 of 60 batches are missing: gaps, {times}")
+    times = "the newest at 0.20–0.22, 0.40–0.42, 0.60–0.62 s"
+    assert recorded.missed.startswith(f"5 of 60 batches are missing: gaps {times}")
     late = Recorder("s1")
     late.add_batch(batch(3))
     recorded = RecordedSession(late.recording(None), snapshot(0), late, closed=True)

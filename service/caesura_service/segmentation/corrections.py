@@ -104,14 +104,14 @@ def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
         yield indices[first], indices[stop - 1] + 1
 
 
-def _ranges(numbers: Sequence[int]) -> str:
-    """State rising numbers.
+def _ranges(numbers: Sequence[int]) -> list[int | str]:
+    """State rising numbers, those that follow each other together.
 
     >>> _ranges([1, 2, 3, 5])
-    '1 to 3, 5'
+    ['1 to 3', 5]
     """
-    ranges = [f"{first} to {stop - 1}" if stop - first > 1 else f"{first}" for first, stop in _runs(numbers)]
-    return ", ".join([*(["…"] if len(ranges) > NAMED_RANGES else []), *ranges[-NAMED_RANGES:]])
+    ranges = [f"{first} to {stop - 1}" if stop - first > 1 else first for first, stop in _runs(numbers)]
+    return [*(["…"] if len(ranges) > NAMED_RANGES else []), *ranges[-NAMED_RANGES:]]
 
 
 @dataclass(frozen=True)

@@ -439,7 +439,7 @@ def test_a_correction_that_is_not_there_cannot_be_taken_back(number: int, why: s
     history = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), TakeBack(number=1))
     with pytest.raises(ProtocolError, match=why) as caught:
         _with(history, TakeBack(number=number))
-    assert caught.value.expected == "2"
+    assert caught.value.expected == [2]
 
 
 def test_a_refusal_to_take_back_names_every_correction_that_there_is():
@@ -447,15 +447,15 @@ def test_a_refusal_to_take_back_names_every_correction_that_there_is():
     five = _with(EditHistory(), *(Insert(t=float(t)) for t in range(1, 6)))
     with pytest.raises(ProtocolError, match="no such correction") as caught:
         _with(five, TakeBack(number=99))
-    assert (caught.value.value, caught.value.expected) == (99, "1 to 5")
+    assert (caught.value.value, caught.value.expected) == (99, ["1 to 5"])
     with pytest.raises(ProtocolError) as caught:
         _with(five, TakeBack(number=2), TakeBack(number=2))
-    assert caught.value.expected == "1, 3 to 5"
+    assert caught.value.expected == [1, "3 to 5"]
     many = _with(EditHistory(), *(Insert(t=float(t)) for t in range(1, 101)))
     alternate = _with(many, *(TakeBack(number=number) for number in range(2, 101, 2)))
     with pytest.raises(ProtocolError) as caught:
         _with(alternate, TakeBack(number=2))
-    assert caught.value.expected == ", ".join(["…", *map(str, range(69, 101, 2))])
+    assert caught.value.expected == ["…", *range(69, 101, 2)]
 
 
 def history_of(pipeline: Pipeline, *actions: Action) -> tuple[Pipeline, EditHistory]:

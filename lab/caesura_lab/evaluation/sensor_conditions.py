@@ -25,6 +25,12 @@ def _as_recorded(recording: Recording, _: np.random.Generator) -> Recording:
     return recording
 
 
+def _begun_later(later_s: float, recording: Recording, _: np.random.Generator) -> Recording:
+    """Leave out the first samples: the grid begins with the first one, and so with another phase."""
+    first = int(np.searchsorted(recording.t, recording.t[0] + later_s))
+    return _rows(recording, np.arange(first, len(recording.t)))
+
+
 def _at_rate(rate_hz: float, recording: Recording, _: np.random.Generator) -> Recording:
     """Keep the first sample at or after each tick."""
     t = recording.t
@@ -110,6 +116,9 @@ def _changed(recording: Recording, names: Sequence[str], change: Callable[[Array
 # What is done to a recording, by name; positions are in metres.
 CONDITIONS: Mapping[str, Callable[[Recording, np.random.Generator], Recording]] = {
     "as recorded": _as_recorded,
+    "begun 25 ms later": partial(_begun_later, 0.025),
+    "begun 50 ms later": partial(_begun_later, 0.05),
+    "begun 75 ms later": partial(_begun_later, 0.075),
     "50 Hz": partial(_at_rate, 50.0),
     "20 Hz": partial(_at_rate, 20.0),
     "10 Hz": partial(_at_rate, 10.0),

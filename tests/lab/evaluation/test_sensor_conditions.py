@@ -39,6 +39,13 @@ def of(recording: Recording, *names: str) -> np.ndarray:
     return np.column_stack([recording.signals[name] for name in names])
 
 
+def test_a_recording_that_begins_later_has_the_same_samples():
+    later = under("begun 50 ms later")
+    left_out = len(BASE.t) - len(later.t)
+    assert BASE.t[left_out - 1] < BASE.t[0] + 0.05 <= later.t[0]
+    np.testing.assert_array_equal(later.matrix(), BASE.matrix()[left_out:])
+
+
 @pytest.mark.parametrize(("condition", "rate_hz"), [("50 Hz", 50.0), ("20 Hz", 20.0), ("10 Hz", 10.0)])
 def test_a_lower_rate_keeps_samples_that_were_measured(condition: str, rate_hz: float):
     slower = under(condition)
@@ -138,9 +145,10 @@ def test_the_suite_has_every_recording_under_every_condition(tmp_path: Path):
     cases = suite("sensors", SuiteOptions(data=BUTTON.parent, annotations=annotations))
     button = [case for case in cases if case.name.endswith(BUTTON.name)]
     assert [case.group for case in button] == list(CONDITIONS)
-    noisy, truth_of_it = pickle.loads(pickle.dumps(button[6])).load()
-    assert truth_of_it.robot == button[6].group
-    again, _ = button[6].load()
+    of_noise = next(case for case in button if case.group == "position noise 1 mm")
+    noisy, truth_of_it = pickle.loads(pickle.dumps(of_noise)).load()
+    assert truth_of_it.robot == of_noise.group
+    again, _ = of_noise.load()
     np.testing.assert_array_equal(noisy.matrix(), again.matrix())
 
 

@@ -43,10 +43,9 @@ def test_targets_forces_and_loads_have_their_units():
     )  # fmt: skip
     assert lines(one) == {
         "target": "(300, -100, 250) mm",
-        "force": "(0.0, 0.0, -9.0) N",
+        "force": "(0.0, 0.0, -9.0) N, limited to 9.0 N of 12.0 N taught",
         "path": "375 mm, turns 115°, 1 via point, within 1.0 mm",
         "turn": "115° about (0.00, 0.00, -1.00), 1.95 ± 0.02 mm a turn, 0.75 Nm",
-        "taught": "(0.0, 0.0, -12.0) N: 9.0 N of 12.0 N taught",
         "rests": "20.0 N of 25.5 N taught before",
         "load": "0.25 ± 0.01 kg",
         "gripper": "40 mm",

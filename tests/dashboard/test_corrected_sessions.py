@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -244,7 +245,11 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
         page.goto(f"{stage.dashboard.url}/sessions/cell-touch/over")
         expect(page.locator(".app").first).to_be_visible()
         operator = Operator.at(page, visitor)
+        expect(page.locator(".selection")).to_have_text(
+            "Tap a time in the plot, or hold your finger there to correct it."
+        )
         operator.touch_for_long(T)
+        expect(page.locator(".correct")).to_have_attribute("title", re.compile("a long press"))
         menu = page.locator(".correct-menu")
         menu.locator(".insert").tap()
         expect(menu.locator(".effect")).to_contain_text("become")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.server
 import json
+import re
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -17,7 +18,7 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
 import nicegui
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 
 from caesura_clients.dashboard.elements import WEB
 from dashboard.browser import THEMES, Theme, needs_chromium
@@ -35,9 +36,10 @@ PAGE = """<!doctype html><link rel="stylesheet" href="/web/style.css">
     fillText.call(this, words, x, y);
   };
 </script><script type="module">
-  import { createApp, h } from "vue";
+  import { createApp, h, shallowRef } from "vue";
   import Path from "caesura-dashboard/program_path.js";
-  createApp({ render: () => h(Path, { rows: ROWS, speeds: [], elsewhere: false }) }).mount("#app");
+  const rows = window.rows = shallowRef(ROWS);
+  createApp({ render: () => h(Path, { rows: rows.value, speeds: [], elsewhere: false }) }).mount("#app");
 </script>"""
 HIGH_PX = 12.0  # of a text, about its middle
 
@@ -112,14 +114,19 @@ def page(browser: Browser) -> Iterator[Page]:
     page.close()
 
 
+def drawn(page: Page) -> list[Text]:
+    """What is written in the drawing two frames from now."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return [Text(*one) for one in page.evaluate("window.texts")]
+
+
 @pytest.mark.parametrize("theme", THEMES)
 @pytest.mark.parametrize("view", ["3D", "top", "front", "side"])
 def test_labels_of_a_path_are_whole_and_apart_on_a_phone(url: str, page: Page, view: str, theme: Theme):
     page.goto(url)
     page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
     page.get_by_role("button", name=view, exact=True).click()
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    texts = [Text(*one) for one in page.evaluate("window.texts")]
+    texts = drawn(page)
     width, height = page.locator("canvas").evaluate("(canvas) => [canvas.clientWidth, canvas.clientHeight]")
     assert any(one.words.startswith("1") for one in texts), "the first app has its number"
     assert any(one.words.endswith(" N") for one in texts) or view == "top", "forces have their sizes"
@@ -127,3 +134,23 @@ def test_labels_of_a_path_are_whole_and_apart_on_a_phone(url: str, page: Page, v
         assert 0.0 <= one.x <= one.x + one.width <= width, one
         assert HIGH_PX / 2 <= one.y <= height - HIGH_PX / 2, one
     assert [(one, other) for one, other in combinations(texts, 2) if one.meets(other)] == []
+
+
+def test_an_app_is_drawn_as_soon_as_the_words_name_it(url: str, page: Page):
+    """It was drawn up to a second later: "3 move" stood above a path of two apps."""
+    page.goto(url)
+    assert "10" not in numbers(drawn(page))
+    more = [*strokes(), row(10, (60.0, 0.0, 120.0), (160.0, 0.0, 120.0))]
+    page.evaluate("(more) => { window.rows.value = more; }", more)
+    assert "10" in numbers(drawn(page))
+    assert " 10 app " in page.locator("output").inner_text()
+
+
+def numbers(texts: list[Text]) -> set[str]:
+    return {number for one in texts for number in re.split("[–, ]+", one.words)}
+
+
+def test_no_zero_of_a_place_has_a_sign(url: str, page: Page):
+    page.goto(url)
+    page.evaluate("(rows) => { window.rows.value = rows; }", [row(1, (300.0, -0.2, 400.0), (300.0, -0.2, 400.0))])
+    expect(page.locator("output")).to_contain_text("(300, 0, 400) mm")

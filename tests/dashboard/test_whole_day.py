@@ -12,12 +12,12 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
-from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
+from dashboard.browser import DESK, PATIENCE_MS, PHONE, SIZES, Visitor, looks_right, needs_chromium, settled
 from dashboard.operator import Operator
 from dashboard.stage import Stage, StandbyBridge, patient
 from dashboard.test_start_stop import described
@@ -31,6 +31,13 @@ LEAST_SHOWN = 35  # of 50 samples a second, in half of that
 INSERTED_S = 1.4  # [s] in the middle of the first movement
 AXES = ("x", "y", "z")
 NAMED = Description(task="wipe the table", operator="Ann", note="calm hand", success=True)
+ARROW_PX = 24  # of a field with suggestions, where the browser draws one
+# Of a field: how much wider it is than the text in it.
+ROOM_PX = """(field) => {
+  const { font, paddingLeft, paddingRight } = getComputedStyle(field);
+  const context = Object.assign(document.createElement("canvas").getContext("2d"), { font });
+  return field.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight) - context.measureText(field.value).width;
+}"""
 # Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
 DRAWN = """([name, from, to]) => {
   const { state, plots } = document.querySelector(".plots").plots;
@@ -72,6 +79,7 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     expect(page.locator(".selection")).to_have_text(
         "Signals and segments are drawn here once a demonstration begins."
     )
+    expect(page.locator(".plots")).to_be_hidden()
     for tools in (".scrub", ".signals"):  # there is nothing to zoom or to choose yet
         expect(page.locator(tools)).to_have_count(0)
     looks_right(visitor, "day-ready")
@@ -79,6 +87,10 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     start.click(trial=True)
     desk.locator(".operator").fill("Ann")
     desk.locator(".task").fill("press the pump")
+    for size in SIZES.values():
+        page.set_viewport_size(size)
+        assert desk.locator(".task").evaluate(ROOM_PX) >= ARROW_PX, f"cut at {size}"
+    page.set_viewport_size(DESK)
     desk.locator(".task").press("Enter")
     expect(desk).to_contain_text("Teaching")
     expect(start).to_be_disabled()
@@ -145,7 +157,15 @@ def edit(visitor: Visitor, number: int) -> None:
     card.locator(".save").click()
     expect(visitor.page.locator(".program-said")).to_contain_text("name set, force set")
     expect(card.locator(".marks")).to_contain_text("force by Ann (taught")
+    expect(card).to_contain_text("limited to 4.0 N of")
+    visitor.page.set_viewport_size(PHONE)
+    assert visible(visitor.page.locator(".app")) == [number], "nothing stands beside the form"
     looks_right(visitor, "day-edited")
+
+
+def visible(cards: Locator) -> list[int]:
+    """The numbers of the cards that are shown, from 0."""
+    return [i for i, one in enumerate(cards.all()) if one.is_visible()]
 
 
 def simulate(visitor: Visitor) -> None:

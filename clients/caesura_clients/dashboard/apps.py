@@ -114,15 +114,12 @@ def card(number: int, app: App) -> dict[str, Any]:
 
 
 def _lines(app: App) -> list[tuple[str, str]]:
-    limited = is_path_limited(app)
-    taught = f"{vector(app.force_taught, 'N', 1)}: {path_force_in_words(app)}" if limited else ""
     return [
         ("target", "" if app.target is None else vector(scaled(app.target, 1000.0), "mm", 0)),
         ("position", app.target_name or ""),
         ("path", path(app)),
         ("turn", "" if app.screw is None else screw_in_words(app.screw)),
-        ("force", vector(app.force, "N", 1)),
-        ("taught", taught),
+        ("force", force(app)),
         ("rests", rests_in_words(app)),
         ("load", load(app)),
         ("gripper", "" if app.gripper_width is None else f"{fixed(1000 * app.gripper_width, 0)} mm"),
@@ -155,6 +152,12 @@ def path(app: App) -> str:
     turned = f"turns {math.degrees(turn):.0f}°, " if turn >= NAMED_TURN_RAD else ""
     way = f"{via} via point{'s' if via > 1 else ''}, {off}" if via else f"straight {off}"
     return f"{fixed(1000 * app.path.length_m, 0)} mm, {turned}{way}"
+
+
+def force(app: App) -> str:
+    """What the robot exerts, and how much of the taught force that is where a limit has cut it."""
+    limited = f", limited to {path_force_in_words(app)}" if is_path_limited(app) else ""
+    return f"{vector(app.force, 'N', 1)}{limited}"
 
 
 def load(app: App) -> str:

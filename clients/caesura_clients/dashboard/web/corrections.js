@@ -1,6 +1,7 @@
 // All corrections of a session, the newest first, with an undo at each.
 import { pointing } from "caesura-dashboard/effect.js";
 import EffectWords from "caesura-dashboard/effect_words.js";
+import { dayAndTime } from "caesura-dashboard/numbers.js";
 
 const OPEN_UP_TO = 8; // corrections, of a list that shows itself
 
@@ -15,7 +16,7 @@ export default {
       <ol v-if="rows.length" tabindex="0" aria-label="Corrections, the newest first">
         <li v-for="[number, words, at, state, reason] in newestFirst" :key="number" :class="state">
           <span class="number">{{ number }}</span><span class="words">{{ words }}<span v-if="reason" class="reason">. Not applied: {{ reason }}</span></span>
-          <time :datetime="date(at).toISOString()" :title="date(at).toLocaleString()">{{ clock(at) }}</time>
+          <time :datetime="date(at).toISOString()">{{ dayAndTime(at) }}</time>
           <span v-if="state === 'undone'" class="state">undone</span>
           <button v-else-if="editable" class="take-back" :disabled="busy" :aria-label="'Undo correction ' + number + ': ' + words"
             title="Take this correction back; the others stay" v-on="pointing(number)"
@@ -41,8 +42,6 @@ export default {
       return pointing(() => this.$emit("preview", { do: "take_back", number }), () => this.$emit("preview", null));
     },
     date: (at) => new Date(1000 * at),
-    clock(at) {
-      return this.date(at).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
-    },
+    dayAndTime,
   },
 };

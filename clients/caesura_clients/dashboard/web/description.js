@@ -1,5 +1,6 @@
 // What people state about a session. Each field is stored when it is left; the last change can be undone.
 import { live } from "caesura-dashboard/live.js";
+import { dayAndTime } from "caesura-dashboard/numbers.js";
 
 const AUTHOR = "caesura-author";
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
@@ -39,7 +40,7 @@ export default {
     stated() {
       const { task, operator, note, tags, success } = this.known;
       const result = success === null ? "" : success ? "succeeded" : "failed";
-      const when = this.opened ? new Date(1000 * this.opened).toLocaleString([], { dateStyle: "medium", timeStyle: "short" }) : "";
+      const when = this.opened ? dayAndTime(this.opened) : "";
       const gone = this.known.deleted ? "deleted" : "";
       return [task || "unnamed", operator, result, tags.join(", "), note, when, gone].filter(Boolean).join(" · ");
     },

@@ -2,6 +2,7 @@
 import uPlot from "caesura-dashboard/vendor/uplot/uPlot.esm.js";
 import { fontOf, Painter } from "caesura-dashboard/canvas.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
+import { fixed } from "caesura-dashboard/numbers.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
 export const LEFT = 64, RIGHT = 12; // beside the plots
@@ -48,8 +49,10 @@ export class Plots {
   value(title, panel, column, i) {
     const label = title.appendChild(document.createElement("span"));
     label.className = `value line-${panel.columns.length === 1 ? 0 : i}`;
-    label.appendChild(document.createElement("i"));
-    label.append(panel.columns.length === 1 ? "" : `${nameOf(column)} `);
+    if (panel.columns.length > 1) { // a line alone is what the title says
+      label.appendChild(document.createElement("i"));
+      label.append(`${nameOf(column)} `);
+    }
     return label.appendChild(document.createElement("output"));
   }
   options(panel, isLast) {
@@ -131,14 +134,14 @@ export class Plots {
       let words = "";
       if (t !== null && panel.name === "load") {
         const one = segments.find(([t0, tn]) => t0 <= t && t <= tn);
-        words = one && one[8] !== null ? `${one[8].toFixed(3)} ± ${(one[9] ?? 0).toFixed(3)}` : "–";
+        words = one && one[8] !== null ? `${fixed(one[8], 3)} ± ${fixed(one[9] ?? 0, 3)}` : "–";
       } else if (t !== null && panel.name === "changepoints") {
         const one = changepoints.find(([at]) => Math.abs(at - t) < (to - from) / 150);
         words = one ? one[1].toFixed(2) : "–";
       } else if (t !== null) {
         const reach = Math.max(2 * (data ? data.bin_s : 0), (to - from) / 400);
         const found = data && nearest(data.points[column], t, data.holes, reach);
-        words = found ? written(panel, found[1] - (off[i] || 0)).toFixed(panel.digits) : "missing";
+        words = found ? fixed(written(panel, found[1] - (off[i] || 0)), panel.digits) : "missing";
       }
       values[i].textContent = words;
     });

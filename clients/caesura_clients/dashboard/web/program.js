@@ -1,4 +1,5 @@
 import { live } from "caesura-dashboard/live.js";
+import { dayAndTime } from "caesura-dashboard/numbers.js";
 import AppCard from "caesura-dashboard/program_card.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 
@@ -54,8 +55,8 @@ export default {
   computed: {
     edited() {
       if (!this.program.author) return "";
-      const at = this.program.edited ? new Date(1000 * this.program.edited).toLocaleTimeString() : "";
-      return `, ${this.program.changed} by ${this.program.author} ${at}`;
+      const at = this.program.edited ? `, ${dayAndTime(this.program.edited)}` : "";
+      return `, ${this.program.changed} by ${this.program.author}${at}`;
     },
   },
   methods: {

@@ -65,6 +65,7 @@ export default {
     toggled(open) {
       this.open = open;
       if (open) Object.assign(this, { draft: this.start(this.app), last: this.app.number, session: "" });
+      else this.$nextTick(() => this.$el.parentElement.scrollIntoView({ block: "nearest", inline: "nearest" })); // others may be shown again
     },
     start({ name, note, target_name, values }) {
       return { name, note, target_name, ...values, target: values.target && [...values.target] };

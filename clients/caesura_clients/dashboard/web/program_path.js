@@ -2,6 +2,7 @@
 // robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
 import { contextOf, fontOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
+import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 
 const VIEWS = { "3D": [-0.7, 0.5], top: [-Math.PI / 2, Math.PI / 2], front: [-Math.PI / 2, 0], side: [0, 0] };
@@ -51,7 +52,7 @@ export default {
       return this.said || (this.elsewhere ? "Another simulation is under way on this dashboard." : "");
     },
     words() {
-      const [x, y, z] = this.place().map((value) => value.toFixed(0));
+      const [x, y, z] = this.place().map((value) => fixed(value, 0));
       const what = this.follows ? "simulated run" : `${this.at.number} ${this.at.words}`;
       return `${this.shown.toFixed(1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
     },
@@ -113,7 +114,8 @@ export default {
         this.followRun(false);
         Object.assign(this, { run: null, said: this.run ? "The program has changed: simulate it again." : this.said, stopped: false });
       }
-      this.painter.soon(GROWS_MS);
+      if (now.length === before.length) this.painter.soon(GROWS_MS);
+      else this.draw(); // the words name the new app
     },
     followRun(follows) {
       if (this.playing) this.play();

@@ -111,7 +111,7 @@ export default {
           <label>Station <input class="station" v-model="form.station" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}" list="known-stations"></label>
           <datalist id="known-stations"><option v-for="one in stations" :key="one" :value="one"></option></datalist>
           <label>Session <input class="session" v-model="form.session" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}"></label>
-          <label class="wide">Task <input class="task" v-model="form.task" maxlength="120" placeholder="may stay empty"></label>
+          <label class="wide">Task <input class="task" v-model="form.task" maxlength="120" placeholder="optional"></label>
         </fieldset>
         <label class="check"><input class="sure" type="checkbox" v-model="form.sure"> The units are right, even where values look implausible</label>
         <p><button class="play-recording large" type="submit" :disabled="state === 'asking'">Play</button>

@@ -1,4 +1,6 @@
 // Where things lie in the plot: time to the right, panels one below the other. Pixels are those of CSS.
+import { fixed } from "caesura-dashboard/numbers.js";
+
 export const MARGIN = { left: 64, right: 12, top: 46, bottom: 24 };
 export const BAND = { top: 3, height: 17 }; // of the phases
 export const GAP = 14; // between panels
@@ -42,5 +44,5 @@ export function ticks(low, high, wanted) {
   const found = [];
   for (let i = first; i * step <= high + step * 1e-9; i += 1) found.push(i * step);
   const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  return found.map((value) => [value, value.toFixed(digits)]);
+  return found.map((value) => [value, fixed(value, digits)]);
 }

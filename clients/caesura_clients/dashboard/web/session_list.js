@@ -1,5 +1,6 @@
 // Every session that the service holds: searched, filtered and sorted in the browser.
 import { live } from "caesura-dashboard/live.js";
+import { dayAndTime } from "caesura-dashboard/numbers.js";
 
 const COLUMNS = [
   ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "by"], ["tags", "tags"],
@@ -97,7 +98,7 @@ export default {
       return this.by === key ? (this.falling ? "descending" : "ascending") : "none";
     },
     shown(key, one) {
-      if (key === "opened") return one.opened ? new Date(1000 * one.opened).toLocaleString([], { dateStyle: "short", timeStyle: "short" }) : "–";
+      if (key === "opened") return one.opened ? dayAndTime(one.opened) : "–";
       if (key === "success") return RESULTS[one.success];
       if (key === "tags") return one.tags.join(", ") || "–";
       if (key === "length") return `${one.length.toFixed(1)} s${one.closed ? "" : ", going on"}`;

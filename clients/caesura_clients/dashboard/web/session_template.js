@@ -10,7 +10,7 @@ const correcting = `
   <div v-if="!linked" class="at-time">
     <p class="selection" role="status">{{ selection }}</p>
     <template v-if="editable">
-      <button v-if="cursor !== null" class="correct" title="What can be corrected at this time (R, or a right click)" @click="openMenu()">Correct …</button>
+      <button v-if="cursor !== null" class="correct" :title="'What can be corrected at this time (R, or ' + opens + ')'" @click="openMenu()">Correct …</button>
       <button v-if="canUndo" class="undo" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>
       <button v-if="canRedo" class="redo" title="Make it once more (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
     </template>
@@ -70,7 +70,7 @@ export const template = `
     ${signals}
     ${correcting}
     <p v-if="trouble" class="trouble" role="status">{{ trouble }}</p>
-    <div class="plots-frame">
+    <div v-show="session" class="plots-frame">
     <div ref="plots" class="plots" :class="{ takes: canTake }" tabindex="0" role="application" :aria-describedby="linked ? null : 'plot-help'"
       :aria-label="'Signals against time, with segments and changepoints' + (linked ? ' of ' + station : '')" @pointerdown="pressed" @pointermove="dragged"
       @pointerup="released" @pointercancel="released" @wheel.prevent="wheeled" @keydown="key"

@@ -7,6 +7,7 @@ import EffectWords from "caesura-dashboard/effect_words.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
+import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
 import { pair } from "caesura-dashboard/pair.js";
 import { Plots } from "caesura-dashboard/plots.js";
@@ -24,8 +25,8 @@ const ROUNDED = 5e-4; // [s] by which the times of rows are off
 const PLAY_S = 0.1, LISTED = 30;
 // What a hint says where a finger points, and where a mouse does.
 const POINTING = matchMedia("(pointer: coarse)").matches
-  ? { choose: "Tap", correct: "hold your finger there to correct it", move: "drag it to see another time" }
-  : { choose: "Click", correct: "right-click it to correct", move: "use the arrow keys in it" };
+  ? { choose: "Tap", correct: "hold your finger there to correct it", move: "drag it to see another time", opens: "a long press" }
+  : { choose: "Click", correct: "right-click it to correct", move: "use the arrow keys in it", opens: "a right click" };
 const SURE = 2; // standard deviations of a load that is there
 
 const empty = () => ({
@@ -59,7 +60,7 @@ export default {
       span: 30, end: null, cursor: null, selected: null, ghost: null, marked: null, columns: null, playing: false, listed: false,
       author: localStorage.getItem(AUTHOR) || "", draft: "", asked: null, busy: false, message: "", failed: false,
       menu: null, canTake: false, relabelled: null, inList: false,
-      kinds: KINDS, chosen: chosen(), trouble: "",
+      kinds: KINDS, opens: POINTING.opens, chosen: chosen(), trouble: "",
     };
   },
   created() {
@@ -139,7 +140,7 @@ export default {
       const t = this.relabelled;
       const one = t === null ? undefined : this.segments.find(([t0, tn]) => t0 <= t && t <= tn);
       if (!one || one[2] !== "transport" || one[8] === null || Math.abs(one[8]) > SURE * (one[9] ?? 0)) return "";
-      return `Its load is ${(1000 * one[8]).toFixed(0)} ± ${(1000 * (one[9] ?? 0)).toFixed(0)} g: is something carried there? Undo takes it back.`;
+      return `Its load is ${fixed(1000 * one[8], 0)} ± ${fixed(1000 * (one[9] ?? 0), 0)} g: is something carried there? Undo takes it back.`;
     },
   },
   methods: {

@@ -17,10 +17,10 @@ export default {
       <div class="desk-words"><p class="desk-state" role="status">{{ words }}</p>
         <p id="desk-why" class="desk-why" role="status" :class="{ failed }">{{ message || why || outcome }}</p></div>
       <form v-if="state" @submit.prevent="start">
-        <label>Task <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
-          placeholder="may stay empty" autocomplete="off"></label>
+        <label class="wide">Task <input class="task" v-model="task" @input="typed = true" maxlength="120" list="desk-tasks"
+          placeholder="optional" autocomplete="off"></label>
         <datalist id="desk-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
-        <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="may stay empty" autocomplete="name"></label>
+        <label>Operator <input class="operator" v-model="operator" maxlength="64" placeholder="optional" autocomplete="name"></label>
         <button class="start large" type="submit" :disabled="!canStart || busy !== ''" aria-describedby="desk-why">Start</button>
         <button class="stop large" type="button" :disabled="!canStop || busy !== ''" @click="stop" aria-describedby="desk-why">Stop</button>
       </form>

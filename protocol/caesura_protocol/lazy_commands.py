@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
-from caesura_protocol.option_words import values_named
+from caesura_protocol.option_words import check_finite, values_named
 
 
 class LazyCommand(TyperCommand):
@@ -39,7 +39,9 @@ class LazyCommand(TyperCommand):
     def make_context(self, *args: Any, **options: Any) -> Any:
         """Parse what was typed by the command's own options, and run that command then."""
         with values_named():
-            return self.load().make_context(*args, **options)
+            context = self.load().make_context(*args, **options)
+            check_finite(context)
+            return context
 
 
 def add_command(app: typer.Typer, name: str, place: str, *, takes_numbers: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -19,6 +20,16 @@ def values_named() -> Iterator[None]:
             low, high = (getattr(refusal.param, end, None) for end in ("min", "max"))
             refusal.message = _in_words(findings()[0], low, high)
         raise
+
+
+def check_finite(context: typer.Context) -> None:
+    """Refuse a number that is infinite or none where the option has limits. Raises typer.BadParameter."""
+    for param in context.command.params:
+        ends = [getattr(param, end, None) for end in ("min", "max")]
+        value = context.params.get(param.name or "")
+        if isinstance(value, float) and not math.isfinite(value) and any(end is not None for end in ends):
+            message = f"'{value:g}', expected a finite number{limits(*ends)}"
+            raise typer.BadParameter(message, context, param_hint=f"'{param.opts[0]}'")
 
 
 def _in_words(finding: dict[str, Any], low: float | None, high: float | None) -> str:

@@ -62,6 +62,17 @@ def test_no_limit_of_a_cell_is_infinite(option: str) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "command",
+    [("serve", "--journal-days"), ("serve", "--instance-silence-s"), ("evaluate", "--slack")],
+    ids=" ".join,
+)
+def test_a_number_with_a_limit_is_finite(command: tuple[str, ...]) -> None:
+    """It was accepted."""
+    said = refusal(*command, "inf")
+    assert f"Invalid value for '{command[1]}': 'inf', expected a finite number of " in said
+
+
 def test_a_word_that_is_no_choice_is_named_with_the_choices() -> None:
     """It began with "Value error"."""
     assert "'--success': 'maybe' is not one of 'yes', 'no'" in refusal("stop", "cell", "--success", "maybe")

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from playwright.sync_api import Page, expect
 
 from caesura_lab.annotations import read_annotation
 from clients.conftest import free_port
-from dashboard.browser import PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium
+from dashboard.browser import PATIENCE_MS, PHONE, TABLET, THEMES, Visitor, needs_chromium
 from harness.demonstrations import guided
 from harness.processes import CAESURA, Process, running
 
@@ -230,6 +231,20 @@ def test_a_click_sets_the_cursor_and_a_button_does_what_its_key_does(shared: Ann
     expect(said).to_contain_text(re.compile(r"nearest: corner at \d\.\d{3} s"))
     at = float(re.search(r"Time (\d\.\d{3})", said.inner_text()).group(1))  # type: ignore[union-attr]
     assert at == pytest.approx(guided().t[-1] / 2, rel=0.1)
+
+
+def test_on_a_phone_the_buttons_are_apart_and_leave_room_for_the_plot(shared: Annotate, visitor: Visitor):
+    """They touched each other, and filled half of the screen."""
+    visitor.page.set_viewport_size(PHONE)
+    page = opened(shared, visitor)
+    boxes = page.locator(".tools button").evaluate_all(
+        "(all) => all.map((one) => one.getBoundingClientRect()).map((box) => [box.left, box.right, box.top])"
+    )
+    assert all(left - right > 3 for (_, right, y), (left, _, top) in pairwise(boxes) if y == top)
+    tools = page.locator(".tools").bounding_box()
+    assert tools is not None
+    assert tools["height"] < PHONE["height"] / 3
+    assert visitor.sideways_px() <= 0
 
 
 def test_a_key_with_caps_lock_does_what_it_does_without(file: Path, visitor: Visitor):

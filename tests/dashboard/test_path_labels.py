@@ -152,5 +152,5 @@ def numbers(texts: list[Text]) -> set[str]:
 
 def test_no_zero_of_a_place_has_a_sign(url: str, page: Page):
     page.goto(url)
-    page.evaluate("(rows) => { window.rows.value = rows; }", [row(1, (300.0, -0.2, 400.0), (300.0, -0.2, 400.0))])
+    page.evaluate("(rows) => { window.rows.value = rows; }", [row(1, *[(300.0, -0.2, 400.0)] * 2)])
     expect(page.locator("output")).to_contain_text("(300, 0, 400) mm")

@@ -36,7 +36,8 @@ ARROW_PX = 24  # of a field with suggestions, where the browser draws one
 ROOM_PX = """(field) => {
   const { font, paddingLeft, paddingRight } = getComputedStyle(field);
   const context = Object.assign(document.createElement("canvas").getContext("2d"), { font });
-  return field.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight) - context.measureText(field.value).width;
+  const used = parseFloat(paddingLeft) + parseFloat(paddingRight) + context.measureText(field.value).width;
+  return field.clientWidth - used;
 }"""
 # Of a panel, by column: the samples in a range of time, and what its title says is taken off them.
 DRAWN = """([name, from, to]) => {

@@ -7,6 +7,7 @@ const DASHES = [[], [7, 2], [3, 2, 1, 2]]; // x, y, z
 const LOG_SPEEDS = [1, 10, 100, 1000];
 const GUIDES = [5, 10]; // mm/s: between them a movement starts and stops, as the protocol has it
 const LEAST_SPEED = 0.3;
+const TITLE = 18; // pixels above what is drawn in a panel
 
 export function linesOf({ position, force, unit }) { // what each colour and dash stands for
   const joints = position.map((_, i) => `q${i + 1}`);
@@ -58,10 +59,11 @@ function drawPanel(context, scale, [y0, y1], panel, { signals }, ink) {
   const shown = panel.lines.flatMap(({ values }) => values.slice(begin, end + 1));
   const [low, high] = panel.log ? [LEAST_SPEED, 1.3 * Math.max(20, max(shown))] : limits(shown, panel.zero);
   const map = panel.log ? (v) => Math.log(Math.max(v, LEAST_SPEED)) : (v) => v;
-  const y = (v) => y1 - ((map(v) - map(low)) / (map(high) - map(low))) * (y1 - y0);
+  const top = y0 + TITLE;
+  const y = (v) => y1 - ((map(v) - map(low)) / (map(high) - map(low))) * (y1 - top);
   context.save();
   context.beginPath();
-  context.rect(scale.x0, y0, scale.x1 - scale.x0, y1 - y0);
+  context.rect(scale.x0, top, scale.x1 - scale.x0, y1 - top);
   context.clip();
   if (panel.log) guides(context, scale, y, ink);
   for (const one of panel.lines) line(context, scale, signals.t, one, [begin, end], y);
@@ -100,14 +102,10 @@ function line(context, scale, t, { values, colour, dash, width }, [begin, end], 
 function frame(context, scale, [y0, y1], title, ink) {
   context.strokeStyle = ink.rule;
   context.strokeRect(scale.x0 + 0.5, Math.round(y0) + 0.5, scale.x1 - scale.x0 - 1, Math.round(y1 - y0) - 1);
-  context.globalAlpha = 0.4;
-  context.fillStyle = ink.paper;
-  context.fillRect(scale.x0 + 4, y0 + 3, context.measureText(title).width + 8, 16);
-  context.globalAlpha = 1;
   context.fillStyle = ink.text;
   context.textAlign = "left";
   context.textBaseline = "middle";
-  context.fillText(title, scale.x0 + 8, y0 + 11);
+  context.fillText(title, scale.x0 + 8, y0 + TITLE / 2 + 1);
 }
 
 function drawClasses(context, scale, { segments }, ink) {

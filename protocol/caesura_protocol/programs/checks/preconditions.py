@@ -1,12 +1,20 @@
-"""What must hold before an app is run: a contact before a press, something in the fingers before a carry."""
+"""What must hold before an app is run: a contact before a press, something in the fingers before a carry.
+
+At a contact a tool is not turned to where the next path begins: its tip would be driven into the surface.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
 from caesura_protocol.messages import App
+from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
+from caesura_protocol.rotations import angle_between
+
+TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 
 
 def order_findings(apps: Sequence[App]) -> list[Finding]:
@@ -20,6 +28,8 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         if reason:
             began = _begins_in_contact(app) if APP_KINDS[app.kind].presses and not moved else ""
             found.append(Finding("error", index, app.kind, reason + began))
+        if touching and (turned := _turned(apps[index - 1], app)) > TURN_AT_CONTACT_RAD:
+            found.append(_turned_at_contact(index, app, turned))
         if app.kind == "grasp" and not moved:
             found.append(Finding("warning", index, app.kind, _begins_at(app)))
         if app.kind == "grasp":
@@ -34,6 +44,23 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         reason = "grasps what is never released: an app 'move gripper' must follow"
         found.append(Finding("error", holding, apps[holding].kind, reason))
     return found
+
+
+def _turned(before: App, app: App) -> float:
+    """By which angle [rad] a tool turns from the end of an app to where the path of the next one begins."""
+    begins = None if app.path is None else app.path.start.orientation
+    if begins is None or before.orientation is None:
+        return 0.0
+    return angle_between(before.orientation, begins)
+
+
+def _turned_at_contact(index: int, app: App, turned: float) -> Finding:
+    found, limit = math.degrees(turned), math.degrees(TURN_AT_CONTACT_RAD)
+    reason = (
+        f"begins turned by {fixed(found, 0)}° from where the app before it ends, in contact, expected at most "
+        f"{fixed(limit, 0)}°: teach it again, or insert a move away from the surface before it"
+    )
+    return Finding("error", index, app.kind, reason, found, limit)
 
 
 def _begins_in_contact(app: App) -> str:

@@ -1,0 +1,38 @@
+"""At a contact a tool is not turned to where the next path begins."""
+
+from __future__ import annotations
+
+import pytest
+from scipy.spatial.transform import Rotation
+
+from caesura_protocol.messages import Quaternion
+from caesura_protocol.programs.checks import order_findings
+from harness.programs import DOWN, move, press
+
+
+def leaned(degrees: float) -> Quaternion:
+    x, y, z, w = (Rotation.from_euler("x", degrees, degrees=True) * Rotation.from_quat(DOWN)).as_quat()
+    return float(x), float(y), float(z), float(w)
+
+
+@pytest.mark.parametrize(("degrees", "is_refused"), [(14.0, False), (16.0, True), (-40.0, True)])
+def test_a_path_that_begins_turned_is_refused_at_a_contact(degrees: float, is_refused: bool) -> None:
+    """A press that was turned by 34° in the program drove the tip into the table with 104 N as it ended."""
+    down, push, _ = press()
+    leave = move(4.2, (-0.02, -0.52, 0.165), (-0.02, -0.53, 0.29))
+    found = order_findings((down, push.model_copy(update={"orientation": leaned(degrees)}), leave))
+    assert bool(found) is is_refused
+    if found:
+        (one,) = found
+        assert (one.severity, one.index) == ("error", 2)
+        assert one.reason.startswith(
+            f"begins turned by {abs(degrees):.0f}° from where the app before it ends"
+        )
+        assert one.value == pytest.approx(abs(degrees), abs=1e-6)
+        assert one.limit == pytest.approx(15.0)
+
+
+def test_in_the_air_a_path_may_begin_turned() -> None:
+    first = move(1.0, (0.3, -0.5, 0.3), (0.3, -0.4, 0.3))
+    second = move(2.0, (0.3, -0.4, 0.3), (0.3, -0.3, 0.3), leaned(40.0))
+    assert order_findings((first, second)) == []

@@ -40,7 +40,7 @@ class Affine:
         return Affine(self.translation + turned, _product(quaternion, other.quaternion.tolist()))
 
 
-# Rotations in floats: a script multiplies some fifty thousand, and scipy's arrays of one take ten times as long.
+# In floats: a script multiplies some fifty thousand, and arrays of one value take ten times as long.
 def _product(one: Sequence[float], other: Sequence[float]) -> list[float]:
     """Quaternion (x, y, z, w) of `other` and then `one`, of length 1."""
     (a, b, c, d), (x, y, z, w) = one, other

@@ -107,7 +107,7 @@ def pytest_xdist_setupnodes(config: pytest.Config, specs: list[object]) -> None:
 
     if CAN_FORK:
         config.get_terminal_writer().flush()
-        fork_workers(len(specs))
+        fork_workers(config, len(specs))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,6 +1,6 @@
-"""Processes of pytest-xdist, forked from the one that starts them when it has imported what tests need.
+"""Processes of pytest-xdist, forked from the one that starts them when it has imported the tests.
 
-Each process took three seconds to import the same. They are forked before pytest-xdist has a thread. execnet,
+Each process took four seconds to import the same. They are forked before pytest-xdist has a thread. execnet,
 which otherwise starts an interpreter for each, gets them one after the other. For a process that crashes,
 execnet starts an interpreter.
 """
@@ -12,10 +12,14 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
+import pytest
+from _pytest.pathlib import ImportMode, import_path
 from execnet import gateway_io
 from execnet.gateway_base import Popen2IO
 
@@ -31,6 +35,8 @@ MODULES = (
     "nicegui",
     "playwright.sync_api",
 )
+TESTS = Path(__file__).parents[1]
+THREADED = "pyarrow"  # which starts threads when it is imported
 
 
 class Worker:
@@ -70,16 +76,44 @@ class ForkedIO(gateway_io.Popen2IOMaster):
             super().__init__(args, execmodel)
 
 
-def fork_workers(count: int) -> None:
+def fork_workers(config: pytest.Config, count: int) -> None:
     """Import what tests need, and fork `count` processes, which the next gateways of execnet use."""
     import_everything()
     for name in MODULES:
         if find_spec(name.partition(".")[0]):
             import_module(name)
-    assert threading.active_count() == 1, "a process with threads cannot be forked"
+    import_tests(config)
+    assert len(os.listdir("/proc/self/task")) == 1, "a process with threads cannot be forked"
     for _ in range(count):
         ForkedIO.forked.append(Worker(ForkedIO.forked))
     gateway_io.Popen2IOMaster = ForkedIO
+
+
+def import_tests(config: pytest.Config) -> None:
+    """Import the test modules of the run, as each process would by itself, and read their constants."""
+    places = [config.invocation_params.dir / given.partition("::")[0] for given in config.args]
+    sys.modules[THREADED] = None  # type: ignore[assignment] - whoever needs it cannot be imported
+    try:
+        for file in sorted(TESTS.rglob("test_*.py")):
+            if any(file.is_relative_to(place) for place in places):
+                import_test(file, config.rootpath)
+    finally:
+        del sys.modules[THREADED]
+    if find_spec("hypothesis"):
+        from hypothesis import find, settings, strategies  # noqa: PLC0415 - it may not be installed
+
+        find(strategies.booleans(), bool, settings=settings(database=None))  # draws from constants of modules
+
+
+def import_test(file: Path, root: Path) -> None:
+    """One that cannot be imported, or warns, or skips, is left to the processes, which report it."""
+    try:
+        with warnings.catch_warnings(action="error"):
+            import_path(file, mode=ImportMode.importlib, root=root, consider_namespace_packages=False)
+    except (Exception, pytest.skip.Exception):
+        for name, module in list(sys.modules.items()):
+            if getattr(module, "__file__", None) == str(file):
+                del sys.modules[name]
 
 
 def _run(standard_in: int, standard_out: int) -> None:

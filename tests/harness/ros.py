@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +23,23 @@ Message = tuple[str, str, int, Any]  # topic, type, stamp [ns], message
 
 def blank(name: str) -> Any:
     """A message in which everything is 0 or empty."""
-    _, fields = STORE.fielddefs[name]
-    return STORE.types[name](**{field: _blank(kind) for field, kind in fields})
+    return _maker((Nodetype.NAME, name))()
 
 
-def _blank(kind: Any) -> Any:
+@cache
+def _maker(kind: Any) -> Callable[[], Any]:
+    """What makes a blank value of a kind: looked up once, for a bag has thousands of messages."""
     node, what = kind
     if node == Nodetype.BASE:
-        return {"string": "", "bool": False}.get(what[0], 0.0 if "float" in what[0] else 0)
+        value = {"string": "", "bool": False}.get(what[0], 0.0 if "float" in what[0] else 0)
+        return lambda: value
     if node == Nodetype.NAME:
-        return blank(what)
+        made, fields = STORE.types[what], [_maker(kind) for _, kind in STORE.fielddefs[what][1]]
+        return lambda: made(*[make() for make in fields])
     inner, length = what
     if inner[0] == Nodetype.BASE and inner[1][0] != "string":
-        return np.zeros(length or 0, dtype=inner[1][0])
-    return [_blank(inner) for _ in range(length or 0)]
+        return lambda: np.zeros(length or 0, dtype=inner[1][0])
+    return lambda: [_maker(inner)() for _ in range(length or 0)]
 
 
 def stamped(name: str, stamp: int, frame: str = "") -> Any:

@@ -10,6 +10,8 @@ import os
 import tempfile
 from functools import cache
 from importlib import import_module
+from typing import Any
+from unittest.mock import Mock, create_autospec
 
 import pytest
 
@@ -26,3 +28,27 @@ def xarm_api() -> type:
         except ModuleNotFoundError:
             pytest.skip("xarm-python-sdk is not installed")
         return api
+
+
+class RecordedApi:
+    """The SDK's methods with their signatures; each returns 0 unless a test says otherwise.
+
+    `create_autospec` of the class makes all 271 of them for each arm, which takes as long as a test.
+    """
+
+    def __init__(self) -> None:
+        self._calls = Mock()
+
+    def __getattr__(self, name: str) -> Any:
+        method = getattr(xarm_api(), name)  # what the SDK lacks is an AttributeError
+        if not callable(method):
+            raise AssertionError(f"{name}: a test states what it is")
+        made = create_autospec(method.__get__(object()), return_value=0)
+        self._calls.attach_mock(made, name)
+        setattr(self, name, made)
+        return made
+
+    @property
+    def mock_calls(self) -> list[Any]:
+        """All calls in their order."""
+        return list(self._calls.mock_calls)

@@ -106,6 +106,18 @@ def pressed_n(
     return felt
 
 
+def test_poses_of_the_fake_are_multiplied_as_scipys() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        (p, q), turns = rng.standard_normal((2, 3)), Rotation.from_quat(rng.standard_normal((2, 4)))
+        one, other = (fake_franky.Affine(t, r.as_quat()) for t, r in zip((p, q), turns, strict=True))
+        both, back = one * other, one.inverse
+        assert both.translation == pytest.approx(p + turns[0].apply(q), abs=1e-12)
+        assert (Rotation.from_quat(both.quaternion).inv() * turns[0] * turns[1]).magnitude() < 1e-12
+        assert back.translation == pytest.approx(-turns[0].inv().apply(p), abs=1e-12)
+        assert (Rotation.from_quat(back.quaternion) * turns[0]).magnitude() < 1e-12
+
+
 def test_limits_stand_at_the_top_and_are_those_of_the_program() -> None:
     safety = Safety(speed_m_per_s=0.25, felt_force_n=20.0)
     made = module_of(as_file(press()).model_copy(update={"safety": safety}))
@@ -638,14 +650,16 @@ class SpringRobot(fake_franky.MovingRobot):
     def join_motion(self, timeout: float | None = None) -> bool:
         reference = self._tracked.references[-1].target * fake_franky.RobotState.F_T_EE.inverse
         stiffness, (x, y, wanted) = self._tracked.stiffness, reference.translation
-        z = float(self.flange.translation[2])
+        z, wanted, speed = float(self.flange.translation[2]), float(wanted), self.speed
+        surface_n_per_m, mass_kg, step_s = self.surface_n_per_m, self.mass_kg, self.STEP_S
+        damping = 2.0 * math.sqrt(stiffness)
         assert timeout is not None
-        for _ in range(round(timeout / self.STEP_S)):
-            pressed = max(self.surface_n_per_m * (0.19 - z), 0.0)
-            pushed = stiffness * (wanted - z) - 2.0 * math.sqrt(stiffness) * self.speed + pressed
-            self.speed += self.STEP_S * pushed / self.mass_kg
-            z += self.STEP_S * self.speed
+        for _ in range(round(timeout / step_s)):
+            pressed = max(surface_n_per_m * (0.19 - z), 0.0)
+            speed += step_s * (stiffness * (wanted - z) - damping * speed + pressed) / mass_kg
+            z += step_s * speed
             self.pressed_n.append(pressed)
+        self.speed = speed
         self.flange = fake_franky.Affine((x, y, z), reference.quaternion)
         return False
 

@@ -10,7 +10,6 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
-from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ from harness.programs import (
     set_down_at_once,
     wiped,
 )
-from harness.xarm_sdk import xarm_api
+from harness.xarm_sdk import RecordedApi
 
 from .test_ur_script import circle, slid
 
@@ -50,10 +49,7 @@ class Arm:
         self.pose = [300.0, -300.0, 400.0, 3.14, 0.0, 0.0]
         self.table_m = table_m
         self.wrench = wrench
-        self.api = create_autospec(xarm_api(), instance=True)
-        for name in xarm_api().__dict__:
-            if callable(getattr(self.api, name, None)) and not name.startswith("_"):
-                getattr(self.api, name).return_value = 0
+        self.api = RecordedApi()
         self.api.tcp_offset, self.api.tcp_load = [0.0, 0.0, 172.0, 0.0, 0.0, 0.0], [0.8, [0.0, 0.0, 50.0]]
         self.api.robotiq_status = {"gOBJ": grasped}
         self.api.get_state.return_value = self.api.get_cmdnum.return_value = (0, 0)

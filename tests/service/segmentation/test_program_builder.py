@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +26,7 @@ PAUSES = (0.0, 0.0, 0.0, 0.2, 1.0)
 FORCES = ((0.0, 0.0, 0.2), (0.0, 3.0, 0.0), (0.0, 0.0, 14.0), (0.0, 0.0, -5.0))
 
 
+@cache
 def moment_at(t: float) -> Moment:
     """The hand moves on for a second, and stops at every other observation for three."""
     place = t if t % 4.0 < 1.0 else 0.2 * math.floor(t / 0.2 + 1e-9)

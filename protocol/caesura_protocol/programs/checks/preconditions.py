@@ -57,8 +57,8 @@ def _turned(before: App, app: App) -> float:
 def _turned_at_contact(index: int, app: App, turned: float) -> Finding:
     found, limit = math.degrees(turned), math.degrees(TURN_AT_CONTACT_RAD)
     reason = (
-        f"begins turned by {fixed(found, 0)}° from where the app before it ends, in contact, expected at most "
-        f"{fixed(limit, 0)}°: teach it again, or insert a move away from the surface before it"
+        f"begins turned by {fixed(found, 0)}° from where the app before it ends, in contact, expected at "
+        f"most {fixed(limit, 0)}°: teach it again, or insert a move away from the surface before it"
     )
     return Finding("error", index, app.kind, reason, found, limit)
 

@@ -171,14 +171,19 @@ def _interval(online: ChangepointFilter, before: int, start: int, after: int) ->
     if start == 0:
         return 0.0, 0.0
     first, last = max(start - INTERVAL_REACH, before + 1, 1), min(start + INTERVAL_REACH, after - 1)
-    mass = online.changepoint_probabilities(first, last, about=start)
+    mass = [*online.changepoint_probabilities(first, last, about=start)]
+    if not any(mass):
+        return float(start), float(start)
     tail = 0.5 * (1.0 - INTERVAL_PROBABILITY)
     low, high = (first + interpolated_quantile(mass, share) for share in (tail, 1.0 - tail))
     return max(min(low, start), 0.0), min(max(high, start), online.count - 1.0)
 
 
 def interpolated_quantile(mass: Iterable[float], share: float) -> float:
-    """Where a share of the masses at 0, 1, … is reached, each of them even within `PLACE_STEPS` around it."""
+    """Where a share of the masses at 0, 1, … is reached, each of them even within `PLACE_STEPS` around it.
+
+    At least one mass is above 0.
+    """
     known = (0.0, *mass, 0.0)
     left, alone = 2.0 * PLACE_STEPS * share * sum(known), 1.0 - PLACE_STEPS
     for middle, (before, here) in enumerate(pairwise(known)):

@@ -40,7 +40,6 @@ SILENT_S = 2.0  # a bridge says something every half second: without it, the ser
 LAST_S = 30.0  # at the end, for what is still missing
 UNREADABLE = 10_000  # batches that are remembered so as not to be asked for again
 TICK_S = 0.1
-NAMED_HOLES = 3  # the newest
 
 
 @dataclass
@@ -172,9 +171,7 @@ class RecordedSession:
         clock, holes = clock_from(float(self.recording.t[0])), [*self.recorder.holes()]
         if not holes:
             return " before the first sample or after the last"
-        which = "the newest at" if len(holes) > NAMED_HOLES else "at"
-        times = ", ".join(clock.interval(t0, tn) for t0, tn in holes[-NAMED_HOLES:])
-        return f" {which} {times} s" + (f" ({clock.words})" if clock.words else "")
+        return f" {clock.newest(holes, len(holes))}" + (f" ({clock.words})" if clock.words else "")
 
 
 def record(

@@ -16,6 +16,7 @@ from caesura_protocol.messages import Segment
 from caesura_protocol.number_words import LONG, fixed, interval
 
 _DECIMAL = re.compile(r"(?<![\w.-])\d+\.(\d+)(?!\w|\.\d)")  # no part of a name, nor of a version
+NEWEST = 3  # stretches of time that a line names
 OF_DAY_S = 1e8  # from here on a time is one of day: no robot has counted seconds for three years
 
 
@@ -31,6 +32,15 @@ class SessionClock(NamedTuple):
     def interval(self, t0: float, tn: float, between: str = "–") -> str:
         """Times [s] of the session as people read them, as `number_words.interval`."""
         return interval(t0 - self.start_s, tn - self.start_s, 2, between)
+
+    def newest(self, stretches: Sequence[tuple[float, float]], count: int) -> str:
+        """When [s] the newest of `count` stretches were; the last ones are given, in time order.
+
+        >>> SessionClock().newest([(5.0, 5.25)], 1), SessionClock().newest([(5.0, 5.25)], 9)
+        ('at 5.00–5.25 s', 'the newest at 5.00–5.25 s')
+        """
+        times = ", ".join(self.interval(t0, tn) for t0, tn in stretches[-NEWEST:])
+        return f"{'the newest at' if count > NEWEST else 'at'} {times} s"
 
     def brief(self, t: float) -> str:
         """A time [s] with as few decimals as it has."""

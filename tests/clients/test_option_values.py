@@ -57,7 +57,7 @@ def test_every_option_with_limits_is_tried() -> None:
 @pytest.mark.parametrize("option", ["--force-limit", "--path-tolerance", "--angle-tolerance"])
 def test_no_limit_of_a_cell_is_infinite(option: str) -> None:
     """It was refused by the message `open`, in three lines of its library."""
-    assert f"Invalid value for '{option}': inf, expected a finite number" in refusal(
+    assert f"Invalid value for '{option}': 'inf', expected a finite number of 0.1 or more" in refusal(
         "segment", "x.npz", option, "inf"
     )
 

@@ -169,7 +169,7 @@ def test_topics_of_their_own_give_the_segments_of_the_npz(router, demonstration,
 
 
 def test_what_was_dropped_is_named_with_its_time(router, demonstration, monkeypatch):
-    """Only the number of the messages was named, so nobody knew which part to teach again."""
+    """Only the number of the messages was named, which part to teach again was unknown."""
     monkeypatch.setattr("caesura_clients.bridge.sources.ros2.INBOX", 16)
     messages = list(ros.franka_topic(franka_recording(demonstration, 400)))
     with publisher(router, "rmw_zenoh") as node, opened(router, node, early(messages)) as source:

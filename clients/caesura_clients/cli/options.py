@@ -33,19 +33,11 @@ HandOnRobot = Annotated[
     typer.Option(metavar="NAME", help=f"Does a person guide the robot by hand? {', '.join(HANDS_ON_ROBOT)}."),
 ]
 
-
-def _finite(value: float | None) -> float | None:
-    if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value:g}, expected a finite number")
-    return value
-
-
 ForceLimit = Annotated[
     float | None,
     typer.Option(
         min=0.1,
         metavar="N",
-        callback=_finite,
         help="The cell's limit [N]: no app exerts more. Without it, as it was taught.",
     ),
 ]
@@ -54,7 +46,6 @@ PathTolerance = Annotated[
     typer.Option(
         min=0.1,
         metavar="MM",
-        callback=_finite,
         help="Of the apps' paths \\[mm]; by default the service's, 2.",
     ),
 ]
@@ -63,7 +54,6 @@ AngleTolerance = Annotated[
     typer.Option(
         min=0.1,
         metavar="DEG",
-        callback=_finite,
         help="Of the orientations on them [°]; by default the service's, 1.",
     ),
 ]

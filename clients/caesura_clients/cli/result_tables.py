@@ -34,7 +34,6 @@ from caesura_protocol.screw_motion import torque_about_axis
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 STYLE_OF_CERTAINTY = {"final": "", "provisional": "dim italic"}
-NAMED_GAPS = 3  # of a session, the newest
 DOUBTFUL = 0.5  # p of an app, below which it is named; `caesura check` has the same
 PLAIN: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}  # fits 80 columns
 MARK_OF_CERTAINTY = {"final": "", "provisional": "~"}
@@ -253,9 +252,8 @@ def _gaps(status: SessionStatus, clock: SessionClock) -> str:
     least = "at least " if status.gaps_before or at_end else ""
     count = status.gaps_before + len(status.gaps)
     lasted_s = sum(gap.tn - gap.t0 for gap in status.gaps)
-    when = ", ".join(clock.interval(gap.t0, gap.tn) for gap in status.gaps[-NAMED_GAPS:])
-    newest = "the newest at" if count > NAMED_GAPS else "at"
-    named = f" ({newest} {when} s)" if when else ""
+    stretches = [(gap.t0, gap.tn) for gap in status.gaps]
+    named = f" ({clock.newest(stretches, count)})" if stretches else ""
     return f"{count} {'gap' if count == 1 else 'gaps'}, {least}{lasted_s:.2f} s{named}{lost}"
 
 

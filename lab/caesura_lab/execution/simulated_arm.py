@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from caesura_lab.execution.cell_simulation import CellSimulation
+from caesura_lab.execution.joint_speeds import JointSpeed, fastest_joint
 from caesura_lab.teacher.guided_arm import (
     JOINT_DAMPING,
     SimulationTrace,
@@ -34,7 +35,6 @@ from caesura_lab.teacher.plan import DT, TICKS_PER_S
 from caesura_lab.teacher.shapes import contact_with
 from caesura_lab.teacher.small_matrices import eigh, solve
 from caesura_protocol.reproduced_path import Curve
-from caesura_protocol.rotations import turning_of
 from caesura_service.constants import GRAVITY
 from caesura_service.robot import HandDynamics, Robot
 
@@ -44,7 +44,6 @@ LEAST_MOBILITY = 5e-3  # [1/kg, 1/(kg m²)] bounds the inertia that is fed forwa
 POSTURE_NM_PER_RAD, POSTURE_NMS_PER_RAD = 5.0, 2.0  # keep the elbow where it was
 FRICTION_EASED, EASED_RAD_PER_S = 0.85, 0.02  # share of the joints' friction that the controller makes up for
 EASED_DAMPING = FRICTION_EASED * JOINT_DAMPING  # [Nms/rad], the same share of what grows with speed
-LOOK_S, LEAST_SINGULAR = 0.02, 0.02  # between two looks at joint speeds; of the largest singular value
 PRESS_DAMPING_NS_PER_M = 150.0  # along the direction of a controlled force
 _NOTHING = np.zeros(3)
 _NOTHING.setflags(write=False)
@@ -163,19 +162,9 @@ class SimulatedArm:
         self.world.tick(arm.position_base, DT)
         return self.measured
 
-    def joint_speed_share(self, path: Curve) -> float:
-        """Return the largest share of a joint's speed limit that a path from here needs (q̇ = J⁺ twist)."""
-        q, most = self._q, 0.0
-        for t in np.arange(0.0, float(path.t[-1]), LOOK_S):
-            value, velocity, _ = path.at(t)
-            twist = np.zeros(6)
-            twist[:3] = velocity[:3]
-            if len(value) == 7:
-                twist[3:] = turning_of(value[3:], velocity[3:], np.zeros(4))[0]
-            v = np.linalg.pinv(self._robot.hand_dynamics(q).jacobian, rcond=LEAST_SINGULAR) @ twist
-            most = max(most, float((np.abs(v) / self.joint_speeds).max()))
-            q = q + LOOK_S * v
-        return most
+    def fastest_joint(self, path: Curve) -> JointSpeed:
+        """Return the joint with the largest share of its speed limit on a path from here."""
+        return fastest_joint(self._robot, path, self._q)
 
     def mass_along(self, direction: Array) -> float:
         """Return the mass [kg] of the arm at the flange along a direction (3,), where it is."""

@@ -47,7 +47,6 @@ URGING_NS_PER_M = 300.0  # by which it is sped up, as long as it resists with le
 SINKING_NS_PER_M = 2000.0  # damping of a press that sinks faster than that
 CREEP_M_PER_S = 0.005  # mean speed up to which what is moved in a rest is no movement
 MOST_CREEP_M_PER_S = 0.01  # of a hand in a rest
-JOINT_SHARE = 0.85  # of a joint's speed limit that a path may ask for
 
 
 class SkillController:
@@ -270,7 +269,7 @@ class SkillController:
             app_path, app, here.position, here.rotation, arriving=arriving, moving=moving, passes_on=passes_on
         )
         path = lasting(seconds)
-        slower = max(self.safety.slower(*path.peaks()), self.arm.joint_speed_share(path) / JOINT_SHARE)
+        slower = max(self.safety.slower(*path.peaks()), self.arm.fastest_joint(path).slower)
         return path if slower == 1.0 else lasting(slower * seconds)
 
     def rest_until(self, begins: ViaPoint | None, force_n: float, seconds: float) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from caesura_lab.execution.skills import JOINT_SHARE
+from caesura_lab.execution.joint_speeds import JOINT_SHARE
 from caesura_protocol.programs.safety import PLANNED_SHARE, Safety
 from caesura_protocol.reproduced_path import Curve
 from caesura_service.robot import Robot

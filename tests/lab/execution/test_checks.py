@@ -19,7 +19,7 @@ from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
 from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.safety import Safety
-from caesura_service.robot import Robot, load_panda
+from caesura_service.robot import Robot, load_panda, load_robot
 from harness.programs import app, pick_and_place, press
 
 Apps = tuple[App, ...]
@@ -138,6 +138,21 @@ def test_what_was_taught_faster_than_the_limits_is_said_to_be_slowed(
     assert warning.value is not None
     assert warning.limit is not None
     assert warning.value > warning.limit
+
+
+def test_a_joint_that_would_be_too_fast_is_named() -> None:
+    """A turn about the tool is within the limit of the flange, and not within that of joint 7."""
+    report = check(turned(1.5), robot=load_robot("iiwa14"))
+    assert report.passed
+    (warning,) = report.warnings
+    said = r"app 2 .*: reaches 2.\d\d rad/s at joint 7 in its 1.50 s, 2.00 rad/s are allowed: the simulated"
+    assert re.search(said, str(warning)), str(warning)
+    assert warning.limit == pytest.approx(0.85 * np.radians(135.0), abs=1e-3)
+
+
+def test_a_movement_that_is_slowed_down_by_less_than_a_hundredth_is_not_named(robot: Robot) -> None:
+    slowed = check(turned(1.38), robot=robot).warnings
+    assert [str(one) for one in slowed] == []
 
 
 def test_a_turn_that_the_robot_can_do_passes_without_a_word(robot: Robot) -> None:

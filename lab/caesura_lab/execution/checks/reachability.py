@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from caesura_lab.execution.cell import Cell
+from caesura_lab.execution.joint_speeds import JOINT_SHARE, fastest_joint
 from caesura_lab.execution.trajectories import app_path, press_direction
 from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
@@ -30,6 +32,7 @@ BEGINS_M = 1e-6  # a way may begin there
 ASTRAY_M = 0.03  # between a target and where its joints lead
 DEPTH_M = 0.003  # below the top of an obstacle
 BESIDE_M = 0.03  # aside of where it touches, a movement may end in a contact or rise out of one
+SLOWED = 1.01  # factor of time from which on a movement is named as slowed down
 DEPTH_PARTS = 8  # pieces of a leg in which its depth is summed
 
 
@@ -44,6 +47,29 @@ class _ArmState:
     rotation: Array | None
     joints: Array | None
     touching: bool
+
+
+class _Peak(NamedTuple):
+    """The largest speed on a path beside what is allowed; joint: whose it is, None for the flange's."""
+
+    unit: str
+    value: float
+    limit: float
+    joint: int | None = None
+
+    @property
+    def slower(self) -> float:
+        """Factor of time with which it keeps to the limit."""
+        return self.value / self.limit
+
+    def reason(self, seconds: float) -> str:
+        """Why a movement of some seconds is slowed down."""
+        reaches, lasts = f"reaches {self.value:.2f} {self.unit}", f"{self.slower * seconds:.2f} s"
+        allowed = f"in its {seconds:.2f} s, {self.limit:.2f} {self.unit} are allowed"
+        if self.joint is None:
+            return f"{reaches} {allowed}: it is slowed down to {lasts}"
+        slows = f"the simulated robot slows it down to {lasts}, a script does not check joints"
+        return f"{reaches} at joint {self.joint} {allowed}: {slows}"
 
 
 def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Finding]:
@@ -89,7 +115,7 @@ class _ReachabilityChecker:
         elif path is not None:
             reasons += self._check_path(path, state, joints, ends=ends)
         found = [Finding("error", index, app.kind, reason) for reason in reasons]
-        found += [] if path is None else self._slowdown(index, app, path)
+        found += [] if path is None else self._slowdown(index, app, path, state.joints, joints)
         return found, replace(after, joints=joints)
 
     def _check_joints(self, app: App) -> Iterator[str]:
@@ -144,21 +170,34 @@ class _ReachabilityChecker:
             f"{best[1]:.2f} rad, expected {1000 * REACH_M:g} mm and {REACH_RAD:g} rad"
         )
 
-    def _slowdown(self, index: int, app: App, path: Curve) -> Iterator[Finding]:
-        """Warn of a movement that was taught faster than the limits and is slowed down."""
+    def _slowdown(
+        self, index: int, app: App, path: Curve, begins: Array | None, ends: Array | None
+    ) -> Iterator[Finding]:
+        """Warn of a movement that was taught faster than the limits and is slowed down.
+
+        begins, ends: joints (n,) [rad] before and after it, where they are known.
+        """
         speed, turn = path.peaks()
-        slower, seconds = self._safety.slower(speed, turn), float(path.t[-1])
-        if slower == 1.0:
-            return
-        limits = self._safety.speed_m_per_s, self._safety.turn_rad_per_s
-        peak, limit, unit = max(
-            zip((speed, turn), limits, ("m/s", "rad/s"), strict=True), key=lambda one: one[0] / one[1]
-        )
-        reason = (
-            f"reaches {peak:.2f} {unit} in its {seconds:.2f} s, {PLANNED_SHARE * limit:.2f} {unit} are "
-            f"allowed: it is slowed down to {slower * seconds:.2f} s"
-        )
-        yield Finding("warning", index, app.kind, reason, peak, PLANNED_SHARE * limit)
+        peaks = [
+            _Peak("m/s", speed, PLANNED_SHARE * self._safety.speed_m_per_s),
+            _Peak("rad/s", turn, PLANNED_SHARE * self._safety.turn_rad_per_s),
+        ]
+        if (q := self._joints_at_start(path, begins, ends)) is not None:
+            joint = fastest_joint(self._robot, path, q)
+            allowed = JOINT_SHARE * joint.limit_rad_per_s
+            peaks.append(_Peak("rad/s", joint.rad_per_s, allowed, joint.number))
+        peak = max(peaks, key=lambda one: one.slower)
+        if peak.slower >= SLOWED:
+            reason = peak.reason(float(path.t[-1]))
+            yield Finding("warning", index, app.kind, reason, peak.value, peak.limit)
+
+    def _joints_at_start(self, path: Curve, begins: Array | None, ends: Array | None) -> Array | None:
+        """Return joints (n,) [rad] where a path begins, None where none are found."""
+        seed = ends if begins is None else begins
+        if seed is None or path.values.shape[1] == 3:
+            return begins
+        q, left, turn = self._robot.nearest_joints(path.values[0, :3], path.values[0, 3:], seed)
+        return q if left < REACH_M and turn < REACH_RAD else None
 
     def _check_path(
         self, path: Curve, state: _ArmState, joints: Array | None, *, ends: bool

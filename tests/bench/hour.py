@@ -44,12 +44,12 @@ from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.sessions.limits import Limits
 
 RATE_HZ = 200.0
-BATCH = 20
+MINUTE_S, BATCH = 60.0, 20
 COLUMNS = ("t", "px", "py", "pz", "fx", "fy", "fz")
 EVERY_COLUMN = (*COLUMNS, "qx", "qy", "qz", "qw", *(f"q{i}" for i in range(1, 8)), "gripper")
 OPEN_M, CLOSED_M = 0.08, 0.03
 STATION, SESSION = "cell-1", "hour"
-BATCHES_PER_MINUTE = round(60.0 * RATE_HZ / BATCH)
+BATCHES_PER_MINUTE = round(MINUTE_S * RATE_HZ / BATCH)
 WARM_UP_S = 5.0
 SHOWN_MINUTES = 10
 MEMORY_LIMIT, STEP_LIMIT = 1.05, 1.2

@@ -148,7 +148,7 @@ def demonstration(n: int) -> list[ModelInput]:
     position = 0.1 * np.column_stack([np.sin(t), np.cos(0.7 * t), 0.3 * t]) + rng.normal(0, 5e-4, (n, 3))
     force = np.column_stack([0 * t, 0 * t, 8.0 * (np.sin(0.8 * t) > 0.5)]) + rng.normal(0, 0.2, (n, 3))
     rotation = 0.5 * np.column_stack([np.sin(0.4 * t), 0 * t, 0.2 * t])
-    return [ModelInput(*row, np.nan, turn) for *row, turn in zip(position, force, rotation, strict=True)]
+    return [ModelInput(*row[:2], np.nan, row[2]) for row in zip(position, force, rotation, strict=True)]
 
 
 if __name__ == "__main__":

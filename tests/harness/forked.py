@@ -231,7 +231,8 @@ def serve(listener: socket.socket, folder: Path) -> list[str]:
     links: list[socket.socket] = []
     living: dict[int, Child] = {}  # by the descriptor that shows the end
     while True:
-        ready = select.select([*living, *links, listener], [], [])[0][0]
+        watched: list[Any] = [*living, *links, listener]
+        ready = select.select(watched, [], [])[0][0]
         if ready is listener:
             links.append(listener.accept()[0])
         elif ready in living:
@@ -312,7 +313,7 @@ def run_and_end(argv: list[str]) -> None:
     except SystemExit as end:
         if end.code:
             raise
-    threading._shutdown()
+    threading._shutdown()  # type: ignore[attr-defined]
     atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()

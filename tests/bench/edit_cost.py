@@ -15,11 +15,9 @@ import argparse
 import tempfile
 import time
 from collections.abc import Callable
-from itertools import takewhile
 from pathlib import Path
 
-import numpy as np
-from hour import COLUMNS, MINUTE_S, SESSION, STATION, WORK, batches
+from hour import COLUMNS, MINUTE_S, SESSION, STATION, until
 from rich.console import Console
 from rich.table import Table
 
@@ -81,9 +79,8 @@ def teach(registry: Registry, seconds: float) -> int:
     registry.handle_command(
         STATION, Open(session=SESSION, columns=COLUMNS, wrench_source="flange_sensor"), 0.0
     )
-    work = batches(WORK["varied"](np.random.default_rng(0)))
     last = -1
-    for seq, samples in takewhile(lambda made: made[1][0, 0] < seconds, work):
+    for seq, samples in until(seconds):
         batch = pack_samples(samples, COLUMNS, session=SESSION, epoch=0, seq=seq)
         registry.handle_samples(STATION, batch, float(samples[-1, 0]))
         last = seq

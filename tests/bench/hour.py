@@ -25,7 +25,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +90,7 @@ class Demonstration:
     def step(self) -> float:
         """Take a batch; [ms] that it took."""
         seq, work = next(self._coming)
-        rows = np.column_stack([(seq * BATCH + np.arange(BATCH)) / RATE_HZ, work])
+        rows = with_time(seq, work)
         batch = pack_samples(rows, self._columns, session=SESSION, epoch=0, seq=seq)
         before = time.thread_time()
         for said in self._registry.handle_samples(self._station, batch, float(rows[-1, 0])):
@@ -208,6 +208,19 @@ def batches(strokes: Iterator[Array]) -> Iterator[Array]:
         while len(rest) >= BATCH:
             yield rest[:BATCH]
             rest = rest[BATCH:]
+
+
+def with_time(seq: int, rows: Array) -> Array:
+    """A batch (BATCH, columns) with the time of its samples [s] as its first column."""
+    return np.column_stack([(seq * BATCH + np.arange(BATCH)) / RATE_HZ, rows])
+
+
+def until(seconds: float) -> Iterator[tuple[int, Array]]:
+    """Numbered batches of varied work that begin within so many seconds, with their time."""
+    work = enumerate(batches(varied(np.random.default_rng(0))))
+    return takewhile(
+        lambda made: made[1][0, 0] < seconds, ((seq, with_time(seq, rows)) for seq, rows in work)
+    )
 
 
 def varied(rng: np.random.Generator) -> Iterator[Array]:

@@ -18,12 +18,12 @@ import statistics
 import tempfile
 import time
 from collections.abc import Iterator
-from itertools import cycle, islice, takewhile
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
 from edit_cost import edit, registry_on
-from hour import COLUMNS, MINUTE_S, SESSION, STATION, WORK, Array, batches
+from hour import COLUMNS, MINUTE_S, SESSION, STATION, Array, until
 from rich.console import Console
 from rich.table import Table
 from service_load import BATCH, DATA, TASKS
@@ -125,8 +125,7 @@ def taught(registry: Registry, seconds: float, edits: int) -> None:
     )
     due = moments(seconds, edits)
     wanted, revision = next(due, None), 0
-    work = batches(WORK["varied"](np.random.default_rng(0)))
-    for seq, samples in takewhile(lambda made: made[1][0, 0] < seconds, work):
+    for seq, samples in until(seconds):
         batch = pack_samples(samples, COLUMNS, session=SESSION, epoch=0, seq=seq)
         registry.handle_samples(STATION, batch, float(samples[-1, 0]))
         if wanted is not None and samples[-1, 0] > wanted:

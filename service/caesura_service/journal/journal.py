@@ -44,6 +44,10 @@ class JournalDamagedError(JournalError):
     """The journal's content is not what was written; the message names the session and the record."""
 
 
+class JournalEmptyError(JournalError):
+    """There is no journal in the file yet: its owner is about to create it."""
+
+
 class Record(NamedTuple):
     """A message that changed a session, with the time at which it came."""
 

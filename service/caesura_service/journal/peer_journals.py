@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 from caesura_protocol.errors import ProtocolError
 from caesura_service.journal.edits import AppliedEdit
-from caesura_service.journal.journal import Copy, JournalError, Outcome, Record
+from caesura_service.journal.journal import Copy, JournalEmptyError, JournalError, Outcome, Record
 from caesura_service.journal.rows import (
     Stored,
     copies_in,
@@ -117,8 +117,8 @@ class PeerJournals:
             return None
 
     def _warn_once(self, error: Exception) -> None:
-        """Log each error once: the journals are polled."""
-        if str(error) not in self._warned:
+        """Log each error once: the journals are polled. One that its owner is about to create is no error."""
+        if not isinstance(error, JournalEmptyError) and str(error) not in self._warned:
             logger.warning("passed over: %s", error)
             self._warned.add(str(error))
 

@@ -19,7 +19,12 @@ from caesura_protocol.codec import encoding_of
 from caesura_protocol.messages import Close, Describe, EditProgram
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.edits import AppliedEdit
-from caesura_service.journal.journal import JournalBusyError, JournalDamagedError, JournalError
+from caesura_service.journal.journal import (
+    JournalBusyError,
+    JournalDamagedError,
+    JournalEmptyError,
+    JournalError,
+)
 
 APPLICATION_ID = 0x43616573  # "Caes"
 SCHEMA_VERSION = 8  # with version 8 an edit may take back any correction
@@ -314,27 +319,30 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
     """Check the version of a file before anything is written to it."""
     if _is_empty(database):
         database.execute("PRAGMA journal_mode = WAL")
-        with transaction(database):
+        with transaction(database):  # a peer sees all of it or nothing
             if _is_empty(database):
                 _create(database)
+                _complete(database, path)
     check(database, path)
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
         database.execute(f"PRAGMA {pragma}")
     with transaction(database):  # a process that cannot write fails here
-        database.execute(SCHEMA_2)
-        database.execute(SCHEMA_3)
-        database.execute(SCHEMA_5)
-        database.execute(SCHEMA_6)
-        database.execute(SCHEMA_OVERVIEWS)
-        for table, column, kind in COLUMNS_4:
-            if not database.execute(HAS_COLUMN, (table, column)).fetchone():
-                database.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
-        for table, count in COLUMN_COUNTS.items():
-            (found,) = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()
-            if found != count:
-                why = f"its table {table} has {found} columns, expected {count}"
-                raise JournalDamagedError(f"journal {path} {REMEDIES['SQLITE_CORRUPT']} ({why})")
-        database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        _complete(database, path)
+
+
+def _complete(database: sqlite3.Connection, path: Path) -> None:
+    """Add what an older version lacks. Raises JournalDamagedError for columns of no version."""
+    for schema in (SCHEMA_2, SCHEMA_3, SCHEMA_5, SCHEMA_6, SCHEMA_OVERVIEWS):
+        database.execute(schema)
+    for table, column, kind in COLUMNS_4:
+        if not database.execute(HAS_COLUMN, (table, column)).fetchone():
+            database.execute(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
+    for table, count in COLUMN_COUNTS.items():
+        (found,) = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()
+        if found != count:
+            why = f"its table {table} has {found} columns, expected {count}"
+            raise JournalDamagedError(f"journal {path} {REMEDIES['SQLITE_CORRUPT']} ({why})")
+    database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
 def _is_empty(database: sqlite3.Connection) -> bool:
@@ -351,6 +359,8 @@ def _create(database: sqlite3.Connection) -> None:
 
 def check(database: sqlite3.Connection, path: Path) -> None:
     """Check that a file is a journal of a readable version. Raises JournalError."""
+    if _is_empty(database):
+        raise JournalEmptyError(f"journal {path} is empty: start the service that writes it")
     if _number(database, "application_id") != APPLICATION_ID:
         raise JournalError(f"journal {path} is another program's database: name another --journal")
     version = _number(database, "user_version")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sqlite3
 from pathlib import Path
@@ -9,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from caesura_service.journal import JournalSettings, PeerJournals, Record, SqliteJournal
-from caesura_service.journal.schema import SCHEMA_VERSION
+from caesura_service.journal.peer_journals import open_for_reading
+from caesura_service.journal.rows import copies_in, epoch_in
+from caesura_service.journal.schema import SCHEMA_VERSION, open_database
 from harness.sessions import NAME, STATION, batch, batches, closing, new_registry, opening
 
 NEVER = JournalSettings(commit_s=3600.0)  # but when told to
@@ -41,6 +44,34 @@ def test_ones_own_journal_is_no_sibling_and_looking_makes_no_file(tmp_path, sibl
     with SqliteJournal(tmp_path / "mine.sqlite") as journal:
         taught(journal, 2)
         assert siblings.copies() == []
+
+
+def test_a_journal_that_is_about_to_be_created_is_passed_over_without_a_word(tmp_path, siblings, caplog):
+    """Two instances start at the same time: SQLite's file is there before its tables are."""
+    path = tmp_path / "other.sqlite"
+    path.touch()
+    assert siblings.stations() == frozenset()
+    with sqlite3.connect(path) as began:
+        began.execute("PRAGMA journal_mode = WAL")
+        assert siblings.epoch_of(STATION) == -1
+    began.close()
+    assert caplog.text == ""
+    with SqliteJournal(path) as journal:
+        taught(journal, 2)
+        assert siblings.stations() == {STATION}
+
+
+def test_a_peer_never_sees_a_new_journal_with_a_part_of_its_tables(tmp_path, monkeypatch):
+    """It looks after the first transaction."""
+    seen = []
+
+    def look(_database: sqlite3.Connection, path: Path) -> None:
+        with open_for_reading(path) as kept:
+            seen.append((copies_in(kept), epoch_in(kept, STATION)))
+
+    monkeypatch.setattr("caesura_service.journal.schema.check", look)
+    with contextlib.closing(open_database(tmp_path / "new.sqlite")):
+        assert seen == [((), -1)]
 
 
 def test_what_an_owner_that_runs_has_committed_is_seen(tmp_path, siblings):

@@ -14,16 +14,15 @@ their size, and for their age only once they were not written to for so long.
 from __future__ import annotations
 
 import logging
-import sqlite3
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, closing, suppress
-from itertools import accumulate, chain
+from itertools import accumulate
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Self
 
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -35,7 +34,6 @@ from caesura_service.journal.integrity import integrity_error, move_aside, open_
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
-    JournalDamagedError,
     JournalError,
     Key,
     Outcome,
@@ -44,8 +42,8 @@ from caesura_service.journal.journal import (
 )
 from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
+from caesura_service.journal.row_writer import write_rows
 from caesura_service.journal.rows import (
-    ROW_BYTES,
     RecordRow,
     SessionRow,
     batch_row,
@@ -56,8 +54,8 @@ from caesura_service.journal.rows import (
     pages_of,
     record_of,
     row_of,
-    stations_in,
 )
+from caesura_service.journal.salvage import copy_intact_sessions
 from caesura_service.journal.schema import (
     INSERT_EPOCH,
     INSERT_OUTCOME,
@@ -66,7 +64,6 @@ from caesura_service.journal.schema import (
     SELECT_EDITS,
     SELECT_EXTENT,
     SELECT_KEYS,
-    SELECT_LAST,
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
     SELECT_OUTCOME,
@@ -75,10 +72,7 @@ from caesura_service.journal.schema import (
     SELECT_SESSIONS,
     SELECT_USAGE,
     SET_ASIDE,
-    UPDATE_SESSIONS,
     acquire_lock,
-    insert_records,
-    insert_sessions,
     map_sqlite_errors,
     open_database,
     transaction,
@@ -86,9 +80,7 @@ from caesura_service.journal.schema import (
 from caesura_service.journal.wal import log_integrity_error
 
 logger = logging.getLogger(__name__)
-T = TypeVar("T")
 
-MAX_PLACE = (1 << 63) - 1
 RETRY_S = 0.5  # after a commit that failed
 PATIENCE = 10  # times that tidying may be put off
 DROPS = 32  # sessions at one look
@@ -96,7 +88,6 @@ LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followe
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
 OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
-_AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
 
 class SqliteJournal:
@@ -195,7 +186,7 @@ class SqliteJournal:
                 return
             try:
                 with map_sqlite_errors(self.path), transaction(self._database):
-                    self._write(rows)
+                    write_rows(self._database, rows)
             except Exception as error:
                 why = f"journal {self.path} cannot be written: {type(error).__name__}: {error}"
                 failure = error if isinstance(error, JournalError) else JournalError(why)
@@ -448,31 +439,10 @@ class SqliteJournal:
         )
         self._database = stack.enter_context(closing(open_database(self.path)))
         try:
-            with closing(open_damaged(aside)) as damaged, map_sqlite_errors(aside):
-                self._salvage(damaged, aside)
+            with closing(open_damaged(aside)) as damaged:
+                copy_intact_sessions(damaged, aside, self._database)
         except JournalError as error:
             logger.error("nothing more can be read: %s", error)
-
-    def _salvage(self, damaged: sqlite3.Connection, aside: Path) -> None:
-        """Copy the undamaged sessions of another file, each wholly or not at all."""
-        for station in stations_in(damaged):
-            if (epoch := epoch_in(damaged, station)) >= 0:
-                self.store_epoch(station, epoch)
-        for row in damaged.execute(SELECT_ROWS).fetchall():
-            session = SessionRow(*row)
-            try:
-                with map_sqlite_errors(aside), transaction(self._database):
-                    self._salvage_one(damaged, session)
-            except JournalError as error:
-                logger.error("%s is not kept: %s", "/".join(session.key), error)
-
-    def _salvage_one(self, damaged: sqlite3.Connection, session: SessionRow) -> None:
-        if session.record_count is None or not session.is_intact:
-            raise JournalDamagedError("whether it is whole cannot be known")
-        for page in pages_of(damaged, session, MAX_PLACE):
-            self._write([row.copy_row(session.key) for row in page])
-        if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
-            self._database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))
 
     def _quarantine_damaged(self) -> None:
         """Quarantine the sessions whose row in the table of sessions is damaged."""
@@ -516,19 +486,6 @@ class SqliteJournal:
                     self._waiting.pop()
                     self._waiting_bytes -= row.size
                 raise
-
-    def _write(self, rows: Sequence[RecordRow]) -> None:
-        """Insert rows; one that is there already is skipped and counts once."""
-        execute = self._database.execute
-        opened: dict[Key, float] = {}
-        for row in rows:
-            opened.setdefault(row[:2], row.at)
-        for sessions in _chunks([(*key, at, at) for key, at in opened.items()]):
-            execute(insert_sessions(len(sessions)), [*chain.from_iterable(sessions)])
-        (before,) = execute(SELECT_LAST).fetchone()
-        for some in _chunks(rows):
-            execute(insert_records(len(some)), [*chain.from_iterable(some)])
-        execute(UPDATE_SESSIONS, (ROW_BYTES, before))
 
     def _fail(self, error: JournalError) -> None:
         if self._error is None:
@@ -594,12 +551,3 @@ class SqliteJournal:
                 return
             for row in page:
                 yield record_of(session.key, row)
-
-
-def _chunks(rows: Sequence[T]) -> Iterator[Sequence[T]]:
-    """Split rows into as few chunks as the prepared statements allow."""
-    first = 0
-    for size in _AT_ONCE:
-        while len(rows) - first >= size:
-            yield rows[first : first + size]
-            first += size

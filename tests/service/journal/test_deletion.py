@@ -78,7 +78,7 @@ def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
         journal.append(record(0))
         journal.append(record(0, "other"))
         with monkeypatch.context() as patch:
-            patch.setattr(journal, "_write", failing)
+            patch.setattr("caesura_service.journal.sqlite.write_rows", failing)
             journal.delete(*KEY)
         assert journal.sessions() == ((STATION, "other"),)
 

@@ -1,0 +1,38 @@
+"""Rows of records inserted many at a time, with the sums that the table of sessions keeps of them."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from typing import TypeVar
+
+from caesura_service.journal.journal import Key
+from caesura_service.journal.rows import ROW_BYTES, RecordRow
+from caesura_service.journal.schema import SELECT_LAST, UPDATE_SESSIONS, insert_records, insert_sessions
+
+T = TypeVar("T")
+
+_AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
+
+
+def write_rows(database: sqlite3.Connection, rows: Sequence[RecordRow]) -> None:
+    """Insert rows, in a transaction of the caller; one that is there already is skipped and counts once."""
+    opened: dict[Key, float] = {}
+    for row in rows:
+        opened.setdefault(row[:2], row.at)
+    for sessions in _chunks([(*key, at, at) for key, at in opened.items()]):
+        database.execute(insert_sessions(len(sessions)), [*chain.from_iterable(sessions)])
+    (before,) = database.execute(SELECT_LAST).fetchone()
+    for some in _chunks(rows):
+        database.execute(insert_records(len(some)), [*chain.from_iterable(some)])
+    database.execute(UPDATE_SESSIONS, (ROW_BYTES, before))
+
+
+def _chunks(rows: Sequence[T]) -> Iterator[Sequence[T]]:
+    """Split rows into as few chunks as the prepared statements allow."""
+    first = 0
+    for size in _AT_ONCE:
+        while len(rows) - first >= size:
+            yield rows[first : first + size]
+            first += size

@@ -1,0 +1,54 @@
+"""What can be kept of a damaged journal: its undamaged sessions, each wholly or not at all."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from pathlib import Path
+
+from caesura_service.journal.checksums import checksum
+from caesura_service.journal.journal import JournalDamagedError, JournalError
+from caesura_service.journal.row_writer import write_rows
+from caesura_service.journal.rows import SessionRow, epoch_in, pages_of, stations_in
+from caesura_service.journal.schema import (
+    INSERT_EPOCH,
+    INSERT_OUTCOME,
+    SELECT_OUTCOME,
+    SELECT_ROWS,
+    map_sqlite_errors,
+    transaction,
+)
+
+logger = logging.getLogger(__name__)
+
+MAX_PLACE = (1 << 63) - 1
+
+
+def copy_intact_sessions(damaged: sqlite3.Connection, path: Path, database: sqlite3.Connection) -> None:
+    """Copy the undamaged sessions of another database, and the epochs of its stations.
+
+    path: of the damaged one. Logs each session that is not kept. Raises JournalError where none can be read.
+    """
+    with map_sqlite_errors(path):
+        for station in stations_in(damaged):
+            if (epoch := epoch_in(damaged, station)) >= 0:
+                with transaction(database):
+                    database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
+        rows = damaged.execute(SELECT_ROWS).fetchall()
+    for row in rows:
+        session = SessionRow(*row)
+        try:
+            with map_sqlite_errors(path), transaction(database):
+                _copy(damaged, session, database)
+        except JournalError as error:
+            logger.error("%s is not kept: %s", "/".join(session.key), error)
+
+
+def _copy(damaged: sqlite3.Connection, session: SessionRow, database: sqlite3.Connection) -> None:
+    """Copy a session. Raises JournalDamagedError."""
+    if session.record_count is None or not session.is_intact:
+        raise JournalDamagedError("whether it is whole cannot be known")
+    for page in pages_of(damaged, session, MAX_PLACE):
+        write_rows(database, [row.copy_row(session.key) for row in page])
+    if (outcome := damaged.execute(SELECT_OUTCOME, session.key).fetchone()) is not None:
+        database.execute(INSERT_OUTCOME, (*outcome[1:], *session.key))

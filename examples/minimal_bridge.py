@@ -26,7 +26,7 @@ def encoding(kind):
     return f"application/msgpack;caesura.{kind}.v1"
 
 
-class Bridge:
+class MinimalBridge:
     """One session of one station."""
 
     def __init__(self, session, station, name):
@@ -145,7 +145,7 @@ def main(endpoint="tcp/127.0.0.1:7447", station="cell-1", seconds="5"):
     except zenoh.ZError:
         sys.exit(f"error: no router at {endpoint}: start `caesura serve`, or name another endpoint")
     with opened as session:
-        bridge = Bridge(session, station, f"s{time.strftime('%Y%m%d-%H%M%S')}")
+        bridge = MinimalBridge(session, station, f"s{time.strftime('%Y%m%d-%H%M%S')}")
         bridge.open()
         begun, seq, rows = time.monotonic(), 0, []
         for row in robot(float(seconds)):

@@ -78,11 +78,11 @@ ROOMS = (
 NAMES_ONLY = ("tests",)  # where names are checked, and no text
 # What is not checked, with the reason.
 LEFT_OUT = {"scripts/check_words.py": "it lists the words"}
-# Where a class name may occur once; scripts and examples stand each for itself.
-SOURCE = ("protocol/", "service/", "clients/", "lab/")
+# Where a class name may occur once.
+SOURCE = ("protocol/", "service/", "clients/", "lab/", "scripts/", "examples/", "deploy/")
 
 
-class Finding(NamedTuple):
+class WordFinding(NamedTuple):
     """One offence. path: relative to the top; line: from 1."""
 
     path: str
@@ -94,15 +94,15 @@ class Finding(NamedTuple):
         return f"{self.path}:{self.line}: {self.text} ({self.rule}: {ADVICE[self.rule]})"
 
 
-def words_in(path: str, line: int, text: str) -> Iterator[Finding]:
+def words_in(path: str, line: int, text: str) -> Iterator[WordFinding]:
     """Yield the ruled-out words of a text that begins at a line; `code` is skipped."""
     prose = re.sub(r"`[^`\n]*`", lambda code: " " * len(code.group()), text)
     for rule, pattern in WORDS.items():
         for match in pattern.finditer(prose):
-            yield Finding(path, line + prose.count("\n", 0, match.start()), rule, repr(match.group()))
+            yield WordFinding(path, line + prose.count("\n", 0, match.start()), rule, repr(match.group()))
 
 
-def in_markdown(path: str, text: str) -> Iterator[Finding]:
+def in_markdown(path: str, text: str) -> Iterator[WordFinding]:
     """Yield the ruled-out words and the long sentences of a document."""
     text = _without_code(text)
     yield from words_in(path, 1, text)
@@ -110,10 +110,10 @@ def in_markdown(path: str, text: str) -> Iterator[Finding]:
         count = len(sentence.split())
         if count > MAX_SENTENCE_WORDS:
             start = " ".join(sentence.split()[:8])
-            yield Finding(path, line, "long-sentence", f"{count} words: {start!r} …")
+            yield WordFinding(path, line, "long-sentence", f"{count} words: {start!r} …")
 
 
-def in_source(path: str, text: str) -> Iterator[Finding]:
+def in_source(path: str, text: str) -> Iterator[WordFinding]:
     """Yield the ruled-out words of comments and strings, and a missing docstring of the module."""
     tree = ast.parse(text)
     names = {id(item) for node in tree.body if _declares_names(node) for item in ast.walk(node)}
@@ -124,10 +124,10 @@ def in_source(path: str, text: str) -> Iterator[Finding]:
         if token.type == tokenize.COMMENT:
             yield from words_in(path, token.start[0], token.string)
     if tree.body and not _is_sentence(ast.get_docstring(tree)):
-        yield Finding(path, 1, "module-docstring", f"docstring {ast.get_docstring(tree)!r}"[:100])
+        yield WordFinding(path, 1, "module-docstring", f"docstring {ast.get_docstring(tree)!r}"[:100])
 
 
-def names_in(path: str, text: str) -> Iterator[Finding]:
+def names_in(path: str, text: str) -> Iterator[WordFinding]:
     """Yield the names of a module with a ruled-out word in them, each where it is given."""
     for node in ast.walk(ast.parse(text)):
         match node:
@@ -144,7 +144,7 @@ def names_in(path: str, text: str) -> Iterator[Finding]:
         words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_", " ", name)
         for rule, pattern in WORDS.items():
             if pattern.search(words):
-                yield Finding(path, node.lineno, rule, f"name {name}")
+                yield WordFinding(path, node.lineno, rule, f"name {name}")
 
 
 def classes_in(path: str, text: str) -> Iterator[tuple[str, str, int]]:
@@ -154,7 +154,7 @@ def classes_in(path: str, text: str) -> Iterator[tuple[str, str, int]]:
             yield node.name, path, node.lineno
 
 
-def twice(classes: Iterable[tuple[str, str, int]]) -> Iterator[Finding]:
+def twice(classes: Iterable[tuple[str, str, int]]) -> Iterator[WordFinding]:
     """Yield every class whose name another class has too."""
     places = defaultdict(list)
     for name, path, line in classes:
@@ -163,7 +163,7 @@ def twice(classes: Iterable[tuple[str, str, int]]) -> Iterator[Finding]:
         for path, line in found:
             others = ", ".join(f"{other}:{at}" for other, at in found if (other, at) != (path, line))
             if others:
-                yield Finding(path, line, "class-twice", f"class {name} also in {others}")
+                yield WordFinding(path, line, "class-twice", f"class {name} also in {others}")
 
 
 def files(top: Path) -> Iterator[tuple[str, str]]:
@@ -176,9 +176,9 @@ def files(top: Path) -> Iterator[tuple[str, str]]:
                 yield path, file.read_text(encoding="utf-8")
 
 
-def findings(top: Path) -> list[Finding]:
+def findings(top: Path) -> list[WordFinding]:
     """Return every finding below a folder, by path and line."""
-    found: list[Finding] = []
+    found: list[WordFinding] = []
     classes: list[tuple[str, str, int]] = []
     for path, text in files(top):
         if path.endswith(".md"):

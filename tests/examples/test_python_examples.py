@@ -90,8 +90,8 @@ def test_the_minimal_bridge_speaks_the_wire_without_our_library(service, caesura
 LOSSY = """
 import random
 random.seed(1)
-put = Bridge.send
-Bridge.send = lambda bridge, payload: put(bridge, payload) if random.random() < 0.7 else None
+put = MinimalBridge.send
+MinimalBridge.send = lambda bridge, payload: put(bridge, payload) if random.random() < 0.7 else None
 """
 
 

@@ -5,7 +5,6 @@ Joint velocities, accelerations and jerks are finite differences at 1 kHz, again
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +13,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from caesura_lab.execution.executor import RunResult, SimulatedCell, run
-from caesura_lab.execution.skills import CREEP_M_PER_S
 from caesura_lab.retiming import optimal
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS
@@ -169,14 +167,24 @@ def test_pauses_are_removed_unless_marked(
 ) -> None:
     taught, fast = programs["dispenser"]
     for before, app in pairwise(fast.apps):
-        crept_m = 0.0
-        if app.path is not None and before.path is not None and before.target is not None:
-            crept_m = math.dist(before.target, app.path.start.position)
-        assert app.t0 - before.tn == pytest.approx(crept_m / CREEP_M_PER_S, abs=2e-3)
+        assert app.t0 - before.tn == pytest.approx(0.0, abs=2e-3)
     kept = optimal(taught, keeps_pause=[3], robot=robot)
     assert kept.apps[3].t0 - kept.apps[2].tn == pytest.approx(taught.apps[3].t0 - taught.apps[2].tn, abs=1e-5)
     assert kept.timing is not None
     assert kept.timing.keeps_pause == (3,)
+
+
+@pytest.mark.parametrize(("crept_m", "pause_s"), [(0.0015, 0.0), (0.0025, 0.5)])
+def test_what_a_hand_crept_in_a_pause_is_crept_beyond_the_tolerance_of_the_path(
+    crept_m: float, pause_s: float, robot: Robot
+) -> None:
+    """The tolerance is 2 mm."""
+    first = move(1.0, (0.4, 0.0, 0.4), (0.4, 0.1, 0.4))
+    second = move(4.0, (0.4, 0.1 + crept_m, 0.4), (0.5, 0.1, 0.4))
+    fast = optimal(as_file((first, second)), robot=robot)
+    assert fast.timing is not None
+    assert fast.timing.retimed == (0, 1)
+    assert fast.apps[1].t0 - fast.apps[0].tn == pytest.approx(pause_s, abs=3e-3)
 
 
 def test_a_load_derates_the_acceleration(

@@ -65,7 +65,7 @@ def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[Pr
 
 
 def with_whole_turns(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; a turn in contact that goes on about its axis without a stop is one."""
+    """The same steps; a turn that goes on about its axis without a stop is one."""
     return joined_where(steps, lambda turn, step: _turns_on(turn, step, context.moment_at), _one_turn)
 
 
@@ -354,15 +354,16 @@ def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
 
 
 def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does a turn go on in a step about the same axis, pressed as hard, and without a stop?"""
+    """Does a turn go on in a step about the same axis, without a stop, and in contact pressed as hard?"""
     one, two = turn.segment, step.segment
     named = one.corrected or two.corrected
-    if named or not one.kind == two.kind == "turning" or not (turn.touches and step.touches):
+    if named or not one.kind == two.kind == "turning" or one.contact != two.contact:
         return False
     if one.turn is None or two.turn is None or step.index != turn.index + 1:
         return False
     about_one_axis = float(np.dot(one.turn, two.turn)) >= SAME_AXIS * length(one.turn) * length(two.turn)
-    return about_one_axis and _pressed_as(turn, step, moment_at) and not _stops_between(turn, step, moment_at)
+    as_hard = not turn.touches or _pressed_as(turn, step, moment_at)
+    return about_one_axis and as_hard and not _stops_between(turn, step, moment_at)
 
 
 def _stops_between(turn: ProgramSegment, following: ProgramSegment, moment_at: MomentAt) -> bool:

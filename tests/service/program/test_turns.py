@@ -73,6 +73,39 @@ def test_a_turn_in_contact_that_goes_on_about_its_axis_is_one(
         assert apps[1].screw.torque == pytest.approx((0.0, 0.0, 0.8)), "as tight as the harder of the two"
 
 
+@pytest.mark.parametrize(
+    ("changes", "turns"),
+    [
+        ({}, [(1, 2)]),
+        ({"stands_s": 0.4}, [(1,), (2,)]),
+        ({"second_turn": (0.0, 1.0, 0.0)}, [(1,), (2,)]),
+    ],
+)
+def test_a_turn_in_the_air_that_goes_on_about_its_axis_is_one(
+    changes: dict[str, Any], turns: list[tuple[int, ...]]
+) -> None:
+    """A hand poured and turned back; the last part of the turn back was a segment of its own."""
+    stands_s = changes.get("stands_s", 0.0)
+
+    def at(t: float) -> Moment:
+        half = 0.5 * turned_at(t, stands_s)
+        return Moment((0.0, 0.0, 0.2), (0.0, 0.0, math.sin(half), math.cos(half)), None, None)
+
+    def turn(t0: float, tn: float, about: Vector) -> Segment:
+        here: dict[str, Any] = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.2)}
+        return segment("motion", t0, tn, **here).model_copy(update={"kind": "turning", "turn": about})
+
+    middle, end = 3.0 + 0.5 * stands_s, 4.0 + stands_s
+    about = changes.get("second_turn", (0.0, 0.0, 1.0))
+    apps = program(
+        segment("motion", 0.0, 2.0, position_start=(0.0, 0.0, 0.4), position_end=(0.0, 0.0, 0.2)),
+        turn(2.0, middle, (0.0, 0.0, 1.0)),
+        turn(middle, end, about),
+        at=at,
+    )
+    assert [app.segments for app in apps[1:]] == turns
+
+
 def test_the_rests_around_a_turn_in_contact_are_part_of_it() -> None:
     turn = segment("sliding", 3.0, 5.0, **held(9.0)).model_copy(update={"kind": "turning"})
     made = program(

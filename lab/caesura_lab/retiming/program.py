@@ -8,9 +8,8 @@ makes of it keeps to the limits too. A movement that cannot be timed stays as ta
 that a person gave a speed keeps it. One that stays near a contact that it leaves or meets keeps its taught
 time, too.
 
-A pause is removed where it is not marked. Where a hand crept on in it by more than the tolerance of the path
-that follows, it lasts as long as the executor takes to creep there. Within the tolerance the robot goes onto
-the path from where it is.
+A pause is removed where it is not marked. Where a hand crept on in it by more than `CREPT_M`, it lasts as
+long as the executor takes to creep there. Within that the robot goes onto the next path from where it is.
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from scipy.spatial import cKDTree
 
 from caesura_lab.execution.skills import CREEP_M_PER_S
 from caesura_lab.execution.trajectories import (
+    ASTRAY_M,
     BRAKE_M_PER_S2,
     SLOW_M,
     app_path,
@@ -55,6 +55,7 @@ VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
 ROUNDS, EVEN = 5, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
 REACH_M, OFF_M = 1e-3, 1e-3  # from the start of the path; from the taught path to the re-timed one
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
+CREPT_M = 0.5 * ASTRAY_M  # the executor goes onto a path whose start is up to `ASTRAY_M` away
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 
 
@@ -102,13 +103,13 @@ def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) 
 
 
 def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
-    """How long [s] the executor creeps to where the path of an app begins; 0 within the path's tolerance."""
+    """How long [s] the executor creeps to where the path of an app begins; 0 within `CREPT_M`."""
     path, before = apps[index].path, apps[index - 1]
     if path is None or before.target is None or not APP_KINDS[before.kind].travels:
         return 0.0
     crept_m, pause_s = math.dist(path.start.position, before.target), apps[index].t0 - before.tn
     seconds = math.ceil(TICKS_PER_S * crept_m / CREEP_M_PER_S) / TICKS_PER_S + 1.0 / TICKS_PER_S
-    return seconds if crept_m > path.tolerance_m and seconds < pause_s else 0.0
+    return seconds if crept_m > CREPT_M and seconds < pause_s else 0.0
 
 
 def _fastest(

@@ -80,6 +80,16 @@ def test_without_a_scenario_it_runs_in_a_cell_as_taught(program: Path, tmp_path:
     assert np.median(felt[felt > 0.5 * taught]) == pytest.approx(taught, rel=0.15)
 
 
+def test_a_program_is_run_within_the_limits_of_its_cell(program: Path, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.json"
+    cell.write_text('{"speed_m_per_s": 0.1}', encoding="utf-8")
+    done = caesura("execute", program, "--simulated", "--cell", cell)
+    assert done.exit_code == 0, done.output
+    assert float(done.output.split("at most ")[1].split(" m/s")[0]) <= 0.1
+    done = caesura("execute", program, "--simulated", "--force-limit", "2")
+    assert (done.exit_code, "N, expected 1 to 2 N" in done.output) == (1, True)
+
+
 def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", spoilt, "--simulated", "--scenario", "dispenser", "-o", out)

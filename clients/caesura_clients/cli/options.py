@@ -59,7 +59,9 @@ AngleTolerance = Annotated[
 ]
 CellFile = Annotated[
     Path | None,
-    typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
+    typer.Option(
+        "--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, Limits of a cell)."
+    ),
 ]
 GripperOption = Annotated[
     str | None,

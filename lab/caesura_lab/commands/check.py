@@ -84,6 +84,8 @@ def execute(
     *,
     simulated: Annotated[bool, typer.Option("--simulated", help="On the simulated robot.")] = False,
     scenario: Cell = None,
+    cell_file: CellFile = None,
+    force_limit: ForceLimit = None,
     seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
     robot: RobotOption = None,
     retarget: Retarget = False,
@@ -101,7 +103,9 @@ def execute(
             )
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
-        stopped = _run(on_robot(read_document(file), robot, retarget=retarget), scenario, seed, out)
+        program = on_robot(read_document(file), robot, retarget=retarget)
+        limits = safety_of(program, cell_file, force_limit)
+        stopped = _run(program.model_copy(update={"safety": limits}), scenario, seed, out)
     if stopped:
         raise typer.Exit(1)
 

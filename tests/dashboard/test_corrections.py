@@ -126,7 +126,9 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
 
 
 @pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
-def test_the_menu_of_corrections_with_its_preview_is_within_the_window(operator: Operator, size: ViewportSize):
+def test_the_menu_of_corrections_with_its_preview_is_within_the_window(
+    operator: Operator, size: ViewportSize
+):
     page, menu = operator.page, operator.page.locator(".correct-menu")
     page.set_viewport_size(size)
     try:

@@ -61,6 +61,17 @@ def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Pa
     assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 28.5)
 
 
+def test_a_script_for_another_robot_of_the_maker_is_written_where_it_is_retargeted(program: Path) -> None:
+    content = json.loads(program.read_text("utf-8"))
+    program.write_text(json.dumps(content | {"robot": "ur5e"}), encoding="utf-8")
+    command = ("program", "--file", program, "--format", "urscript", "--robot", "ur10e")
+    refused = caesura(*command)
+    assert (refused.exit_code, "was taught on ur5e, not on ur10e" in refused.output) == (1, True)
+    written = caesura(*command, "--retarget")
+    assert written.exit_code == 0, written.output
+    assert "Universal Robots UR10e" in written.output.splitlines()[0]
+
+
 def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", program, "--simulated", "--scenario", "dispenser", "-o", out)

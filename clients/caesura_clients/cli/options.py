@@ -79,6 +79,12 @@ RobotOption = Annotated[
         help="Which arm it is: a name as of `caesura robots`, or the path of its robot.json.",
     ),
 ]
+Retarget = Annotated[
+    bool,
+    typer.Option(
+        "--retarget", help="Of a program for another robot, leave the joints out and keep the poses."
+    ),
+]
 LengthUnit = Annotated[
     str | None,
     typer.Option(

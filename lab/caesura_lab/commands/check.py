@@ -10,7 +10,15 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.connection_options import Json
-from caesura_clients.cli.options import CellFile, ForceLimit, GripperOption, RobotOption, reported, safety_of
+from caesura_clients.cli.options import (
+    CellFile,
+    ForceLimit,
+    GripperOption,
+    Retarget,
+    RobotOption,
+    reported,
+    safety_of,
+)
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
@@ -21,12 +29,6 @@ from caesura_protocol.robots import robot_description
 
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
-]
-Retarget = Annotated[
-    bool,
-    typer.Option(
-        "--retarget", help="Of a program for another robot, leave the joints out and keep the poses."
-    ),
 ]
 Cell = Annotated[
     str | None,

@@ -61,6 +61,17 @@ def test_a_check_says_what_is_wrong_and_exits_with_1(program: Path, tmp_path: Pa
     assert (finding["index"], finding["value"], finding["limit"]) == (1, 40.0, 28.5)
 
 
+def test_a_script_for_another_robot_of_the_maker_is_written_where_it_is_retargeted(program: Path) -> None:
+    content = json.loads(program.read_text("utf-8"))
+    program.write_text(json.dumps(content | {"robot": "ur5e"}), encoding="utf-8")
+    command = ("program", "--file", program, "--format", "urscript", "--robot", "ur10e")
+    refused = caesura(*command)
+    assert (refused.exit_code, "was taught on ur5e, not on ur10e" in refused.output) == (1, True)
+    written = caesura(*command, "--retarget")
+    assert written.exit_code == 0, written.output
+    assert "Universal Robots UR10e" in written.output.splitlines()[0]
+
+
 def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.npz"
     done = caesura("execute", program, "--simulated", "--scenario", "dispenser", "-o", out)
@@ -78,6 +89,16 @@ def test_without_a_scenario_it_runs_in_a_cell_as_taught(program: Path, tmp_path:
     taught = max(-app["force"][2] for app in json.loads(program.read_text("utf-8"))["apps"] if app["force"])
     felt = run.signals["force"][:, 2]
     assert np.median(felt[felt > 0.5 * taught]) == pytest.approx(taught, rel=0.15)
+
+
+def test_a_program_is_run_within_the_limits_of_its_cell(program: Path, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.json"
+    cell.write_text('{"speed_m_per_s": 0.1}', encoding="utf-8")
+    done = caesura("execute", program, "--simulated", "--cell", cell)
+    assert done.exit_code == 0, done.output
+    assert float(done.output.split("at most ")[1].split(" m/s")[0]) <= 0.1
+    done = caesura("execute", program, "--simulated", "--force-limit", "2")
+    assert (done.exit_code, "N, expected 1 to 2 N" in done.output) == (1, True)
 
 
 def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:

@@ -146,6 +146,7 @@ def test_without_a_service_any_session_can_be_deleted(directory):
     [
         (("s9",), "no session 's9' at any station in"),
         (("s9",), "known: cell-1/s1, cell-2/s1, cell-1/s2"),
+        (("s9",), "--journal names the directory of another service"),
         (("s1",), "several stations have a session 's1': name one of cell-1, cell-2 with --station"),
         (("s1", "--station", "cell-3"), "no session 's1' at cell-3"),
         (("s1", "--instance", "other"), "other.sqlite: this runs where the service does"),

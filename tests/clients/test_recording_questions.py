@@ -164,6 +164,8 @@ def test_options_that_contradict_are_blamed_and_not_the_file(tmp_path: Path):
         ("Zeit;x-Koordinate;y-Koordinate;z-Koordinate", {"t", "px", "py", "pz"}),
         ("Zeit;Drehmoment X;Drehmoment Y;Drehmoment Z;Achse 1;Achse 2", {"t", "mx", "my", "mz", "q1", "q2"}),
         ("t;Sensor X links [N];Sensor Y links [N];Sensor Z links [N]", {"t", "fx", "fy", "fz"}),
+        ("Zeit/ms;X/mm;Y/mm;Z/mm;Fx_tool;Fy_tool;Fz_tool", {"t", "px", "py", "pz", "fx", "fy", "fz"}),
+        ("t;x in mm;y in mm;z in mm;u m/s;v m/s;w m/s", {"t", "px", "py", "pz"}),
         ("t;load-x [Nm];load-y [Nm];load-z [Nm]", {"t", "mx", "my", "mz"}),
         ("t;spot x_mm;spot y_mm;spot z_mm", {"t", "px", "py", "pz"}),
         ("t;x;y;z;goal x [m];goal y [m];goal z [m]", {"t", "px", "py", "pz"}),

@@ -239,6 +239,18 @@ def test_an_unknown_page_is_not_found(stage: Stage, visitor: Visitor):
     assert page.request.get(f"{stage.dashboard.url}/assets/none.js").json() == {"detail": "Not Found"}
 
 
+def test_an_export_that_is_refused_leads_back(stage: Stage, visitor: Visitor):
+    page = visitor.page
+    answer = page.goto(f"{stage.dashboard.url}/programs/cell-2/done-1/pascal")
+    assert answer is not None
+    assert answer.status == 404
+    expect(page.locator("h1")).to_have_text("Not exported")
+    expect(page.get_by_text("no program cell-2/done-1 in format 'pascal'; formats: ")).to_be_visible()
+    assert visitor.barriers() == []
+    page.get_by_role("link", name="Go back").click()
+    expect(page.locator(".app").first).to_be_visible()
+
+
 def test_a_page_of_another_name_is_refused(stage: Stage, visitor: Visitor):
     """As DNS that is bent would have it: the browser asks this machine by a stranger's name."""
     page = visitor.page

@@ -328,6 +328,25 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
     visitor.close()
 
 
+def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, browser: Browser):
+    stage.teach("cell-unsigned", guided(), session="over", pace="fast")
+    stage.wait("cell-unsigned")
+    visitor = Visitor(browser)
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/cell-unsigned/over")
+    page.get_by_label("Program name").fill("Press the pump")
+    page.get_by_label("Program name").press("Enter")
+    expect(page.get_by_label("Your name")).to_be_focused()
+    assert visitor.barriers() == []
+    page.keyboard.type("Ann")
+    page.keyboard.press("Enter")
+    expect(page.locator(".edits summary")).to_contain_text("Edits: 1")
+    page.locator(".edits summary").click()
+    expect(page.locator(".edits li")).to_contain_text("– Ann, applied")
+    assert visitor.errors == []
+    visitor.close()
+
+
 def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, browser: Browser):
     stage.teach("cell-again", guided(), session="first", pace="fast")
     stage.wait("cell-again")

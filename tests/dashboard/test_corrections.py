@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, ViewportSize, expect
 
 from caesura_clients import Caesura
-from dashboard.browser import PATIENCE_MS, THEMES, SlowSocket, Visitor, needs_chromium
+from dashboard.browser import DESK, PATIENCE_MS, SIZES, THEMES, SlowSocket, Visitor, needs_chromium
 from dashboard.operator import NEAR_S, Operator, T
 from dashboard.stage import Stage, patient
 from dashboard.subscriber import Subscriber
@@ -123,6 +123,26 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
         return any(force is not None and max(map(abs, force)) <= 4.01 for force in forces)
 
     operator.wire.until(limited)
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+def test_the_menu_of_corrections_with_its_preview_is_within_the_window(
+    operator: Operator, size: ViewportSize
+):
+    page, menu = operator.page, operator.page.locator(".correct-menu")
+    page.set_viewport_size(size)
+    try:
+        left, top = operator.place(T)
+        page.mouse.click(left, min(top, size["height"] - 40), button="right")
+        menu.locator(".insert").hover()
+        expect(menu.locator(".effect")).to_contain_text("App")
+        box = menu.bounding_box()
+        assert box is not None
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= size["height"]
+        page.keyboard.press("Escape")
+    finally:
+        page.set_viewport_size(DESK)
 
 
 def test_a_time_that_is_being_typed_stays_while_the_menu_is_drawn_anew(operator: Operator):

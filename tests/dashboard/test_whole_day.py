@@ -17,7 +17,17 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description, Insert, Snapshot
 from caesura_protocol.recording import Recording
-from dashboard.browser import DESK, PATIENCE_MS, PHONE, SIZES, Visitor, looks_right, needs_chromium, settled
+from dashboard.browser import (
+    DESK,
+    PATIENCE_MS,
+    PHONE,
+    SIZES,
+    TABLET,
+    Visitor,
+    looks_right,
+    needs_chromium,
+    settled,
+)
 from dashboard.operator import Operator
 from dashboard.stage import Stage, StandbyBridge, patient
 from dashboard.test_start_stop import described
@@ -242,6 +252,11 @@ def restart(stage: Stage, bridge: StandbyBridge, page: Page) -> None:
 def find(stage: Stage, page: Page) -> None:
     """The day after: search the list for words of its description, and open it."""
     page.goto(f"{stage.dashboard.url}/sessions")
+    page.locator("table.sessions tbody tr").first.wait_for()
+    for size in (DESK, TABLET):
+        page.set_viewport_size(size)
+        assert page.locator(".scroll").evaluate("(list) => list.scrollWidth - list.clientWidth") == 0
+    page.set_viewport_size(DESK)
     page.locator(".words").fill("table ann")
     rows = page.locator("tbody tr")
     expect(rows).to_have_count(1)

@@ -59,7 +59,9 @@ AngleTolerance = Annotated[
 ]
 CellFile = Annotated[
     Path | None,
-    typer.Option("--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, safety)."),
+    typer.Option(
+        "--cell", metavar="FILE", help="JSON with the cell's limits (docs/programs.md, Limits of a cell)."
+    ),
 ]
 GripperOption = Annotated[
     str | None,
@@ -75,6 +77,12 @@ RobotOption = Annotated[
         "--robot",
         metavar="NAME|FILE",
         help="Which arm it is: a name as of `caesura robots`, or the path of its robot.json.",
+    ),
+]
+Retarget = Annotated[
+    bool,
+    typer.Option(
+        "--retarget", help="Of a program for another robot, leave the joints out and keep the poses."
     ),
 ]
 LengthUnit = Annotated[

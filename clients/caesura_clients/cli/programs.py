@@ -18,6 +18,8 @@ from caesura_clients.cli.options import (
     CellFile,
     ForceLimit,
     GripperOption,
+    Retarget,
+    RobotOption,
     connected,
     only_station,
     reported,
@@ -34,6 +36,7 @@ from caesura_protocol.programs.document import (
     ProgramFile,
     document,
     in_cell,
+    on_robot,
     read_document,
 )
 from caesura_protocol.programs.formats import WRITERS
@@ -91,6 +94,8 @@ def program(
     speed: Speed = TAUGHT,
     keep_pause: KeepPause = None,
     gripper: GripperOption = None,
+    robot: RobotOption = None,
+    retarget: Retarget = False,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -101,10 +106,16 @@ def program(
     """
     with reported():
         timed = partial(at_speed, speed=speed, keeps_pause=[number - 1 for number in keep_pause or ()])
-        if as_json and speed != TAUGHT:
-            raise CaesuraError("--json prints the message as it was taught: use --format json with --speed")
+        if as_json and not (speed == TAUGHT and robot is None):
+            option = "--robot" if robot is not None else "--speed"
+            raise CaesuraError(f"--json prints the message as it was taught: use --format json with {option}")
+
+        def made_of(taught: ProgramFile) -> ProgramFile:
+            placed = on_robot(taught, robot, retarget=retarget)
+            return timed(_in_cell(placed, cell, force_limit))
+
         if file is not None:
-            made = with_gripper(timed(_in_cell(read_document(file), cell, force_limit)), gripper)
+            made = with_gripper(made_of(read_document(file)), gripper)
             if against is not None:
                 _compare(made, against, endpoint, config)
                 return
@@ -120,13 +131,15 @@ def program(
                 found = caesura.program(name)
             clock = _clock_of(caesura, found) if output_format is ProgramFormat.TABLE else SessionClock()
         if against is not None:
-            _compare(timed(_in_cell(document(found), cell, force_limit)), against, endpoint, config)
+            _compare(made_of(document(found)), against, endpoint, config)
         elif as_json:
             typer.echo(found.model_dump_json(indent=2))
-        elif output_format is ProgramFormat.TABLE and speed == TAUGHT and not (out or cell or force_limit):
+        elif output_format is ProgramFormat.TABLE and not (
+            speed != TAUGHT or out or cell or force_limit or robot
+        ):
             Console().print(*clock_lines(clock), program_view(found, clock), sep="\n")
         else:
-            made = timed(_in_cell(document(found, phases=phases), cell, force_limit))
+            made = made_of(document(found, phases=phases))
             made = with_gripper(made, gripper)
             write_program(_named(made, name_group, output_format), output_format, out, clock)
 

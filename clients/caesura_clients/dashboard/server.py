@@ -183,15 +183,18 @@ def declare_files(site: Site) -> None:
         return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
 
     @app.get(f"{PROGRAMS}/{{station}}/{{session}}/{{name}}")
-    async def _program(station: str, session: str, name: str, gripper: str | None = None) -> Response:
+    async def _program(
+        station: str, session: str, name: str, request: Request, gripper: str | None = None
+    ) -> Response:
         named = _checked(station), _checked(session)
-        return await asyncio.to_thread(_exported, site, *named, name, gripper)
+        answer = await asyncio.to_thread(_exported, site, *named, name, gripper)
+        return _shown(request, answer, f"/sessions/{station}/{session}")
 
     @app.get(DATASETS)
     async def _dataset(request: Request) -> Response:
         named = [_named(one) for one in request.query_params.getlist("session")]
         await _read(site, *named)
-        return await asyncio.to_thread(_zip_file, site, named)
+        return _shown(request, await asyncio.to_thread(_zip_file, site, named), "/sessions")
 
     @app.put(f"{recordings.UPLOADS}/{{upload}}/{{name:path}}")
     async def _upload(upload: str, name: str, request: Request) -> Response:
@@ -206,6 +209,15 @@ async def _not_found(request: Request, error: Exception) -> Response:
     with Client(ui.page(""), request=request) as client:
         missing.build(request.url.path, error.detail)
     return client.build_response(request, 404)
+
+
+def _shown(request: Request, answer: Response, back: str) -> Response:
+    """The answer. A refusal becomes a page for a browser. back: the page that it leads back to."""
+    if answer.status_code < 400 or "text/html" not in request.headers.get("accept", ""):
+        return answer
+    with Client(ui.page(""), request=request) as client:
+        missing.build_refusal(bytes(answer.body).decode(), back)
+    return client.build_response(request, answer.status_code)
 
 
 def _signals(site: Site, station: str, session: str, parameters: str) -> Response:

@@ -10,7 +10,15 @@ from typing import Annotated
 import typer
 
 from caesura_clients.cli.connection_options import Json
-from caesura_clients.cli.options import CellFile, ForceLimit, GripperOption, RobotOption, reported, safety_of
+from caesura_clients.cli.options import (
+    CellFile,
+    ForceLimit,
+    GripperOption,
+    Retarget,
+    RobotOption,
+    reported,
+    safety_of,
+)
 from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
@@ -21,12 +29,6 @@ from caesura_protocol.robots import robot_description
 
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
-]
-Retarget = Annotated[
-    bool,
-    typer.Option(
-        "--retarget", help="Of a program for another robot, leave the joints out and keep the poses."
-    ),
 ]
 Cell = Annotated[
     str | None,
@@ -84,6 +86,8 @@ def execute(
     *,
     simulated: Annotated[bool, typer.Option("--simulated", help="On the simulated robot.")] = False,
     scenario: Cell = None,
+    cell_file: CellFile = None,
+    force_limit: ForceLimit = None,
     seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
     robot: RobotOption = None,
     retarget: Retarget = False,
@@ -101,7 +105,9 @@ def execute(
             )
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
-        stopped = _run(on_robot(read_document(file), robot, retarget=retarget), scenario, seed, out)
+        program = on_robot(read_document(file), robot, retarget=retarget)
+        limits = safety_of(program, cell_file, force_limit)
+        stopped = _run(program.model_copy(update={"safety": limits}), scenario, seed, out)
     if stopped:
         raise typer.Exit(1)
 

@@ -244,7 +244,8 @@ def _find_session(journals: list[Path], session: str, station: str | None) -> Fo
         there = ", ".join(dict.fromkeys("/".join(matches.copy.key) for matches in known))
         where = journals[0] if len(journals) == 1 else journals[0].parent
         raise NotFound(
-            f"no session {session!r} at {station or 'any station'} in {where}; known: {there or 'none'}"
+            f"no session {session!r} at {station or 'any station'} in {where}; known: {there or 'none'}; "
+            "--journal names the directory of another service"
         )
     if len(stations) > 1:
         named = ", ".join(stations)

@@ -24,8 +24,8 @@ _SPELLINGS: Mapping[str, str] = {
         gelenk{n} gelenkwinkel{n} gelenkposition{n} achse{n} achswinkel{n}
     """,
     "force": """
-        f{n} force{a} {a}force wrenchforce{a} ftforce{a} tcpforce{a} forcetcp{a} contactforce{a}
-        actualtcpforce{i}
+        f{n} f{a}tool f{a}tcp force{a} {a}force wrenchforce{a} ftforce{a} tcpforce{a} forcetcp{a}
+        contactforce{a} actualtcpforce{i}
         kraft{a} {a}kraft tcpkraft{a} krafttcp{a} kontaktkraft{a}
     """,
     "torque": """

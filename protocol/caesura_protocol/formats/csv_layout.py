@@ -184,6 +184,11 @@ def _numbered(count: int) -> tuple[str, ...]:
 
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 _BRACKETS = re.compile(r"[\[(<]\s*([^\])>]*)\s*[\])>]")
+# As in `x_mm`, `x in mm` and `x/mm`, and not the `s` of `v m/s`.
+_TRAILING_UNIT = re.compile(
+    r"(?: in)?(?:[ _]|(?<!\bm)(?<!_m)(?<!mm)(?<!rad)(?<!deg)/)"
+    r"(ms|us|ns|s|sec|mm|cm|m|rad|deg|N|kN|Nm|Nmm)\s*$"
+)
 
 
 def _plain(name: str) -> str:
@@ -193,7 +198,7 @@ def _plain(name: str) -> str:
     ('tcppositionx', 'time', 'oeffnung')
     """
     bare = _BRACKETS.sub("", name)
-    bare = re.sub(r"[ _](ms|us|ns|s|sec|mm|cm|m|rad|deg|N|kN|Nm|Nmm)\s*$", "", bare)
+    bare = _TRAILING_UNIT.sub("", bare)
     return re.sub(r"[^a-z0-9]", "", bare.lower().translate(_UMLAUTS))
 
 
@@ -203,5 +208,5 @@ def _unit_in(name: str, known: Mapping[str, float]) -> str | None:
     >>> _unit_in("Zeit [ms]", {"s": 1.0, "ms": 1e-3}), _unit_in("x_mm", {"mm": 1e-3})
     ('ms', 'mm')
     """
-    words = [*_BRACKETS.findall(name), *re.split(r"[ _]", name)[1:]]
+    words = [*_BRACKETS.findall(name), *re.split(r"[ _]", name)[1:], *_TRAILING_UNIT.findall(name)]
     return next((word.strip() for word in words if word.strip() in known), None)

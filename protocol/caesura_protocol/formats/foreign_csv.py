@@ -191,9 +191,10 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRul
             values[i] = float(row[index].replace(decimal, "."))
         except (IndexError, ValueError):
             shown = repr(row[index]) if index < len(row) else f"nothing ({len(row)} values)"
+            dates = ", or a date such as 2026-11-26T14:30:00.250" if rule.column == "t" else ""
             raise RecordingError(
                 f"{path}, line {number}: column {rule.source_column!r} has {shown}, expected a number "
-                f"with {decimal!r} as its decimal mark"
+                f"with {decimal!r} as its decimal mark{dates}"
             ) from None
     return values
 

@@ -46,4 +46,4 @@ def not_driven(
     """Why a script cannot drive the gripper of a program, and those that it can, by their interfaces."""
     title = "no gripper is stated" if held_by is None else f"{script} does not drive a {held_by.title}"
     known = [name for name, one in grippers().items() if one.interface in interfaces]
-    return f"{where}: {title}, expected --gripper {', '.join(known)}"
+    return f"{where}: {title}, expected --gripper, or Gripper in the dashboard: {', '.join(known)}"

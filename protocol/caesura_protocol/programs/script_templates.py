@@ -30,7 +30,7 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
     robot = None if program.robot is None else robot_description(program.robot)
     if robot is not None and robot.script != script:
         fits = f"use --format {robot.script or 'bt'}"
-        raise ValueError(f"{expected}, and its robot is {program.robot}: {fits}")
+        raise ValueError(f"{expected}, and the program's robot is {program.robot}: {fits}")
     program.as_json()  # refuses what is not finite
     return robot
 

@@ -118,7 +118,10 @@ def robot_description(name: str) -> RobotDescription:
             raise RobotError(f"{path}: name is {description.name!r}, which the robot in {other} has")
         return description
     _check_folder()
-    own = f"the path of a {FILE} as --robot, or a robot of the folder that {FOLDER} names"
+    own = (
+        f"the path of a {FILE} as --robot, or a robot of the folder that {FOLDER} names; "
+        f"a live session needs {FOLDER} at the service too, from its start"
+    )
     raise RobotError(f"robot {name!r} is not known, expected one of {', '.join(known)}; {own}")
 
 

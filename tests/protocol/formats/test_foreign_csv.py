@@ -103,6 +103,7 @@ def test_without_a_header_columns_have_numbers(files):
         (TABLE, "[columns]\npx = 1", r"has no \[time\]"),
         (TABLE, "columns = 3\n[time]\ncolumn = 1", r"columns is 3, expected a table"),
         (TABLE, "[time]\ncolumn = ", "not a readable mapping file"),
+        (TABLE.replace("1000;", "25.11.2026;"), MAPPING, r"'25\.11\.2026', .*or a date such as 2026-11-26T"),
         (TABLE.replace("501;", "oops;"), MAPPING, r"line 5: column 'X' has 'oops', expected a number.*','"),
         (TABLE.replace("90;21", ""), MAPPING, r"line 5: column 'A1' has ''"),
         ("", MAPPING, "no rows"),

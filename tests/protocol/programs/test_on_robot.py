@@ -63,5 +63,5 @@ def test_the_robot_is_in_the_file_and_a_file_without_one_is_read(taught: Program
 
 def test_a_franky_script_is_for_franka_arms(taught: ProgramFile, other: str) -> None:
     assert "APPS = " in WRITERS["franky"].write(taught)
-    with pytest.raises(ValueError, match="a franky script is for a Franka arm, and its robot is other"):
+    with pytest.raises(ValueError, match="is for a Franka arm, and the program's robot is other"):
         WRITERS["franky"].write(on_robot(taught, other, retarget=True))

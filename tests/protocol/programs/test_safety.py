@@ -1,9 +1,11 @@
 """The file of a cell: what is wrong in it is said with field, value and limit."""
 
+from pathlib import Path
+
 import pytest
 
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.programs.safety import read_safety
+from caesura_protocol.programs.safety import Safety, read_safety
 
 
 @pytest.mark.parametrize(
@@ -23,3 +25,9 @@ def test_a_wrong_cell_is_named_with_field_value_and_limit(tmp_path, text, said):
     with pytest.raises(CaesuraError) as refused:
         read_safety(tmp_path / "cell.json")
     assert str(refused.value).startswith(f"{tmp_path / 'cell.json'}: {said}")
+
+
+def test_every_limit_of_a_cell_is_in_the_docs():
+    page = (Path(__file__).parents[3] / "docs" / "programs.md").read_text(encoding="utf-8")
+    table = page.split("## Limits of a cell")[1].split("\n## ")[0]
+    assert {name for name in Safety.model_fields if f"`{name}`" not in table} == set()

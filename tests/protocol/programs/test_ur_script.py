@@ -211,14 +211,14 @@ def test_a_screw_ends_where_it_is_tight():
     [
         (
             on_ur(press(), robot="panda"),
-            "Universal Robots, and its robot is panda: use --format franky",
+            "Universal Robots, and the program's robot is panda: use --format franky",
         ),
-        (on_ur(press(), robot="iiwa14"), "and its robot is iiwa14: use --format bt"),
+        (on_ur(press(), robot="iiwa14"), "and the program's robot is iiwa14: use --format bt"),
         (
             on_ur(pick_and_place(), gripper="franka_hand"),
             "app 2 .grasp.: URScript does not drive a Franka Hand",
         ),
-        (on_ur(pick_and_place(), gripper=None), "app 2 .grasp.: .*--gripper robotiq_2f_85, robotiq_2f_140"),
+        (on_ur(pick_and_place(), gripper=None), "app 2 .grasp.: .*--gripper.* robotiq_2f_85, robotiq_2f_140"),
         (on_ur(press(), safety=Safety(felt_force_n=5.0)), "app 2 .apply force.: force 10.0 N, at most 4.8 N"),
         (
             on_ur(press(), safety=Safety(workspace_low=(0.0, -1.0, 0.0))),

@@ -384,10 +384,13 @@ def test_a_turn_ends_where_it_is_tight(felt_nm, tight):
     [
         (
             on_xarm(press(), robot="ur5e"),
-            "UFACTORY's arms, and its robot is ur5e: use --format urscript",
+            "UFACTORY's arms, and the program's robot is ur5e: use --format urscript",
         ),
         (on_xarm(pick_and_place(), gripper="franka_hand"), "the SDK does not drive a Franka Hand"),
-        (on_xarm(pick_and_place(), gripper=None), "no gripper is stated, expected --gripper robotiq_2f_85"),
+        (
+            on_xarm(pick_and_place(), gripper=None),
+            "no gripper is stated, expected --gripper, or Gripper in the dashboard: robotiq_2f_85",
+        ),
         (on_xarm(press(), safety=Safety(felt_force_n=5.0)), "force 10.0 N, at most 4.8 N"),
     ],
 )

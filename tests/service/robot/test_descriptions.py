@@ -131,7 +131,8 @@ def test_another_package_adds_an_arm_by_an_entry_point(
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(
         RobotError,
-        match=r"'ur5' is not known, expected one of .*fr3.*ur5e.*; the path of a robot.json.*CAESURA_ROBOTS",
+        match=r"'ur5' is not known, expected one of .*fr3.*ur5e.*; the path of a robot.json"
+        r".*CAESURA_ROBOTS.*at the service",
     ):
         robot_description("ur5")
 

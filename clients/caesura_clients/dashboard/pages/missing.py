@@ -1,4 +1,4 @@
-"""What is shown in place of a page that there is not."""
+"""What is shown in place of a page that there is not, or of a file that cannot be written."""
 
 from __future__ import annotations
 
@@ -10,3 +10,10 @@ def build(path: str, why: str) -> None:
     with page("Page not found", ""):
         text("p", f"There is no page {path}." if why == "Not Found" else f"{path}: {why}.")
         text("a", "Go to the stations").props('href="/"')
+
+
+def build_refusal(why: str, back: str) -> None:
+    """The page of a file that cannot be written. back: where its link leads."""
+    with page("Not exported", ""):
+        text("p", f"{why}.")
+        text("a", "Go back").props(f'href="{back}"')

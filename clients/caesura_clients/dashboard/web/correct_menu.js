@@ -2,13 +2,14 @@
 import { pointing } from "caesura-dashboard/effect.js";
 import EffectWords from "caesura-dashboard/effect_words.js";
 
-const WIDTH = 288, NEAR = 0.005; // pixels; [s] up to which a time is that of a changepoint
+const WIDTH = 288, BESIDE = 10, MARGIN = 8, EFFECT = 170; // pixels; the last: what a preview adds to the height
+const NEAR = 0.005; // [s] up to which a time is that of a changepoint
 
 export default {
   components: { EffectWords },
   props: { t: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
-  data: () => ({ newton: 10, tapped: "", name: "" }),
+  data: () => ({ newton: 10, tapped: "", name: "", raised: 0 }),
   template: `
     <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + t.toFixed(2) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
@@ -45,6 +46,7 @@ export default {
   },
   mounted() {
     this.writeTime();
+    this.fit();
     this.$el.querySelector("button").focus({ preventScroll: true });
     this.leave = (event) => this.$el.contains(event.target) || this.$emit("close");
     window.addEventListener("pointerdown", this.leave);
@@ -53,6 +55,10 @@ export default {
     window.removeEventListener("pointerdown", this.leave);
   },
   methods: {
+    fit() { // into the window, once: it would move under the pointer whenever a preview comes
+      const { top, bottom } = this.$el.getBoundingClientRect();
+      this.raised = Math.max(0, Math.min(bottom + EFFECT + MARGIN - window.innerHeight, top - MARGIN));
+    },
     writeTime() { // once: a binding would undo what is being typed whenever the menu is drawn anew
       if (this.$refs.time) this.$refs.time.value = this.t.toFixed(2);
     },
@@ -81,7 +87,8 @@ export default {
       return this.selected !== null && Math.abs(this.selected - this.t) < NEAR;
     },
     place() {
-      return { left: `${Math.max(0, Math.min(this.x + 10, this.width - WIDTH))}px`, top: `${this.y}px` };
+      const right = this.x + BESIDE, fits = right + WIDTH <= this.width;
+      return { left: `${fits ? right : Math.max(0, this.x - BESIDE - WIDTH)}px`, top: `${this.y - this.raised}px` };
     },
   },
 };

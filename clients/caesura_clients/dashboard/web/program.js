@@ -14,7 +14,7 @@ export default {
   provide() {
     return { appsShown: () => this.program.apps };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "" }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "", asked: null, draft: "" }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -31,6 +31,9 @@ export default {
           <option v-for="[one, title] in program.grippers" :key="one" :value="one">{{ title }}</option></select></label>
         <span v-if="program.apps.length" class="exports">Export <a v-for="[title, href] in program.exports" :key="href" :href="exported(href)">{{ title }}</a>
           <a v-if="program.dataset" class="dataset" :href="program.dataset">LeRobot dataset</a></span>
+        <form v-if="asked" class="who-edits" aria-label="Who edits" @submit.prevent="sign" @keydown.esc.stop="asked = null">
+          <label>Your name <input ref="author" class="author" v-model="draft" maxlength="64" autocomplete="name" required></label>
+          <button class="save-name">Save</button> <button type="button" @click="asked = null">Cancel</button></form>
         <span role="status" class="program-said" :class="{ failed }">{{ message }}</span>
       </div>
       <details v-if="program && program.notes.length" class="program-notes"><summary>Notes: {{ program.notes.length }}</summary>
@@ -94,10 +97,23 @@ export default {
       if (name && name !== this.program.name) this.say({ do: "name", name });
     },
     say(action) { // with the name that corrections have too
-      const author = (localStorage.getItem(AUTHOR) || "").trim() || "dashboard";
+      const author = (localStorage.getItem(AUTHOR) || "").trim();
+      if (!author) return this.askName(action);
       Object.assign(this, { busy: true, message: "", failed: false });
       const { session, editRevision } = this.program;
       this.$emit("edit", { session, revision: editRevision, author, action });
+    },
+    askName(action) { // of who edits, at the first edit; then it is made
+      Object.assign(this, { asked: action, draft: "" });
+      this.$nextTick(() => this.$refs.author.focus());
+    },
+    sign() {
+      const [action, name] = [this.asked, this.draft.trim()];
+      if (!name) return;
+      localStorage.setItem(AUTHOR, name);
+      window.dispatchEvent(new CustomEvent(AUTHOR, { detail: name }));
+      this.asked = null;
+      this.say(action);
     },
     answered(message, failed) {
       Object.assign(this, { message, failed, busy: false });

@@ -3,7 +3,7 @@ import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 
 const COLUMNS = [
-  ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "by"], ["tags", "tags"],
+  ["task", "name"], ["success", "success"], ["opened", "taught"], ["station", "station"], ["operator", "operator"], ["tags", "tags"],
   ["length", "length"], ["segments", "segments"], ["apps", "apps"], ["gaps", "gaps"],
   ["version", "program"], ["edited", "corrected"], ["session", "session"], ["instance", "instance"],
 ];
@@ -34,7 +34,7 @@ export default {
         <span v-else class="help">Choose two sessions to compare them.</span>
         <a v-if="closed.length && closed.length <= most" class="dataset" :href="dataset">LeRobot dataset of {{ closed.length === 1 ? "this session" : "these " + closed.length }}</a></p>
       <div v-if="found.length" class="scroll" tabindex="0" role="region" aria-label="All sessions">
-        <table class="sessions"><thead><tr><th scope="col">compare</th><th v-for="[key, title] in columns" :key="key" scope="col" :aria-sort="sorted(key)">
+        <table class="sessions"><thead><tr><th scope="col">compare</th><th v-for="[key, title] in columns" :key="key" scope="col" :class="'is-' + key" :aria-sort="sorted(key)">
           <button class="sort" @click="sort(key)">{{ title }}<span aria-hidden="true">{{ by === key ? (falling ? " ▾" : " ▴") : "" }}</span></button></th></tr></thead>
         <tbody><tr v-for="one in found" :key="one.station + '/' + one.session" :class="{ deleted: one.deleted }">
           <td class="is-chosen"><input type="checkbox" class="choose" :checked="chosen.includes(nameOf(one))" @change="choose(nameOf(one))"

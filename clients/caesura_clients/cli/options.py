@@ -20,6 +20,7 @@ from caesura_protocol.keys import check_name
 from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.robot_limits import cell_safety
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description
@@ -182,7 +183,7 @@ def _options_of(group: Any) -> list[inspect.Parameter]:
 
 def safety_of(program: ProgramFile, cell: Path | None, force_n: float | None) -> Safety:
     """The limits for a program: those of the cell's file, or the program's own. Raises CaesuraError."""
-    safety = program.safety if cell is None else read_safety(cell)
+    safety = program.safety if cell is None else cell_safety(cell, program.robot)
     return safety if force_n is None else safety.model_copy(update={"force_n": force_n})
 
 

@@ -91,6 +91,7 @@ def execute(
     seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
     robot: RobotOption = None,
     retarget: Retarget = False,
+    gripper: GripperOption = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write what was recorded, .npz.")] = None,
 ) -> None:
     """Run a program on the simulated robot. The exit code is 1 where it is refused or stopped.
@@ -105,7 +106,7 @@ def execute(
             )
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
-        program = on_robot(read_document(file), robot, retarget=retarget)
+        program = with_gripper(on_robot(read_document(file), robot, retarget=retarget), gripper)
         limits = safety_of(program, cell_file, force_limit)
         stopped = _run(program.model_copy(update={"safety": limits}), scenario, seed, out)
     if stopped:
@@ -130,9 +131,8 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
         else:
             cell = SimulatedCell(_scenario(scenario, program), person, seed)
         quality = DemonstrationQuality(timing=program.timing)
-        done = run(
-            program.apps, cell, program.safety, quality=quality, robot=load_robot(program.robot or "panda")
-        )
+        robot, gripper = load_robot(program.robot or "panda"), gripper_of(program)
+        done = run(program.apps, cell, program.safety, quality=quality, robot=robot, gripper=gripper)
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
         raise SourceError(f"{program.station}/{program.session} is refused:\n{lines}") from refused

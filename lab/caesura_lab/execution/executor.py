@@ -26,8 +26,10 @@ from caesura_lab.teacher.scenarios import Scenario
 from caesura_lab.teacher.sensor import Sensors
 from caesura_protocol.messages import App, Vector, WrenchSource
 from caesura_protocol.programs.checks.findings import RefusedError
+from caesura_protocol.programs.gripping import within_gripper
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.recording import Recording
+from caesura_protocol.robots import GripperDescription
 from caesura_service.robot import Robot, load_panda
 
 BEGIN_S, END_S, BRAKE_S = 0.6, 0.8, 0.3
@@ -76,13 +78,17 @@ def execute(
     *,
     quality: DemonstrationQuality | None = None,
     robot: Robot | None = None,
+    gripper: GripperDescription | None = None,
 ) -> RunResult:
-    """Check a program against its cell, and run it. Raises RefusedError where it must not be run."""
+    """Check a program against its cell, and run it. Raises RefusedError where it must not be run.
+
+    gripper: that runs it; None: fingers within the limits of the cell.
+    """
     robot = robot or load_panda()
-    report = check(apps, cell.simulation().cell(safety), quality, robot)
+    report = check(apps, cell.simulation().cell(safety), quality, robot, gripper)
     if not report.passed:
         raise RefusedError(report)
-    return run(apps, cell, safety, robot)
+    return run(apps, cell, within_gripper(safety, gripper), robot)
 
 
 def run(

@@ -23,6 +23,7 @@ from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, 
 from caesura_protocol.programs.app_times import edited_times
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.program_timing import ProgramTiming
+from caesura_protocol.programs.robot_limits import re_targeted, safety_for
 from caesura_protocol.programs.safety import DEFAULT, Safety
 from caesura_protocol.robots import robot_description
 from caesura_protocol.validation_words import Place, dotted, first_finding
@@ -97,16 +98,18 @@ class ProgramFile(BaseModel):
         return json.dumps(self.model_dump(mode="python"), indent=2, allow_nan=False) + "\n"
 
 
-def document(program: Program, safety: Safety = DEFAULT, phases: Sequence[Phase] = ()) -> ProgramFile:
+def document(program: Program, safety: Safety | None = None, phases: Sequence[Phase] = ()) -> ProgramFile:
     """A program from the wire as a document; the cell's force limit is that of the program, if it has one.
 
-    phases: those of its session, by which its apps are grouped.
+    safety: limits of the cell, by default those of the program's robot; phases: those of its session, by
+    which its apps are grouped.
     """
     times = edited_times(program.apps, program.gaps, program.edits)
     if times is None:
         apps = tuple(_step(app) for app in program.apps)
     else:
         apps = tuple(map(_step, times.apps, times.follows))
+    safety = safety_for(program.robot) if safety is None else safety
     if program.force_limit_n is not None:
         safety = safety.model_copy(update={"force_n": program.force_limit_n})
     return ProgramFile(
@@ -155,7 +158,8 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
         return program
     name = robot_description(robot).name
     if program.robot in {None, name}:
-        return program.model_copy(update={"robot": name})
+        safety = re_targeted(program.safety, program.robot, name)
+        return program.model_copy(update={"robot": name, "safety": safety})
     if not retarget:
         raise CaesuraError(
             f"the program was taught on {program.robot}, not on {name}: with --retarget its joints are left "
@@ -163,7 +167,8 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
         )
     steps = tuple(app.model_copy(update={"joints": None}) for app in program.apps)
     note = f"Taught on {program.robot}, re-targeted to {name}: its poses stay, its joints are left out."
-    return program.model_copy(update={"robot": name, "apps": steps, "notes": (*program.notes, note)})
+    stated = {"robot": name, "apps": steps, "safety": re_targeted(program.safety, program.robot, name)}
+    return program.model_copy(update=stated | {"notes": (*program.notes, note)})
 
 
 def read_document(path: Path) -> ProgramFile:
@@ -194,7 +199,8 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
     if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
         apps = [App.model_validate(app) for app in content["program"]]
         phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
-        safety = Safety(force_n=content.get("force_limit_n"))
+        own = safety_for(robot if isinstance(robot := content.get("robot"), str) else None)
+        safety = Safety.model_validate(own.model_dump() | {"force_n": content.get("force_limit_n")})
         taught = {key: content[key] for key in ("notes", "gaps", "wrench", "robot") if key in content}
         written = document_of_apps(tuple(apps), name, safety)
         groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}

@@ -1,0 +1,47 @@
+"""The limits of a program whose cell states none: those that follow from its robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from caesura_protocol.programs.safety import DEFAULT, Safety, read_safety
+from caesura_protocol.robots import RobotError, robot_description
+
+OF_ROBOT = ("load_kg", "workspace_low", "workspace_high")  # fields that follow from the robot
+DEFAULT_REACH_M = 0.855  # of the robot whose limits are the default, a Panda
+FLOOR_M = DEFAULT.workspace_low[2]
+
+
+def safety_for(robot: str | None) -> Safety:
+    """Return the limits of a cell that states none: the robot's payload, and a box that fits its reach.
+
+    The box is a Panda's, and larger in proportion for a longer arm; its floor stays. robot: its name; None,
+    or one that is not known here: the default.
+    """
+    try:
+        arm = None if robot is None else robot_description(robot)
+    except RobotError:
+        arm = None
+    if arm is None:
+        return DEFAULT
+    longer = max(arm.reach_m / DEFAULT_REACH_M, 1.0)
+    x, y, z = (round(longer * most, 2) for most in DEFAULT.workspace_high)
+    box = {"workspace_low": (-x, -y, FLOOR_M), "workspace_high": (x, y, z)}
+    return DEFAULT.model_copy(update={"load_kg": arm.payload_kg, **box})
+
+
+def cell_safety(path: Path, robot: str | None) -> Safety:
+    """Return the limits that the file of a cell states, with those of the robot where it states none.
+
+    Raises CaesuraError as `read_safety`.
+    """
+    stated, own = read_safety(path), safety_for(robot)
+    unstated = {name: getattr(own, name) for name in OF_ROBOT if name not in stated.model_fields_set}
+    return stated.model_copy(update=unstated)
+
+
+def re_targeted(safety: Safety, before: str | None, robot: str) -> Safety:
+    """Return the limits of a program on another robot: those that followed from the one before change."""
+    was, now = safety_for(before), safety_for(robot)
+    own = [name for name in OF_ROBOT if getattr(safety, name) == getattr(was, name)]
+    return safety.model_copy(update={name: getattr(now, name) for name in own})

@@ -54,7 +54,9 @@ def segments_view(
     table = segments_table(segments[hidden:], _title(status), clock, first=hidden, measured=measured)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
     active = [
-        Text(f"! {hint.text} {hint.advice}", style="bold yellow") for hint in hints if hint.until is None
+        Text(clock.text(f"! {hint.text} {hint.advice}"), style="bold yellow")
+        for hint in hints
+        if hint.until is None
     ]
     return Group(table, *active, said + status_line(status, clock))
 

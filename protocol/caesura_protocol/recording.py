@@ -281,11 +281,11 @@ def unit_remedy(found: Implausible, length_unit: str) -> str:
 
 
 def did_you_mean(name: str) -> str | None:
-    """The name that an ignored one looks like, if any.
+    """The name that an ignored one looks like, if any; none of a name that is right.
 
     >>> did_you_mean("length_units"), did_you_mean("vel")
     ('length_unit', None)
     """
     columns = (column for names in COLUMNS_OF_SIGNAL.values() for column in names if len(column) > 2)
     close = get_close_matches(name.lower(), [*ARRAYS, *STATED, *columns], n=1, cutoff=0.8)
-    return close[0] if close else None
+    return close[0] if close and close[0] != name else None

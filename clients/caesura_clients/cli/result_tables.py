@@ -27,7 +27,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     WrenchReport,
 )
-from caesura_protocol.number_words import fixed
+from caesura_protocol.number_words import fixed, reads_above
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import torque_about_axis
@@ -54,7 +54,9 @@ def segments_view(
     table = segments_table(segments[hidden:], _title(status), clock, first=hidden, measured=measured)
     said = Text(f"{hidden} earlier ones hidden · ", style="dim") if hidden else Text()
     active = [
-        Text(f"! {hint.text} {hint.advice}", style="bold yellow") for hint in hints if hint.until is None
+        Text(clock.text(f"! {hint.text} {hint.advice}"), style="bold yellow")
+        for hint in hints
+        if hint.until is None
     ]
     return Group(table, *active, said + status_line(status, clock))
 
@@ -195,7 +197,9 @@ def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> Renderabl
 
 def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
     """Why an app may have a lower p than its segments: one sentence, or none where all are sure."""
-    doubtful = [app_number(index) for index, app in enumerate(apps) if app.confidence < DOUBTFUL]
+    doubtful = [
+        app_number(index) for index, app in enumerate(apps) if reads_above(DOUBTFUL, app.confidence, 2)
+    ]
     if not doubtful:
         return ()
     which = f"app{'s' if len(doubtful) > 1 else ''} {', '.join(doubtful)}"

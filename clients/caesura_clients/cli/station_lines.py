@@ -11,6 +11,7 @@ from rich.text import Text
 
 from caesura_clients.cli.result_tables import MARK_OF_CERTAINTY, PLAIN
 from caesura_clients.results import Update
+from caesura_protocol.session_clock import clock_of
 
 HEADING_LINES = 4  # of the table: an empty line, the heading, its rule, an empty line
 MOST_HINTS = 5
@@ -25,7 +26,8 @@ def station_lines(updates: Sequence[Update], height: int) -> RenderableType:
     for column in table.columns:
         column.no_wrap = True
     for one in shown:
-        row = one.station, one.session, one.status.state, f"{one.t:.1f}", str(len(one.segments)), _kind(one)
+        t = clock_of(one.segments).shown(one.t, 1)
+        row = one.station, one.session, one.status.state, t, str(len(one.segments)), _kind(one)
         table.add_row(*map(escape, row))
     hidden = len(updates) - len(shown)
     more = [Text(f"{hidden} more: --station shows one", style="dim")] if hidden else []
@@ -42,8 +44,9 @@ def _kind(update: Update) -> str:
 
 def _hints(update: Update) -> list[Text]:
     """What to do now at a station."""
-    active = [hint for hint in update.hints if hint.until is None]
+    clock = clock_of(update.segments)
+    advices = [clock.text(hint.advice) for hint in update.hints if hint.until is None]
     return [
-        Text(f"! {update.station}: {hint.advice}", "bold yellow", no_wrap=True, overflow="ellipsis")
-        for hint in active
+        Text(f"! {update.station}: {advice}", "bold yellow", no_wrap=True, overflow="ellipsis")
+        for advice in advices
     ]

@@ -98,7 +98,7 @@ def load_recording(
     if "force_base" in arrays:
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
         if arrays.pop("torque", None) is not None:  # it has the frame of `force`
-            ignored = [*ignored, "torque"]
+            ignored = [*ignored, "torque, because it has the frame of force, and force_base is read"]
     _check_overrides(path, options, overrides)
     options |= {key: value for key, value in overrides.items() if value is not None}
     ignored = [*ignored, *_without_wrench(arrays, options)]

@@ -75,9 +75,11 @@ def refuse_beyond_limits(program: ProgramFile) -> None:
         if app.path is not None:
             places += [("its path", point.position) for point in (app.path.start, *app.path.via)]
         for what, place in places:
-            for x, low, high in zip(place or (), safety.workspace_low, safety.workspace_high, strict=False):
-                if not low <= x <= high:
-                    raise ValueError(f"{name}: {what} at {x:g} m, the workspace is {low} to {high} m")
+            limits = zip("xyz", place or (), safety.workspace_low, safety.workspace_high, strict=False)
+            for axis, value, low, high in limits:
+                if not low <= value <= high:
+                    limit = f"the workspace is {low} to {high} m; state that of the cell with --cell"
+                    raise ValueError(f"{name}: {what} at {axis} {value:g} m, {limit}")
         force = max((one.newton for one in exerted_forces(app)), default=0.0)
         if force > safety.most_force_n + FORCE_SLACK_N:
             raise ValueError(f"{name}: force {force:.1f} N, at most {safety.most_force_n:.1f} N are allowed")

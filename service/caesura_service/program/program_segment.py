@@ -197,8 +197,8 @@ def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_k
 
 
 def observed(begin: float, end: float) -> list[float]:
-    """[s] Every observation between two boundaries, one at least."""
-    count = max(round((end - begin) / OBSERVED_S), 1)
+    """[s] Every observation between two boundaries, one at least; what lies at the end itself is left out."""
+    count = max(round((end - begin - ROUNDED_S) / OBSERVED_S), 1)
     return [begin + TOUCHED_S + k * OBSERVED_S for k in range(count)]
 
 

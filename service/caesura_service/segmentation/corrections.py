@@ -44,6 +44,7 @@ from caesura_service.journal import AppliedEdit, Resolution
 
 REACH_S = 0.5  # a changepoint this close is meant
 AHEAD_S = 5.0  # an insert may be so far ahead of the last observation while the demonstration goes on
+READ_AS_S = 0.005  # a time this close to a changepoint reads as its own, in hundredths of a second
 NAMED = 3  # changepoints that a refusal names
 NAMED_RANGES = 16  # of the numbers of corrections, the newest
 OVERLAP = 16  # apps that may begin before a time and reach beyond it, at most
@@ -119,6 +120,7 @@ class VisibleChangepoint:
     """A changepoint that is shown."""
 
     t: float  # [s]
+    start: int  # observation at which its segment starts
     t_low: float
     t_high: float
     between: tuple[int, ...]  # observations between the changepoint before it and the one after it
@@ -213,7 +215,9 @@ class EditHistory:
             return
         index = observation_at(one.inserted)
         later = [other for other in self.active if other.number > one.number and other.refers_to(index)]
-        if later and (made := later[-1].made) is not None:
+        referring = [made for other in later if (made := other.made) and made.action.do in _REFERS]
+        if referring:
+            made = referring[-1]
             why = (
                 f"correction {made.number} by {made.author} {_REFERS[made.action.do]}: "
                 f"take correction {made.number} back first"
@@ -356,7 +360,8 @@ def resolved(action: Change, shown: EditContext) -> ResolvedEdit:
     match action:
         case Insert(t=t):
             _check_time(t, shown, ahead=True)
-            return ResolvedEdit(inserted=t)
+            there = next((mark for mark in shown.marks if abs(mark.t - t) <= READ_AS_S), None)
+            return ResolvedEdit(inserted=t) if there is None else ResolvedEdit(starts=(there.start,))
         case Remove(t=t):
             return ResolvedEdit(none=_meant(t, shown).between)
         case Move(t=t, to=to):

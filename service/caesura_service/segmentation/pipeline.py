@@ -536,6 +536,7 @@ class SegmentationPipeline:
         shown, gaps = part.changepoint, self._division.online.boundaries
         return VisibleChangepoint(
             t=shown.t,
+            start=part.start,
             t_low=shown.t if shown.t_low is None else shown.t_low,
             t_high=shown.t if shown.t_high is None else shown.t_high,
             between=tuple(index for index in between if index not in gaps),

@@ -258,6 +258,12 @@ def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> Non
     assert said[1].startswith("warning: app 3 (move): confidence 0.30 is below 0.5")
 
 
+def test_a_confidence_that_reads_as_the_least_is_not_named(robot: Robot) -> None:
+    """Of 0.498 it said "confidence 0.50 is below 0.5"."""
+    assert check(changed(press(), 2, confidence=0.498), cell("dispenser"), robot=robot).warnings == ()
+    assert len(check(changed(press(), 2, confidence=0.494), cell("dispenser"), robot=robot).warnings) == 1
+
+
 def test_a_program_without_apps_is_none() -> None:
     assert only(check(())) == "error: program: has no apps, there is nothing to run"
 

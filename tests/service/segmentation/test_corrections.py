@@ -117,6 +117,15 @@ def test_an_inserted_changepoint_is_as_near_as_there_are_observations_certain_fi
     assert found.t in [one.t0 for one in view.segments]
 
 
+def test_an_insert_at_the_time_of_a_changepoint_confirms_it():
+    """Where the speed has it at the end of a step, the next step started a segment of 10 ms beside it."""
+    wiped = whole("wiping")
+    for t in times(wiped.view):
+        view = with_one(wiped, Insert(t=round(t, 2)))
+        assert times(view) == times(wiped.view)
+        assert [one.t for one in view.changepoints if one.corrected] == [t]
+
+
 def test_a_removed_changepoint_is_gone_and_nothing_takes_its_place_between_its_neighbours(shown: Pipeline):
     before = [shown.view.segments[0].t0, *times(shown.view), np.inf]
     for last, t, following in zip(before, before[1:], before[2:], strict=False):
@@ -502,6 +511,15 @@ def test_what_lies_beside_does_not_refer_to_a_correction(shown: Pipeline, later:
     without = history.after(edit(TakeBack(number=1)), 0.0, pytest.fail)
     alone = history_of(shown, later)[0]
     assert pipeline.corrected(without.active).view.segments == alone.view.segments
+
+
+def test_an_insert_that_was_confirmed_may_be_taken_back(shown: Pipeline):
+    there = times(with_one(shown, Insert(t=3.0)))[2]
+    pipeline, history = history_of(shown, Insert(t=3.0), Insert(t=there))
+    history.check_unreferred(history.active[0], pipeline.observation_at)
+    left = history.after(edit(TakeBack(number=1)), 0.0, pytest.fail)
+    near = [one for one in pipeline.corrected(left.active).view.changepoints if one.corrected]
+    assert [abs(one.t - there) < STEP_S for one in near] == [True]
 
 
 def test_a_force_limit_whose_app_is_gone_is_not_applied_until_the_app_is_back():

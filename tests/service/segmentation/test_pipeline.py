@@ -94,6 +94,47 @@ def test_times_may_begin_anywhere(taught: Recording, found: PipelineView):
     assert [one.kind for one in later.segments] == [one.kind for one in found.segments]
 
 
+@pytest.mark.parametrize("later_s", [-5.0, 0.7, 12.3])
+def test_forces_of_a_program_do_not_depend_on_when_its_recording_begins(later_s: float):
+    """An observation at the very end of a segment was counted or not, as the times were rounded: 0.06 N."""
+    wiping = load_recording(DATA / "wiping.npz")
+    later = segment_recording(replace(wiping, t=wiping.t + later_s))
+    for app, before in zip(later.apps, segment_recording(wiping).apps, strict=True):
+        assert app.kind == before.kind
+        assert (app.force or ()) == pytest.approx(before.force or (), abs=1e-6)
+        assert app.t0 - later_s == pytest.approx(before.t0, abs=1e-6)
+
+
+def test_a_mirrored_demonstration_has_the_mirrored_program():
+    polar, axial, turn = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0]), [1.0, -1.0, -1.0, 1.0]
+    factors = {"pos": polar, "quat": np.array(turn), "force": polar, "torque": axial}
+    wiping = load_recording(DATA / "wiping.npz")
+    mirrored = {name: wiping.signals[name] * factor for name, factor in factors.items()}
+    view, seen = (segment_recording(changed(wiping, **kept)) for kept in (wiping.signals, mirrored))
+    assert [one.model_dump(include={"t0", "tn", "kind", "probability"}) for one in seen.segments] == [
+        one.model_dump(include={"t0", "tn", "kind", "probability"}) for one in view.segments
+    ]
+    for app, twin in zip(view.apps, seen.apps, strict=True):
+        assert (twin.kind, twin.confidence) == (app.kind, app.confidence)
+        for field in ("target", "force"):
+            here, there = getattr(app, field), getattr(twin, field)
+            assert (there is None) == (here is None)
+            np.testing.assert_allclose(there or (), polar * here if here else (), atol=1e-9)
+
+
+def test_signs_of_quaternions_and_samples_that_come_twice_change_nothing(
+    taught: Recording, found: PipelineView
+):
+    rng = np.random.default_rng(0)
+    signs = rng.choice([-1.0, 1.0], (taught.t.size, 1))
+    order = np.sort(np.concatenate([np.arange(taught.t.size), rng.integers(0, taught.t.size, 500)]))
+    signals = taught.signals | {"quat": signs * taught.signals["quat"]}
+    awkward = replace(taught, t=taught.t[order], signals={k: v[order] for k, v in signals.items()})
+    view = segment_recording(awkward)
+    assert view.repeats == 500
+    assert (view.segments, view.apps, view.phases) == (found.segments, found.apps, found.phases)
+
+
 def test_joints_alone_give_the_segments_of_the_poses_that_they_reach(taught: Recording, found: PipelineView):
     joints = {name: taught.signals[name] for name in ("q", "force", "gripper")}
     by_joints = segment_recording(replace(taught, signals=MappingProxyType(joints)))

@@ -11,7 +11,7 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import exerted_forces
 from caesura_protocol.messages import JOINTS_MOST, App
-from caesura_protocol.number_words import fixed
+from caesura_protocol.number_words import fixed, reads_above
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.safety import Safety
 
@@ -110,7 +110,7 @@ def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
                 f"expected {scale * what.least:g} to {scale * what.most:g}{unit}"
             )
             yield Finding("error", index, app.kind, reason, what.value, limit)
-    if app.confidence < safety.least_confidence:
+    if reads_above(safety.least_confidence, app.confidence, 2):
         reason = f"confidence {app.confidence:.2f} is below {safety.least_confidence:g}: look at it first"
         yield Finding("warning", index, app.kind, reason, app.confidence, safety.least_confidence)
 

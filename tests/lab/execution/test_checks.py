@@ -283,7 +283,10 @@ def test_a_target_is_reached_by_joints_that_lead_there(robot: Robot) -> None:
         assert turn < 1e-2
 
 
-def test_a_target_in_millimetres_is_named_as_such(robot: Robot):
+@pytest.mark.parametrize("name", ["panda", None])
+def test_a_target_in_millimetres_is_named_as_such(name: str | None):
+    """Without a robot too: a script writer refuses it there."""
+    robot = None if name is None else load_robot(name)
     report = check([app("cartesian_motion", 0.0, 1.0, (400.0, 0.0, 300.0))], robot=robot)
     assert not report.passed
     assert "target x 400.000 m is outside of the workspace" in str(report.errors[0])

@@ -1,10 +1,10 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
-Six looks, one module each, of which five need no robot and are in `caesura_protocol.programs.checks`:
-`timing` at what was re-timed, `value_ranges` at every app for itself, `gripping` at what the gripper has,
-`preconditions` at what holds before each app, and `fidelity` at what was taught and is not reproduced. Once
-the numbers are sane, `reachability` looks at the arm: joints, inverse kinematics along the way, what stands
-in it.
+Seven checks, one module each, of which six need no robot and are in `caesura_protocol.programs.checks`:
+`timing` of what was re-timed, `value_ranges` of every app for itself, `gripping` of what the gripper has,
+`preconditions` of what holds before each app, `workspace` of targets, and `fidelity` of what was taught and
+is not reproduced. Once the numbers are sane, `reachability` checks the arm: joints, inverse kinematics along
+the way, what stands in it.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from caesura_protocol.programs.checks import (
     order_findings,
     timing_findings,
     value_findings,
+    workspace_findings,
 )
 from caesura_protocol.programs.checks.findings import CheckReport, Finding
 from caesura_protocol.programs.gripping import within_gripper
@@ -58,6 +59,7 @@ def check(
     broken = any(one.severity == "error" for one in found)
     found += order_findings(apps)
     if not broken:
+        found += workspace_findings(apps, cell.safety)
         found += [NO_ROBOT] if robot is None else reach_findings(apps, cell, robot)
         found += fidelity_findings(apps, quality, cell.safety)
     return CheckReport(tuple(sorted(found, key=lambda one: -1 if one.index is None else one.index)))

@@ -16,8 +16,8 @@ from caesura_lab.teacher.guided_arm import lever_along
 from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.plausibility import likely_length_unit
 from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.workspace import EDGE_M, reasons_outside
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.reproduced_path import Curve
@@ -27,7 +27,6 @@ from caesura_service.robot import Robot
 REACH_M, REACH_RAD = 1e-3, 1e-2
 STEP_M = 0.02  # of a way that is looked at
 JOINT_MARGIN_RAD = 0.05  # from a joint's end, so that no guard has to stop the robot there
-EDGE_M = 0.01  # from the edge of the workspace
 BEGINS_M = 1e-6  # a way may begin there
 ASTRAY_M = 0.03  # between a target and where its joints lead
 DEPTH_M = 0.003  # below the top of an obstacle
@@ -100,13 +99,14 @@ class _ReachabilityChecker:
         after = _state_after(app, state, touching=ends)
         if state.touching and (APP_KINDS[app.kind].in_contact or not self._has_left(after)):
             after = replace(after, touching=True)
-        reasons = [*self._check_joints(app), *self._check_target(app)]
+        reasons = list(self._check_joints(app))
+        outside = any(reasons_outside(app.target, self._safety))  # which `workspace` finds
         joints = after.joints
-        if app.target is not None and not reasons:
+        if app.target is not None and not reasons and not outside:
             joints, reason = self._joints_at_target(app, app.target, state)
             reasons += [reason] if reason else []
         path = None
-        if reasons:
+        if reasons or outside:
             after = replace(after, place=None)  # where it would be is not known
         elif app.target is not None and state.place is not None and APP_KINDS[app.kind].needs:
             path = _planned_path(app, state)
@@ -137,17 +137,6 @@ class _ReachabilityChecker:
                     f"its joints lead {1000 * astray:.0f} mm away from its target, "
                     f"at most {1000 * ASTRAY_M:.0f} mm are expected: one of them is wrong"
                 )
-
-    def _check_target(self, app: App) -> Iterator[str]:
-        if app.target is None:
-            return
-        low, high = self._safety.workspace_low, self._safety.workspace_high
-        likely = likely_length_unit(app.target)
-        guess = "" if likely is None else f": it is probably in {likely}"
-        for axis, value, least, most in zip("xyz", app.target, low, high, strict=True):
-            if not least + EDGE_M <= value <= most - EDGE_M:
-                limits = f"{least:g} to {most:g} m"
-                yield f"target {axis} {value:.3f} m is outside of the workspace, {limits}{guess}"
 
     def _joints_at_target(
         self, app: App, target: Vector, state: _ArmState

@@ -1,4 +1,4 @@
-"""Checks of a program that need no robot: numbers, order of apps, timing, and what was taught and is lost.
+"""Checks of a program that need no robot: numbers, order, timing, workspace, and what was taught and is lost.
 
 `caesura check` adds reach, in the lab, because that needs the kinematics of a robot.
 """
@@ -11,6 +11,7 @@ from caesura_protocol.programs.checks.gripping import gripper_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.checks.timing import timing_findings
 from caesura_protocol.programs.checks.value_ranges import value_findings
+from caesura_protocol.programs.checks.workspace import workspace_findings
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, within_gripper
 from caesura_protocol.robots import GripperError, RobotError
@@ -23,6 +24,7 @@ __all__ = [
     "order_findings",
     "timing_findings",
     "value_findings",
+    "workspace_findings",
 ]
 
 
@@ -43,5 +45,6 @@ def document_findings(program: ProgramFile) -> list[Finding]:
     broken = any(one.severity == "error" for one in found)
     found += order_findings(program.apps)
     if not broken:
+        found += workspace_findings(program.apps, program.safety)
         found += fidelity_findings(program.apps, quality, program.safety)
     return sorted(found, key=lambda one: one.severity)

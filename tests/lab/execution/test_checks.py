@@ -17,6 +17,7 @@ from caesura_lab.execution.cell_simulation import CellSimulation
 from caesura_lab.execution.checks import DemonstrationQuality, check
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import App, AppPath, Gap, ViaPoint
+from caesura_protocol.programs.app_times import earlier
 from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.safety import Safety
 from caesura_service.robot import Robot, load_panda, load_robot
@@ -291,6 +292,15 @@ def test_a_target_in_millimetres_is_named_as_such(name: str | None):
     assert not report.passed
     assert "target x 400.000 m is outside of the workspace" in str(report.errors[0])
     assert "it is probably in mm" in str(report.errors[0])
+
+
+def test_a_program_of_a_session_with_the_time_of_day_is_checked_as_any_other(robot: Robot) -> None:
+    """A rosbag2 has such times. Each app was an error: "t0 is 1764172800.25, expected … below 1e+06"."""
+    taught = pick_and_place()
+    of_day = tuple(earlier(one, -1764172800.25) for one in taught)
+    expected, found = (check(apps, cell("pick_and_place"), robot=robot) for apps in (taught, of_day))
+    assert [*map(str, found.findings)] == [*map(str, expected.findings)]
+    assert found.passed
 
 
 def test_without_a_robot_a_warning_says_that_reach_was_not_checked() -> None:

@@ -27,12 +27,14 @@ NUMBERS = (
     "gripper_width",
     "confidence",
 )
+TIMES = ("t0", "tn")
 WIDTHS = {"target": (3,), "orientation": (4,), "joints": range(1, JOINTS_MOST + 1), "force": (3,)}
 NUMBERS_OF_SCREW = ("axis", "point", "angle", "pitch_m", "pitch_sd_m", "torque")
 WIDTHS_OF_SCREW = {"axis": (3,), "point": (3,), "torque": (3,)}
 ONE = (1,)
 LEAST_S = 0.1
 ABSURD = 1e6  # no number of a program is larger, whatever its unit
+LATEST_S = 1e10  # but a time, which may be one of day
 LEAST_PRESS_N = 1.0
 UNIT_TOLERANCE = 0.05  # of a quaternion's length
 WIDTH_TOLERANCE_M = 0.005  # fingers that are wide open say a little more than they open
@@ -70,9 +72,10 @@ def _non_finite(index: int, app: App) -> Iterator[Finding]:
             values = np.asarray(value, dtype=np.float64).ravel()
         except (TypeError, ValueError):
             values = np.full(1, np.nan)
-        if values.size not in widths or not (np.abs(values) < ABSURD).all():
+        most = LATEST_S if name in TIMES else ABSURD
+        if values.size not in widths or not (np.abs(values) < most).all():
             many = "a number" if widths == ONE else f"{' to '.join(map(str, _ends(widths)))} numbers"
-            expected = f"{many}, finite and below {ABSURD:g}"
+            expected = f"{many}, finite and below {most:g}"
             yield Finding("error", index, app.kind, f"{name} is {value!r:.100}, expected {expected}")
 
 

@@ -1,4 +1,4 @@
-"""`caesura robots`: which arms are known, and what is known of them."""
+"""`caesura robots`: which arms and grippers are known, and what is known of them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from rich.table import Table
 
 from caesura_clients.cli.connection_options import Json
 from caesura_clients.cli.options import reported
-from caesura_protocol.robots import RobotError, robot_description, robot_names
+from caesura_protocol.robots import RobotError, grippers, robot_description, robot_names
 
 COLUMNS = ("robot", "arm", "joints", "reach [m]", "payload [kg]", "wrench from", "script")
+GRIPPER_COLUMNS = ("gripper", "title", "opening [mm]", "force [N]", "interface")
 
 
 def list_robots(as_json: Json = False) -> None:
-    """List the robots that --robot takes, of this package, of others, and of the folder CAESURA_ROBOTS."""
+    """List the robots that --robot takes, and the grippers that --gripper takes.
+
+    Robots are those of this package, of others, and of the folder CAESURA_ROBOTS.
+    """
     with reported():
         names = robot_names()
     described = []
@@ -34,4 +38,10 @@ def list_robots(as_json: Json = False) -> None:
         source = one.wrench_source.replace("_", " ")
         figures = (str(len(one.joints)), f"{one.reach_m:g}", f"{one.payload_kg:g}", source)
         table.add_row(one.name, one.title, *figures, one.script or "–")
+    Console().print(table)
+    table = Table(*map(escape, GRIPPER_COLUMNS))
+    for name, gripper in grippers().items():
+        opening = "–" if gripper.opening_m is None else f"{1000 * gripper.opening_m:g}"
+        force = "–" if gripper.force_n is None else f"{gripper.force_n:g}"
+        table.add_row(name, gripper.title, opening, force, gripper.interface or "–")
     Console().print(table)

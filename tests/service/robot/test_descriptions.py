@@ -209,6 +209,7 @@ def test_an_unusable_robot_is_named_beside_the_list_of_the_others(
     list_robots()
     shown = capsys.readouterr()
     assert "panda" in shown.out
+    assert "robotiq_2f_85" in shown.out, "grippers are listed too"
     assert "broken" in shown.err
 
 

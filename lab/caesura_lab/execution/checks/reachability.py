@@ -49,22 +49,32 @@ class _ArmState:
 
 
 class _Peak(NamedTuple):
-    """The largest speed on a path beside what is allowed; joint: whose it is, None for the flange's."""
+    """The largest speed on a path, and its limit, of which a share is allowed.
+
+    joint: whose speed it is, None for the flange's.
+    """
 
     unit: str
     value: float
     limit: float
+    share: float
     joint: int | None = None
+
+    @property
+    def allowed(self) -> float:
+        """What a path may reach."""
+        return self.share * self.limit
 
     @property
     def slower(self) -> float:
         """Factor of time with which it keeps to the limit."""
-        return self.value / self.limit
+        return self.value / self.allowed
 
     def reason(self, seconds: float) -> str:
         """Why a movement of some seconds is slowed down."""
         reaches, lasts = f"reaches {self.value:.2f} {self.unit}", f"{self.slower * seconds:.2f} s"
-        allowed = f"in its {seconds:.2f} s, {self.limit:.2f} {self.unit} are allowed"
+        limit = f"{self.allowed:.2f} {self.unit} are allowed, {self.share:g} of the limit"
+        allowed = f"in its {seconds:.2f} s, {limit}"
         if self.joint is None:
             return f"{reaches} {allowed}: it is slowed down to {lasts}"
         slows = f"the simulated robot slows it down to {lasts}, a script does not check joints"
@@ -168,17 +178,16 @@ class _ReachabilityChecker:
         """
         speed, turn = path.peaks()
         peaks = [
-            _Peak("m/s", speed, PLANNED_SHARE * self._safety.speed_m_per_s),
-            _Peak("rad/s", turn, PLANNED_SHARE * self._safety.turn_rad_per_s),
+            _Peak("m/s", speed, self._safety.speed_m_per_s, PLANNED_SHARE),
+            _Peak("rad/s", turn, self._safety.turn_rad_per_s, PLANNED_SHARE),
         ]
         if (q := self._joints_at_start(path, begins, ends)) is not None:
             joint = fastest_joint(self._robot, path, q)
-            allowed = JOINT_SHARE * joint.limit_rad_per_s
-            peaks.append(_Peak("rad/s", joint.rad_per_s, allowed, joint.number))
+            peaks.append(_Peak("rad/s", joint.rad_per_s, joint.limit_rad_per_s, JOINT_SHARE, joint.number))
         peak = max(peaks, key=lambda one: one.slower)
         if peak.slower >= SLOWED:
             reason = peak.reason(float(path.t[-1]))
-            yield Finding("warning", index, app.kind, reason, peak.value, peak.limit)
+            yield Finding("warning", index, app.kind, reason, peak.value, peak.allowed)
 
     def _joints_at_start(self, path: Curve, begins: Array | None, ends: Array | None) -> Array | None:
         """Return joints (n,) [rad] where a path begins, None where none are found."""

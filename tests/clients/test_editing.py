@@ -41,7 +41,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.recording import Recording
-from caesura_protocol.session_clock import NO_OFFSET, clock_from, local_moment
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_from, local_moment
 from clients.conftest import free_port
 from clients.examples import LiveSource, snapshot
 from clients.fake_service import eventually
@@ -400,6 +400,14 @@ def test_a_force_limit_where_no_app_is_names_the_nearest(expected, said):
     assert str(shown.value) == f"no app exerts a force at 0.5 s; {said}"
     with pytest.raises(ProtocolError), nearest_named(Insert(t=0.5)):
         raise refusal
+
+
+def test_a_refusal_has_its_times_of_day_as_people_read_them():
+    began, ended, wanted = 1764172800.35, 1764172812.95, Insert(t=1764172899.35)
+    refusal = ProtocolError("malformed", "the time is outside", value=wanted.t, limit=(began, ended))
+    with pytest.raises(CaesuraError) as shown, nearest_named(wanted, SessionClock(began)):
+        raise refusal
+    assert str(shown.value) == "malformed: the time is outside; value 99.00; limit (0.00, 12.60)"
 
 
 def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(

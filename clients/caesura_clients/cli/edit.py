@@ -179,12 +179,17 @@ def _times(wanted: Action) -> dict[str, float]:
 
 @contextmanager
 def nearest_named(wanted: Action, clock: SessionClock = NO_OFFSET) -> Iterator[None]:
-    """Name the nearest apps where a force limit meets none. Raises CaesuraError in place of that refusal."""
+    """Name the nearest apps where a force limit meets none; in other refusals, times as people read them.
+
+    Raises CaesuraError in place of these refusals.
+    """
     try:
         yield
     except ProtocolError as refusal:
         if refusal.code != "conflict" or not isinstance(wanted, LimitForce) or refusal.value != wanted.t:
-            raise
+            if clock == NO_OFFSET:
+                raise
+            raise CaesuraError(clock.text(str(refusal))) from refusal
         spans = refusal.expected if isinstance(refusal.expected, list | tuple) else []
         nearest = ", ".join(f"{_span(str(span), clock)} s" for span in spans)
         there = f"the nearest that do: {nearest}" if nearest else "no app of this session does"

@@ -1,4 +1,4 @@
-"""A Robotiq gripper on an arm of Universal Robots: its widths in the samples, and what is said without them."""
+"""A Robotiq gripper on an arm of Universal Robots: its widths in the samples, and errors without them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from caesura_clients.cli.commands import register
 from caesura_protocol import robots
 from caesura_protocol.errors import SourceError
 from caesura_protocol.recording import Recording
-from caesura_protocol.robots import GripperError, gripper
+from caesura_protocol.robots import GripperDescription, GripperError, gripper
 from clients.conftest import free_port
 from clients.fake_robotiq import Answer, FakeUrcap, fake_urcap, whole_line
 from clients.fake_service import DEADLINE_S, eventually
@@ -93,6 +93,12 @@ def play(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., LiveArm]]:
         source.close()
 
 
+@pytest.fixture
+def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A width stays known on a machine that is busy."""
+    monkeypatch.setattr(robotiq_urcap, "STALE_S", DEADLINE_S)
+
+
 def move_fingers(urcap: FakeUrcap, source: LiveArm, count: int) -> None:
     """Have the gripper at a position, until the source has read it."""
     urcap.values["POS"] = count
@@ -100,6 +106,7 @@ def move_fingers(urcap: FakeUrcap, source: LiveArm, count: int) -> None:
     eventually(lambda: source._gripper.width == width)
 
 
+@pytest.mark.usefixtures("fresh")
 def test_the_newest_width_is_in_the_samples(play, urcap):
     source = play()
     reported = source.chunks()
@@ -116,6 +123,7 @@ def bare(variable: str, value: int) -> bytes:
     return f"{variable} {value}".encode()
 
 
+@pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize("answer", [whole_line, bare])
 def test_an_answer_ends_with_its_line_feed_or_without(play, urcap, answer):
     urcap.answer = answer
@@ -123,11 +131,13 @@ def test_an_answer_ends_with_its_line_feed_or_without(play, urcap, answer):
     move_fingers(urcap, source, HELD)
 
 
+@pytest.mark.usefixtures("fresh")
 def test_an_answer_may_come_in_pieces(play, urcap):
     source = play()
     urcap.in_fragments = True
     move_fingers(urcap, source, HELD)
-    eventually(lambda: urcap.count("POS") > 50)
+    read = urcap.count("POS")
+    eventually(lambda: urcap.count("POS") > read + 10)
     assert source._gripper.width == pytest.approx(HELD_M)
 
 
@@ -140,6 +150,8 @@ def test_a_count_is_a_width_on_the_line_from_open_to_shut(name):
     assert [description.count(description.width_m(count)) for count in counts] == list(counts)
     with pytest.raises(GripperError, match="has no counts"):
         gripper("franka_hand").width_m(10)
+    with pytest.raises(ValueError, match="expected two that differ"):
+        GripperDescription.model_validate({**description.model_dump(), "counts": [SHUT, SHUT]})
 
 
 # --- what the service makes of it -------------------------------------------------------------------------
@@ -173,25 +185,50 @@ def taught_at(t: float) -> tuple[np.ndarray, int]:
     return place, count
 
 
-def test_a_pick_and_place_has_its_grasp_and_its_release(play, urcap):
+TAUGHT_S = sum(seconds for seconds, _, _ in PARTS)
+OUTAGE_AT_S, OUTAGE_S = 2.4, 0.8  # while the fingers close
+
+
+def silence(urcap: FakeUrcap, source: LiveArm, states: States, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the gripper silent for OUTAGE_S of the robot's time; the robot stands still until it is back."""
+    end = states.read + round(OUTAGE_S / STATE_S)
+
+    def restore() -> None:
+        urcap.values["POS"] = taught_at(STATE_S * end)[1]
+        urcap.answer = whole_line
+        monkeypatch.setattr(robotiq_urcap, "STALE_S", DEADLINE_S)
+        eventually(lambda: source._gripper.width == gripper("robotiq_2f_85").width_m(urcap.values["POS"]))
+
+    monkeypatch.setattr(robotiq_urcap, "STALE_S", 0.0)
+    urcap.answer = silent
+    asked = len(urcap.asked)
+    eventually(lambda: len(urcap.asked) > asked)
+    assert source._gripper.width is None
+    states.at(end, restore)
+
+
+@pytest.mark.usefixtures("fresh")
+@pytest.mark.parametrize("is_silenced", [False, True], ids=["whole", "silent_for_a_while"])
+def test_a_pick_and_place_has_its_grasp_and_its_release(play, urcap, monkeypatch, is_silenced):
     offline = pytest.importorskip("caesura_service.offline_segmentation")
     states = States(lambda t: [*taught_at(t)[0], np.pi, 0.0, 0.0])
     source = play(states)
-    chunks, taught_s = [], sum(seconds for seconds, _, _ in PARTS)
-    reported = source.chunks()
-    while not chunks or chunks[-1][-1, 0] < taught_s:
-        move_fingers(urcap, source, taught_at(STATE_S * states.read)[1])
+    chunks: list[np.ndarray] = []
+    reported, expected_gaps = source.chunks(), int(is_silenced)
+    while not chunks or chunks[-1][-1, 0] < TAUGHT_S:
+        if is_silenced and chunks and chunks[-1][-1, 0] >= OUTAGE_AT_S:
+            silence(urcap, source, states, monkeypatch)
+            is_silenced = False
+        else:
+            move_fingers(urcap, source, taught_at(STATE_S * states.read)[1])
         chunks.append(next(reported))
     rows = np.concatenate(chunks)
-    column = dict(zip(source.columns, rows.T, strict=True))
-    signals = {
-        "pos": rows[:, 1:4],
-        "quat": rows[:, 4:8],
-        "gripper": column["gripper"][:, None],
-    }
-    taught = Recording(t=column["t"], signals=signals, wrench_source="none", hand_on_robot="yes", name="taught")
-    *_, view = offline.views(taught)
-    fingers = [app for app in view.program.apps if app.kind in {"grasp", "gripper_move"}]
+    signals = {"pos": rows[:, 1:4], "quat": rows[:, 4:8], "gripper": rows[:, -1:]}
+    view = offline.segment_recording(
+        Recording(t=rows[:, 0], signals=signals, wrench_source="none", hand_on_robot="yes", name="taught")
+    )
+    assert len(view.gaps) == expected_gaps
+    fingers = [app for app in view.apps if app.kind in {"grasp", "gripper_move"}]
     assert [app.kind for app in fingers] == ["grasp", "gripper_move"]
     assert fingers[0].gripper_width == pytest.approx(HELD_M, abs=5e-4)
     assert fingers[1].gripper_width == pytest.approx(0.085, abs=5e-4)
@@ -320,6 +357,7 @@ def own_robot(folder: Path, fingers: object) -> str:
     return str(file)
 
 
+@pytest.mark.usefixtures("fresh")
 def test_a_gripper_of_the_robots_description_is_read_with_its_own_counts(play, urcap, tmp_path):
     own = {**gripper("robotiq_2f_85").model_dump(), "counts": [10, 210]}
     options = replace(STATED, robot=own_robot(tmp_path, own), gripper_name=None)
@@ -352,6 +390,8 @@ def test_a_gripper_that_a_source_does_not_read_is_refused(play, source, name, sa
 def test_a_gripper_and_none_are_refused():
     app = typer.Typer()
     register(app)
-    result = CliRunner().invoke(app, ["bridge", "--gripper", "robotiq_2f_85", "--no-gripper"])
+    stated = ["bridge", "--gripper", "robotiq_2f_85"]
+    result = CliRunner().invoke(app, [*stated, "--no-gripper"])
     assert result.exit_code == 2
     assert "state --gripper or --no-gripper" in result.output
+    assert "which the source ur takes, not file" in CliRunner().invoke(app, stated).output

@@ -62,7 +62,9 @@ def bridge(
     ] = None,
     gripper: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help=f"Robotiq gripper with its URCap, for ur: {', '.join(ROBOTIQ_NAMES)}."),
+        typer.Option(
+            metavar="NAME", help=f"Gripper with Robotiq's URCap, for ur: {', '.join(ROBOTIQ_NAMES)}."
+        ),
     ] = None,
     no_gripper: Annotated[
         bool, typer.Option("--no-gripper", help="Read no gripper: no Franka hand, for ur none of Robotiq.")

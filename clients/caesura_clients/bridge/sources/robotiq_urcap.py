@@ -10,7 +10,8 @@ Nothing is commanded. None of this was tried with a gripper.
 
 Rules
 1. The opening is linear between the two counts of the gripper's description (`grippers.json`).
-2. A width is known for STALE_S after it was read. Then it is unknown until the gripper answers again.
+2. A width is known for STALE_S after it was read. Then it is unknown until the gripper answers again. This is
+   shorter than the 0.2 s of an unchanged width that the service reads as fingers at rest.
 3. An answer that is missing or wrong ends the connection; the next begins with GET STA.
 """
 
@@ -21,6 +22,7 @@ import re
 import socket
 import threading
 import time
+from contextlib import suppress
 from typing import NamedTuple
 
 from caesura_protocol.errors import SourceError
@@ -31,7 +33,7 @@ logger = logging.getLogger(__name__)
 PORT = 63352  # of the URCap
 POLL_S = 0.02  # between two questions
 POLLS_PER_STATUS = 25  # positions that are read before the status is read again
-STALE_S = 0.3  # after which a width is unknown
+STALE_S = 0.15  # after which a width is unknown
 CONNECT_S = 2.0
 ANSWER_S = 0.5
 LINE_END_S = 0.02  # in which the rest of an answer without a line feed arrives
@@ -59,9 +61,9 @@ class UrcapGripper:
 
     failure: str | None = None  # such a gripper is waited for
 
-    def __init__(self, who: str, host: str, gripper: GripperDescription, *, port: int | None = None) -> None:
-        self._address = host, PORT if port is None else port
-        self._name = f"{who}: its {gripper.title} at {host}:{self._address[1]}"
+    def __init__(self, who: str, host: str, gripper: GripperDescription) -> None:
+        self._address = host, PORT
+        self._name = f"{who}: its {gripper.title} at {host}:{PORT}"
         self._gripper = gripper
         self._over = threading.Event()
         try:
@@ -100,20 +102,21 @@ class UrcapGripper:
         return _Reading(self._gripper.width_m(self._connection.position()), asked_s)
 
     def _reconnect(self, error: GripperSilentError) -> None:
-        """Connect again until a position is read, or the source closes; log it once."""
+        """Connect again until a position is read, or the source closes; log once that samples stop."""
         self._connection.close()
-        if self._over.is_set():
-            return
-        logger.warning("%s: %s. No samples until it answers again", self._name, error)
-        wait_s = FIRST_RETRY_S
+        wait_s, is_logged = FIRST_RETRY_S, False
         while not self._over.wait(wait_s):
             wait_s = min(2.0 * wait_s, LONGEST_RETRY_S)
+            if self.width is None and not is_logged:
+                logger.warning("%s: %s. No samples until it answers again", self._name, error)
+                is_logged = True
             try:
                 self._connection = _Connection(self._address)
                 self._newest = self._read()
             except GripperSilentError:
                 continue
-            logger.warning("%s: answers again", self._name)
+            if is_logged:
+                logger.warning("%s: answers again", self._name)
             return
 
 
@@ -149,10 +152,8 @@ class _Connection:
 
     def interrupt(self) -> None:
         """End an answer that another thread waits for."""
-        try:
+        with suppress(OSError):  # it is closed
             self._socket.shutdown(socket.SHUT_RDWR)
-        except OSError:  # it is closed
-            pass
 
     def close(self) -> None:
         self._socket.close()
@@ -177,7 +178,8 @@ class _Connection:
         found = re.fullmatch(rf"{variable} ([0-9]{{1,9}})\s*".encode("ascii"), answer)
         if found is None:
             shown = answer.decode("ascii", "backslashreplace")
-            raise GripperSilentError(f"GET {variable} was answered {shown!r}, expected {variable} and a number")
+            expected = f"{variable} and a number"
+            raise GripperSilentError(f"GET {variable} was answered {shown!r}, expected {expected}")
         return int(found[1])
 
     def _answer(self) -> bytes:

@@ -15,7 +15,7 @@ from caesura_clients.bridge import Bridge, BridgeSettings, Source
 from caesura_clients.bridge.guiding_button import RELEASED_S
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import parse_pace
-from caesura_clients.bridge.sources.registry import SOURCES, SourceOptions, open_source
+from caesura_clients.bridge.sources.registry import ROBOTIQ_NAMES, SOURCES, SourceOptions, open_source
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.demonstrations import DescriptionOptions, stand_by
 from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
@@ -60,8 +60,15 @@ def bridge(
     host: Annotated[
         str | None, typer.Option(help="The robot's address, for franky, panda, ur and xarm.")
     ] = None,
-    gripper: Annotated[bool, typer.Option("--gripper", hidden=True)] = True,  # as without it
-    no_gripper: Annotated[bool, typer.Option("--no-gripper", help="That robot has no Franka hand.")] = False,
+    gripper: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help=f"Gripper with Robotiq's URCap, for ur: {', '.join(ROBOTIQ_NAMES)}."
+        ),
+    ] = None,
+    no_gripper: Annotated[
+        bool, typer.Option("--no-gripper", help="Read no gripper: no Franka hand, for ur none of Robotiq.")
+    ] = False,
     tcp_offset: Annotated[
         str | None,
         typer.Option(
@@ -132,12 +139,15 @@ def bridge(
         robot=asked.robot,
         mapping=mapping,
         host=host,
-        gripper=gripper and not no_gripper,
+        gripper=not no_gripper,
+        gripper_name=gripper,
         tcp_offset=tcp_offset,
         teach_mode=teach_mode,
         ros=ros or endpoint,
         config=config if ros is None else None,
     )
+    if gripper and no_gripper:
+        raise typer.BadParameter("state --gripper or --no-gripper", param_hint="--gripper")
     if epoch > MAX_EPOCH:
         raise typer.BadParameter(f"{epoch}, at most {MAX_EPOCH}", param_hint="--epoch")
     if epoch and session is None:

@@ -60,6 +60,8 @@ class GripperDescription(BaseModel):
         needed = (*NEEDED.get(self.kind, ()), *NEEDED.get(self.interface or "", ()))
         if missing := [name for name in needed if getattr(self, name) is None]:
             raise ValueError(f"{self.kind} by {self.interface} need {', '.join(missing)}")
+        if self.counts is not None and self.counts[0] == self.counts[1]:
+            raise ValueError(f"counts are {self.counts}, expected two that differ")
         for name, least, most in (
             ("force_n", self.least_force_n, self.force_n),
             ("speed_m_per_s", self.least_speed_m_per_s, self.speed_m_per_s),
@@ -70,11 +72,21 @@ class GripperDescription(BaseModel):
 
     def count(self, width_m: float) -> int:
         """The count of a width, by the straight line from open to shut."""
+        (opened, shut), opening_m = self._calibration()
+        share = min(max(width_m / opening_m, 0.0), 1.0)
+        return round(shut + share * (opened - shut))
+
+    def width_m(self, count: int) -> float:
+        """The width [m] of a count, by the same line; within 0 and the opening."""
+        (opened, shut), opening_m = self._calibration()
+        share = (count - shut) / (opened - shut)
+        return min(max(share, 0.0), 1.0) * opening_m
+
+    def _calibration(self) -> tuple[tuple[int, int], float]:
+        """Its counts open and shut, and its opening [m]. Raises GripperError where one is not stated."""
         if self.counts is None or self.opening_m is None:
             raise GripperError(f"{self.title} has no counts, expected counts and opening_m")
-        opened, shut = self.counts
-        share = min(max(width_m / self.opening_m, 0.0), 1.0)
-        return round(shut + share * (opened - shut))
+        return self.counts, self.opening_m
 
     def register_counts(self, speed_m_per_s: float, force_n: float) -> tuple[int, int]:
         """Speed and force as counts of Robotiq's registers: 0 for the least that it has, 255 for the most."""

@@ -2,7 +2,8 @@
 
 A vendor's module gives a function that waits for the next state (`ArmState`). What differs between vendors,
 such as signs, units and frames, ends there. A gripper is asked in a thread of its own: its answers come
-slower than the arm's, and may wait.
+slower than the arm's, and may wait. While its width is unknown no state becomes a sample: every value on the
+wire is finite, so a session states what it did not observe as a gap.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -46,13 +47,28 @@ class ArmState(NamedTuple):
     button_pressed: bool = False
 
 
+class Gripper(Protocol):
+    """A gripper that is read in a thread of its own."""
+
+    @property
+    def width(self) -> float | None:
+        """The newest opening [m]; None while it is unknown."""
+
+    @property
+    def failure(self) -> str | None:
+        """Why it is lost for good; None while it is not."""
+
+    def close(self) -> None:
+        """Read it no more."""
+
+
 class LiveArm:
     """A live arm as a Source.
 
     who: what errors call it; read: waits for the next state; joints: how many it has; torques: does a state
-    have `tau`? button: does a state have `button_pressed`? width: the gripper's opening [m], which may wait,
-    None where there is no gripper; over: is called at the end. Raises SourceError in `chunks` where the arm
-    or its gripper is lost, with the reason.
+    have `tau`? button: does a state have `button_pressed`? gripper: is read in its own thread; width: asks a
+    gripper without one for its opening [m], and may wait; None and None: no gripper; over: is called at the
+    end. Raises SourceError in `chunks` where the arm or its gripper is lost, with the reason.
     """
 
     length_unit: LengthUnit = "m"
@@ -69,6 +85,7 @@ class LiveArm:
         torques: bool = False,
         button: bool = False,
         force_frame: ForceFrame = "base",
+        gripper: Gripper | None = None,
         width: Callable[[], float] | None = None,
         over: Callable[[], None] | None = None,
     ) -> None:
@@ -76,15 +93,16 @@ class LiveArm:
         self.hand_on_robot: HandOnRobot = hand_on_robot
         self.force_frame: ForceFrame = force_frame
         measured = WRENCH if wrench_source != "none" else ()
-        signals = (*SIGNALS, *measured, *(["tau"] if torques else []), *(["gripper"] if width else []))
+        has_gripper = gripper is not None or width is not None
+        signals = (*SIGNALS, *measured, *(["tau"] if torques else []), *(["gripper"] if has_gripper else []))
         self.columns = columns_of(signals, joints)
         self.button_pressed = False if button else None  # as of the newest chunk
         self._who = who
         self._read = read
         self._over = over
-        self._gripper: _Gripper | None = None
+        self._gripper = gripper
         if width is not None:
-            self._gripper = connect_arm(f"{who}, its gripper", lambda: _Gripper(width), NO_GRIPPER)
+            self._gripper = connect_arm(f"{who}, its gripper", lambda: _AskedGripper(width), NO_GRIPPER)
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield about 20 ms of states at a time; a state that is read twice is yielded once."""
@@ -104,11 +122,17 @@ class LiveArm:
                     continue
                 first = state.t if first is None else first
                 last = state.t
-                row = self._row(state, first, orientation)
-                orientation = (row[4], row[5], row[6], row[7])
-                rows.append(row)
                 if self.button_pressed is not None:
                     self.button_pressed = state.button_pressed
+                widths = self._widths()
+                if widths is None:
+                    if rows:
+                        yield np.array(rows)
+                        rows = []
+                    continue
+                row = self._row(state, first, orientation, widths)
+                orientation = (row[4], row[5], row[6], row[7])
+                rows.append(row)
                 if round(MS * (row[0] - rows[0][0])) >= CHUNK_MS - 1:
                     yield np.array(rows)
                     rows = []
@@ -136,7 +160,16 @@ class LiveArm:
         except Exception as error:  # whatever the vendor's package makes of it
             raise SourceError(f"{self._who}: lost after {after_s:.1f} s: {_error_text(error)}") from error
 
-    def _row(self, state: ArmState, first: float, orientation: Quaternion) -> list[float]:
+    def _widths(self) -> tuple[float, ...] | None:
+        """The gripper's column: its width; empty without a gripper, None while the width is unknown."""
+        if self._gripper is None:
+            return ()
+        width = self._gripper.width
+        return None if width is None else (width,)
+
+    def _row(
+        self, state: ArmState, first: float, orientation: Quaternion, widths: tuple[float, ...]
+    ) -> list[float]:
         return [
             round(state.t - first, 6),
             *state.flange.position,
@@ -144,15 +177,15 @@ class LiveArm:
             *map(float, state.q),
             *(state.wrench if self.wrench_source != "none" else ()),
             *state.tau,
-            *(() if self._gripper is None else (self._gripper.width,)),
+            *widths,
         ]
 
 
-class _Gripper:
+class _AskedGripper:
     """The gripper's last width, asked for until it is over."""
 
     def __init__(self, ask: Callable[[], float]) -> None:
-        self.width = ask()
+        self.width: float | None = ask()
         self.failure: str | None = None
         self._over = threading.Event()
         self._ask = ask

@@ -16,9 +16,10 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import ESTIMATE, HANDS_ON_ROBOT, WRENCH_SOURCES, HandOnRobot, WrenchSource
 from caesura_protocol.plausibility import WIRE_UNIT
 from caesura_protocol.recording import declared_units
-from caesura_protocol.robots import RobotDescription, robot_description
+from caesura_protocol.robots import GripperDescription, RobotDescription, grippers, robot_description
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
+ROBOTIQ_NAMES = tuple(name for name, one in grippers().items() if one.interface == "robotiq")
 GROUP = "caesura.sources"  # entry points, each a function of SourceOptions that returns a Source
 
 
@@ -36,6 +37,7 @@ class SourceOptions:
     mapping: Path | None = None
     host: str | None = None  # of the robot
     gripper: bool = True  # does it have one?
+    gripper_name: str | None = None  # which, where the source reads more than one kind
     tcp_offset: str | None = None  # x,y,z,rx,ry,rz [m, rad] of the TCP on the flange
     teach_mode: bool = False  # the source lets go of the arm, so that it can be guided
     ros: str | None = None  # the Zenoh endpoint of ROS 2
@@ -51,6 +53,8 @@ def open_source(name: str, options: SourceOptions) -> Source:
     build = SOURCES.get(name)
     if build is None:
         raise SourceError(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
+    if options.gripper_name is not None and build is not _ur and build in OWN_SOURCES.values():
+        raise SourceError(f"gripper is {options.gripper_name!r}, which the source ur takes, not {name}")
     source = build(options)
     return source if build is _file else _with_declared_units(source, options)
 
@@ -120,7 +124,19 @@ def _ur(options: SourceOptions) -> Source:
         hand_on_robot=hand_statement(options),
         tcp_offset=_tcp_offset(options),
         teach_mode=options.teach_mode,
+        gripper=_robotiq(options, robot) if options.gripper else None,
     )
+
+
+def _robotiq(options: SourceOptions, robot: RobotDescription) -> GripperDescription | None:
+    """The Robotiq gripper that is stated, or that the robot's description has. Raises SourceError."""
+    if options.gripper_name is not None:
+        if options.gripper_name not in ROBOTIQ_NAMES:
+            expected = f"expected one of {', '.join(ROBOTIQ_NAMES)}"
+            raise SourceError(f"gripper is {options.gripper_name!r}, {expected}")
+        return grippers()[options.gripper_name]
+    of_robot = robot.gripper
+    return of_robot if of_robot is not None and of_robot.interface == "robotiq" else None
 
 
 def _xarm(options: SourceOptions) -> Source:
@@ -212,7 +228,7 @@ def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source
     return build
 
 
-SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
+OWN_SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
     "file": _file,
     "mcap": _file,
     "rosbag2": _file,
@@ -221,4 +237,8 @@ SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
     "ur": _ur,
     "xarm": _xarm,
     "ros2": _ros2,
-} | {found.name: _of_entry_point(found) for found in entry_points(group=GROUP)}
+}
+SOURCES: Mapping[str, Callable[[SourceOptions], Source]] = {
+    **OWN_SOURCES,
+    **{found.name: _of_entry_point(found) for found in entry_points(group=GROUP)},
+}

@@ -6,7 +6,8 @@ What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
   that frame, less the payload's weight: its sign is the wire's (UR's forum, topic 4481: "forces acting on
   the end point of the TCP"; not verified on an arm);
   getRobotStatus, whose bit 2 is "Is teach button pressed" (its docstring): the freedrive button.
-Each value is asked for by itself: a state counts where the time before and after is the same.
+Each value is asked for by itself: a state counts where the time before and after is the same. RTDE has no
+gripper: one of Robotiq is read beside it (robotiq_urcap.py).
 
 The flange is the TCP's pose without the TCP's offset, and the torque is moved to the flange. RTDE, as ur_rtde
 reads it, does not report the offset: it is stated (`--tcp-offset`), or asked of the controller in teach mode.
@@ -19,15 +20,17 @@ button say when a person guides.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from importlib import import_module
 from typing import Any
 
 from caesura_clients.bridge.sources.live_arm import ArmState, LiveArm, connect_arm
+from caesura_clients.bridge.sources.robotiq_urcap import UrcapGripper
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import Transform, flange_of, moved_wrench, pose_of_rotation_vector
 from caesura_protocol.messages import HandOnRobot, WrenchSource
-from caesura_protocol.robots import RobotDescription
+from caesura_protocol.robots import GripperDescription, RobotDescription
 
 SILENT_S = 1.0  # without a new state: the arm is lost
 VARIABLES = [
@@ -44,10 +47,12 @@ def open_ur(
     hand_on_robot: HandOnRobot,
     tcp_offset: tuple[float, ...] | None = None,
     teach_mode: bool = False,
+    gripper: GripperDescription | None = None,
 ) -> LiveArm:
     """Connect. tcp_offset: (6,) x y z [m], rotation vector [rad]; None: asked of the controller.
 
-    Raises SourceError where the extra is missing, the arm does not answer, or the TCP's offset is not known.
+    gripper: of Robotiq, read through its URCap; None: no gripper is read. Raises SourceError where the extra
+    is missing, the arm or its gripper does not answer, or the TCP's offset is not known.
     """
     if tcp_offset is None and not teach_mode:
         raise SourceError(
@@ -57,15 +62,21 @@ def open_ur(
     with import_extra("ur", "the source ur"):
         receiving, controlling = import_module("rtde_receive"), import_module("rtde_control")
     who = f"{robot.name} at {host}"
-    receive = connect_arm(who, lambda: receiving.RTDEReceiveInterface(host, -1.0, VARIABLES))
-    over = receive.disconnect
-    if teach_mode:
-        control = connect_arm(f"{who}, teach mode", lambda: controlling.RTDEControlInterface(host))
-        tcp_offset = tcp_offset or connect_arm(who, control.getTCPOffset)
-        over = _end_of_teaching(control, receive)
-        if robot.wrench_is_relative:
-            _do(f"{who}, zeroing its sensor", control.zeroFtSensor)
-        _do(f"{who}, teach mode", control.teachMode)
+    with ExitStack() as opened:
+        receive = connect_arm(who, lambda: receiving.RTDEReceiveInterface(host, -1.0, VARIABLES))
+        over = receive.disconnect
+        opened.callback(receive.disconnect)
+        fingers = None if gripper is None else UrcapGripper(who, host, gripper)
+        if fingers is not None:
+            opened.callback(fingers.close)
+        if teach_mode:
+            control = connect_arm(f"{who}, teach mode", lambda: controlling.RTDEControlInterface(host))
+            tcp_offset = tcp_offset or connect_arm(who, control.getTCPOffset)
+            over = _end_of_teaching(control, receive)
+            if robot.wrench_is_relative:
+                _do(f"{who}, zeroing its sensor", control.zeroFtSensor)
+            _do(f"{who}, teach mode", control.teachMode)
+        opened.pop_all()
     return LiveArm(
         who,
         _reader(receive, pose_of_rotation_vector(tcp_offset or (0.0,) * 6)),
@@ -73,6 +84,7 @@ def open_ur(
         wrench_source=wrench_source,
         hand_on_robot=hand_on_robot,
         button=not teach_mode,
+        gripper=fingers,
         over=over,
     )
 

@@ -16,6 +16,7 @@ from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
 from caesura_protocol.screw_motion import screw_in_words
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 NEWEST = 100  # apps that are drawn
 ROWS = {"apps", "path"}  # what a page has row by row
@@ -36,20 +37,24 @@ class Timeline:
         self._path: list[Row] = []  # of the apps from `_before` on
         self._before = 0
 
-    def of(self, program: Program) -> dict[str, Any]:
-        """What the page shows of it: the newest apps, how many come before them, and their path."""
+    def of(self, program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
+        """What the page shows of it: the newest apps, how many come before them, and their path.
+
+        clock: of the session; apps and path keep the clock of the samples.
+        """
         before = max(0, len(program.apps) - self._newest)
-        placed, of_program, of_apps = checked(program)
+        placed, of_program, of_apps = checked(program, clock)
         self._make_path(placed, before)
         self._make_cards(program.apps, before, of_apps)
         return {
-            **editing_of(program),
+            **editing_of(program, clock),
+            "start": clock.start_s,
             "findings": of_program,
             "version": program.version,
             "complete": program.complete,
             "author": program.author or "",
             "edited": program.edited,
-            "notes": list(program.notes),
+            "notes": [clock.text(note) for note in program.notes],
             "before": before,
             "path": self._path,
             "apps": list(self._cards.values()),

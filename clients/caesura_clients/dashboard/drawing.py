@@ -3,7 +3,8 @@
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
 [px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes, name],
 a changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
-[t, [[length, probability], …]], a correction [number, words, time of day, undone]. Signals go another way: a
+[t, [[length, probability], …]], a correction [number, words, time of day, undone]. Times are on the clock
+of the samples; `start` is what people read as 0 of it. Signals go another way: a
 page asks for those that it shows (`signals.py`).
 """
 
@@ -14,9 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from caesura_clients.correction_words import described
-from caesura_clients.dashboard.station_summary import reached
+from caesura_clients.dashboard.station_summary import reached, session_clock
 from caesura_clients.results import Update
 from caesura_protocol.messages import Changepoint, Correction, Phase, Posterior, Segment
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 Cells = list[Any]
 LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
@@ -44,6 +46,9 @@ def delta(sent: SentState, update: Update | None) -> tuple[SentState, dict[str, 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:
     changes: dict[str, Any] = {"t": round(reached(after), 3), "closed": after.closed}
+    start_s = session_clock(after).start_s
+    if before is None or start_s != session_clock(before).start_s:
+        changes["start"] = start_s
     known_segments = before.segments if before else ()
     if before is None or after.segments != known_segments:
         first = common(known_segments, after.segments)
@@ -98,9 +103,9 @@ def changepoint_row(one: Changepoint) -> Cells:
     return [one.t, round(one.probability, 3), final, one.t_low, one.t_high, one.corrected]
 
 
-def correction_rows(corrections: Iterable[Correction]) -> list[Cells]:
+def correction_rows(corrections: Iterable[Correction], clock: SessionClock = NO_OFFSET) -> list[Cells]:
     """As the module says."""
-    return [[one.number, described(one), one.at, one.state, one.reason] for one in corrections]
+    return [[one.number, described(one, clock), one.at, one.state, one.reason and clock.text(one.reason)] for one in corrections]
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:

@@ -14,6 +14,7 @@ from caesura_clients.correction_words import effect_words
 from caesura_clients.editing import is_stale, send
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import first_finding
 
@@ -33,37 +34,42 @@ def corrector(transport: Transport) -> Corrector:
     return lambda station, edit: send(transport, station, edit)
 
 
-def correct(ask: Corrector, station: str, request: Request) -> str:
-    """Carry out what a browser asks for; what was done, in words. Raises EditRefused."""
+def correct(ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
+    """Carry out what a browser asks for; what was done, in words. Raises EditRefused.
+
+    clock: of the session, for the words.
+    """
     edit = parse(request)
     try:
         ask(station, edit)
     except ProtocolError as error:
-        raise EditRefused(said(error)) from error
+        raise EditRefused(said(error, clock)) from error
     except CaesuraError as error:
-        raise EditRefused(f"Not done: {error}") from error
-    return done(edit.action)
+        raise EditRefused(clock.text(f"Not done: {error}")) from error
+    return done(edit.action, clock)
 
 
-def preview(ask: Corrector, station: str, request: Request) -> dict[str, Any]:
+def preview(
+    ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET
+) -> dict[str, Any]:
     """What a correction would change: in words, and the segments of its span of time [s] as rows.
 
-    Of one that would be refused: why, and no row.
+    Of one that would be refused: why, and no row. clock: of the session, for the words.
     """
     try:
         effect = ask(station, parse_preview(request)).effect
     except EditRefused as error:
         return _no_effect(str(error))
     except ProtocolError as error:
-        return _no_effect(said(error))
+        return _no_effect(said(error, clock))
     except CaesuraError as error:
-        return _no_effect(f"Not done: {error}")
+        return _no_effect(clock.text(f"Not done: {error}"))
     if effect is None:
         return _no_effect("The service states no effect.")
     both = (*effect.segments_before, *effect.segments_after)
     shown = () if effect.more else effect.segments_after  # of a part of them the span is not known
     return {
-        "words": effect_words(effect),
+        "words": effect_words(effect, clock),
         "rows": [[round(one.t0, 3), round(one.tn, 3), one.kind] for one in shown],
         "span": [min(one.t0 for one in both), max(one.tn for one in both)] if both else [0.0, 0.0],
         "failed": False,
@@ -93,21 +99,26 @@ def _parsed(model: type[M], request: Request, names: Sequence[str]) -> M:
         raise EditRefused(f"Not done: {first_finding(error)}") from error
 
 
-def said(error: ProtocolError) -> str:
+def said(error: ProtocolError, clock: SessionClock = NO_OFFSET) -> str:
     """A refusal, for an operator."""
     if is_stale(error):
         return (
             f"Not done: another operator corrected this session meanwhile (it is at revision {error.limit}, "
             f"you saw {error.value}). What is there now is shown: look, and do it again."
         )
-    return f"Not done: {error.message}{_within(error)}{_there_is(error)}."
+    return clock.text(f"Not done: {error.message}{_within(error, clock)}{_there_is(error)}.")
 
 
-def _within(error: ProtocolError) -> str:
+def _within(error: ProtocolError, clock: SessionClock) -> str:
     """What a number was not within, where a refusal states two limits."""
     if not isinstance(error.value, int | float) or not isinstance(error.limit, list | tuple):
         return ""
-    return f": {error.value:g} is not within {' to '.join(f'{limit:g}' for limit in error.limit)}"
+    value, *limits = (_number(one, clock) for one in (error.value, *error.limit))
+    return f": {value} is not within {' to '.join(limits)}"
+
+
+def _number(value: float, clock: SessionClock) -> str:
+    return clock.brief(value) if is_of_day(value) else f"{value:g}"
 
 
 def _there_is(error: ProtocolError) -> str:
@@ -117,9 +128,13 @@ def _there_is(error: ProtocolError) -> str:
     return f"; there is {', '.join(str(one) for one in error.expected)}"
 
 
-def done(action: Action) -> str:
-    """What was done, in words."""
-    return _DONE[action.do].format(**action.model_dump()) if not _unlimits(action) else "The limit is gone."
+def done(action: Action, clock: SessionClock = NO_OFFSET) -> str:
+    """What was done, in words. clock: of the session."""
+    if _unlimits(action):
+        return "The limit is gone."
+    values = action.model_dump()
+    times = {name: clock.shown(values[name]) for name in ("t", "to") if name in values}
+    return _DONE[action.do].format(**(values | times))
 
 
 def _unlimits(action: Action) -> bool:
@@ -127,12 +142,12 @@ def _unlimits(action: Action) -> bool:
 
 
 _DONE: Mapping[str, str] = {
-    "insert": "Changepoint inserted at {t:.2f} s.",
-    "remove": "Changepoint at {t:.2f} s removed.",
-    "move": "Changepoint moved from {t:.2f} s to {to:.2f} s.",
-    "relabel": "The segment at {t:.2f} s is {kind}.",
-    "limit_force": "The force at {t:.2f} s is limited to {newton:g} N.",
-    "name_phase": "The phase at {t:.2f} s is called {name}.",
+    "insert": "Changepoint inserted at {t} s.",
+    "remove": "Changepoint at {t} s removed.",
+    "move": "Changepoint moved from {t} s to {to} s.",
+    "relabel": "The segment at {t} s is {kind}.",
+    "limit_force": "The force at {t} s is limited to {newton:g} N.",
+    "name_phase": "The phase at {t} s is called {name}.",
     "undo": "Undone.",
     "take_back": "Correction {number} is taken back.",
     "redo": "Done again.",

@@ -18,6 +18,7 @@ from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import changes
 from caesura_clients.dashboard.drawing import SentState, correction_rows, delta
+from caesura_clients.dashboard.station_summary import session_clock
 from caesura_clients.results import Update
 
 UNSEEN = 3  # payloads that a browser may be behind
@@ -220,12 +221,13 @@ class SessionView(LiveElement, component="web/session_view.js"):
         stands: dict[str, Any] = {
             name: getattr(update.status, name) for name in ("session", "revision", "undoable", "redoable")
         }
-        stands["corrections"] = update.program.corrections
+        clock = session_clock(update)
+        stands["corrections"] = update.program.corrections, clock
         known = self._stands if self._stands.get("session") == update.session else {}
         self._stands = stands
         changed = {name: value for name, value in stands.items() if known.get(name) != value}
         if "corrections" in changed:
-            changed["corrections"] = correction_rows(update.program.corrections)
+            changed["corrections"] = correction_rows(update.program.corrections, clock)
         return changed
 
     def answered(self, message: str, *, failed: bool) -> None:

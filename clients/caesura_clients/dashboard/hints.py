@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from caesura_clients.dashboard.station_summary import session_clock
 from caesura_clients.results import Update
 from caesura_protocol.messages import Hint
 
@@ -18,8 +19,10 @@ def banner_of(update: Update | None) -> dict[str, Any]:
 def _shown(hint: Hint, update: Update) -> dict[str, Any]:
     """A hint, and of a part to show again where it is replaced."""
     key = f"{hint.kind} {hint.since}"
-    shown = {"key": key, "kind": hint.kind, "text": hint.text, "advice": hint.advice}
+    clock = session_clock(update)
+    text, advice = clock.text(hint.text), clock.text(hint.advice)
+    shown = {"key": key, "kind": hint.kind, "text": text, "advice": advice}
     if hint.t0 is None or hint.tn is None or hint.tn <= hint.t0:
         return shown
-    part = f"the apps of {hint.t0:.1f} to {hint.tn:.1f} s: Edit, Teach again"
+    part = f"the apps of {clock.shown(hint.t0, 1)} to {clock.shown(hint.tn, 1)} s: Edit, Teach again"
     return shown | {"href": f"/sessions/{update.station}/{update.session}", "link": f"Replace {part}"}

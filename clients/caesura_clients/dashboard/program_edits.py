@@ -18,13 +18,14 @@ from caesura_clients.editing import is_stale, send
 from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import App, AppChange, EditProgram, Program
+from caesura_protocol.messages import App, AppChange, EditProgram, Program, ProgramEdit
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.app_times import PLACED, edited_times, may_retime
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS, formats_of
 from caesura_protocol.robots import grippers, robot_description
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import dotted, first_finding
 
@@ -39,16 +40,16 @@ class ProgramDesk:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def carry_out(self, station: str, request: Request) -> str:
-        """Edit a program; what was done, in words. Raises EditRefused."""
+    def carry_out(self, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
+        """Edit a program; what was done, in words. Raises EditRefused. clock: of the session, for the words."""
         command = parse(request)
         try:
             send(self._transport, station, command)
         except ProtocolError as error:
-            raise EditRefused(_said(error)) from error
+            raise EditRefused(clock.text(_said(error))) from error
         except CaesuraError as error:
-            raise EditRefused(f"Not done: {error}") from error
-        words = in_words(command.action)
+            raise EditRefused(clock.text(f"Not done: {error}")) from error
+        words = in_words(command.action, clock)
         return f"{words[0].upper()}{words[1:]}."
 
 
@@ -70,7 +71,7 @@ def _said(error: ProtocolError) -> str:
     return f"Not done: {error.message}."
 
 
-def editing_of(program: Program) -> dict[str, Any]:
+def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
     """What the page shows of a program's edits, and whether one can be undone or made once more."""
     states = [edit.state for edit in program.edits]
     is_edit = program.revision == 0 or any(edit.at == program.edited for edit in program.edits)
@@ -82,8 +83,7 @@ def editing_of(program: Program) -> dict[str, Any]:
         "undoable": any(state != "undone" for state in states),
         "redoable": "undone" in states,
         "edits": [
-            [edit.number, in_words(edit.action), edit.author, edit.state.replace("_", " "), edit.reason or ""]
-            for edit in program.edits
+            _edit_row(edit, clock) for edit in program.edits
         ],
         "kinds": [[kind, app_title(kind)] for kind in INSERTED],
         "exports": [
@@ -93,6 +93,11 @@ def editing_of(program: Program) -> dict[str, Any]:
         "dataset": f"/datasets?session={program.station}/{program.session}" if program.complete else "",
         "grippers": _grippers_of(program),
     }
+
+
+def _edit_row(edit: ProgramEdit, clock: SessionClock) -> list[Any]:
+    state, reason = edit.state.replace("_", " "), clock.text(edit.reason or "")
+    return [edit.number, in_words(edit.action, clock), edit.author, state, reason]
 
 
 def _grippers_of(program: Program) -> list[list[str]]:
@@ -192,10 +197,11 @@ class CheckedProgram(NamedTuple):
     of_apps: dict[int, list[list[str]]]
 
 
-def checked(program: Program) -> CheckedProgram:
+def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram:
     """Lay a program out once, and check it.
 
-    Nothing is found while a program without edits is being taught: what it lacks may still come.
+    Nothing is found while a program without edits is being taught: what it lacks may still come. clock: of the session, for
+    the reasons.
     """
     if not program.apps or not (program.complete or program.edits):
         return CheckedProgram(program.apps, [], {})
@@ -208,5 +214,5 @@ def checked(program: Program) -> CheckedProgram:
     of_apps: dict[int, list[list[str]]] = {}
     for one in document_findings(made):
         into = of_program if one.index is None else of_apps.setdefault(one.index, [])
-        into.append([one.severity, one.reason])
+        into.append([one.severity, clock.text(one.reason)])
     return CheckedProgram(made.apps, of_program, of_apps)

@@ -14,6 +14,7 @@ from typing import Any, Literal
 from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_clients.results import Update
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
+from caesura_protocol.session_clock import SessionClock, clock_from, clock_of
 
 STALE_S = 2.0
 BEGINS_S = 60.0  # a session of its own clock has its first segment by then; `begin` of session_view.js
@@ -186,9 +187,14 @@ def reached(update: Update) -> float:
     return max(update.t, last)
 
 
+def session_clock(update: Update) -> SessionClock:
+    """The clock of a session; without a segment, of what is known of it by now."""
+    return clock_of(update.segments) if update.segments else clock_from(update.t)
+
+
 def lasted(update: Update) -> float:
     """[s] Of the session so far. Most begin at 0; one with another clock begins with its first segment."""
-    first = update.segments[0].t0 if update.segments else 0.0
+    first = update.segments[0].t0 if update.segments else session_clock(update).start_s
     return reached(update) - (first if not 0.0 <= first <= BEGINS_S else 0.0)
 
 

@@ -24,9 +24,10 @@ from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, t
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
-from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted, warning_of
+from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted, session_clock, warning_of
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
+from caesura_protocol.session_clock import NO_OFFSET, clock_of
 
 
 class SessionPage:
@@ -64,7 +65,9 @@ class SessionPage:
                 editable=self._program_desk is not None,
                 speeds=() if site.simulator is None else SPEEDS,
             )
+        self._clock = NO_OFFSET  # of the session that is shown
         self._timeline_of: wire.Program | None = None
+        self._timeline_clock = NO_OFFSET
         self._timeline = Timeline()
         self._shown: dict[str, Any] = {}
         self._parts = PartChoice()
@@ -79,6 +82,7 @@ class SessionPage:
         world, received = gateway.world, gateway.received.get(self._station)
         update = world.update(self._station, self._session)
         seen = glance(world, self._station, received, gateway.clock(), gateway.began)
+        self._clock = NO_OFFSET if update is None else session_clock(update)
         live = self._session is None
         self._banner.say(warning_of(seen, world) if live else world.trouble)
         line = line_of(seen, update) if live else line_of_past(update)
@@ -115,8 +119,9 @@ class SessionPage:
 
     def _show_program(self, program: wire.Program) -> None:
         """In words, made anew only where it changed: a long one takes its time."""
-        if program is not self._timeline_of:
-            self._timeline_of, self._shown = program, self._timeline.of(program)
+        if program is not self._timeline_of or self._clock != self._timeline_clock:
+            self._timeline_of, self._timeline_clock = program, self._clock
+            self._shown = self._timeline.of(program, self._clock)
         is_edited = self._program_desk is not None
         parts = self._parts.of(self._gateway.world, program.station, program.session) if is_edited else []
         elsewhere = self._simulator is not None and self._simulator.is_busy and self._simulation is None
@@ -148,7 +153,7 @@ class SessionPage:
         if self._corrector is None or not isinstance(event.args, dict):
             return
         try:
-            said = await run.io_bound(correct, self._corrector, self._station, event.args)
+            said = await run.io_bound(correct, self._corrector, self._station, event.args, self._clock)
         except EditRefused as refused:
             self._view.answered(str(refused), failed=True)
         else:
@@ -158,7 +163,7 @@ class SessionPage:
         """Ask what a correction would change, without delaying any other page."""
         if self._corrector is None or not isinstance(event.args, dict):
             return
-        found = await run.io_bound(preview, self._corrector, self._station, event.args)
+        found = await run.io_bound(preview, self._corrector, self._station, event.args, self._clock)
         if found is not None and not self._view.is_deleted:  # else the dashboard, or the page, is ending
             self._view.previewed(found)
 
@@ -167,7 +172,8 @@ class SessionPage:
         if self._program_desk is None or not isinstance(event.args, dict):
             return
         try:
-            said = await run.io_bound(self._program_desk.carry_out, self._station, event.args)
+            carry_out, clock = self._program_desk.carry_out, self._clock
+            said = await run.io_bound(carry_out, self._station, event.args, clock)
         except EditRefused as refused:
             self._program.answered(str(refused), failed=True)
         else:
@@ -206,7 +212,7 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
         parts.append(f"last sample {seen.age_s:.0f} s ago")
     if seen.overloaded:
         parts.append("overloaded")
-    return " · ".join(parts)
+    return " · ".join([*parts, *_times(update)])
 
 
 def line_of_past(update: Update | None) -> str:
@@ -216,7 +222,14 @@ def line_of_past(update: Update | None) -> str:
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = f"{len(update.segments)} segments"
-    return " · ".join([state, f"{lasted(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)])
+    parts = [state, f"{lasted(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)]
+    return " · ".join([*parts, *_times(update)])
+
+
+def _times(update: Update) -> list[str]:
+    """From when on the page shows times, where that is not 0 of the session's clock."""
+    words = clock_of(update.segments).words
+    return [words] if words else []
 
 
 def _wrench(status: wire.SessionStatus) -> str:

@@ -1,4 +1,5 @@
 // What can be corrected at a time, beside that time. A right click, a long press, R or the menu key opens it.
+import { clock } from "caesura-dashboard/clock.js";
 import { pointing } from "caesura-dashboard/effect.js";
 import EffectWords from "caesura-dashboard/effect_words.js";
 
@@ -6,19 +7,20 @@ const WIDTH = 288, BESIDE = 10, MARGIN = 8, EFFECT = 170; // pixels; the last: w
 const NEAR = 0.005; // [s] up to which a time is that of a changepoint
 
 export default {
+  mixins: [clock],
   components: { EffectWords },
-  props: { t: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
+  props: { t: Number, start: Number, selected: Number, segment: Object, phase: Object, kinds: Object, author: String, x: Number, y: Number, width: Number, effect: Object },
   emits: ["edit", "preview", "close", "rename", "time"],
   data: () => ({ newton: 10, tapped: "", name: "", raised: 0 }),
   template: `
-    <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + t.toFixed(2) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
+    <div class="correct-menu" role="dialog" :aria-label="'Correct at ' + shownTime(t) + ' s'" :style="place" @keydown.esc.stop="$emit('close')">
       <label class="menu-time">Time [s] <input ref="time" class="time" type="number" step="any" @change="setTime($event.target.value)"></label>
       <button v-if="isAtPoint" class="remove" title="The two segments that meet here become one" v-on="making({ do: 'remove', t: selected })">
         Remove the changepoint <kbd>Delete</kbd></button>
       <button v-else class="insert" title="A segment ends here, and the next one begins" v-on="making({ do: 'insert', t })">
         Insert a changepoint <kbd>Enter</kbd></button>
       <button v-if="selected !== null && !isAtPoint" class="move" title="A changepoint can be dragged too" v-on="making({ do: 'move', t: selected, to: t })">
-        Move {{ selected.toFixed(2) }} s here <kbd>M</kbd></button>
+        Move {{ shownTime(selected) }} s here <kbd>M</kbd></button>
       <fieldset v-if="segment"><legend>The segment is</legend>
         <button v-for="(look, name) in kinds" :key="name" class="is-kind" :aria-pressed="String(name === segment[2])"
           v-on="making({ do: 'relabel', t, kind: name })"><i class="swatch" :class="'kind-' + name"></i>{{ name }}</button></fieldset>
@@ -60,10 +62,10 @@ export default {
       this.raised = Math.max(0, Math.min(bottom + EFFECT + MARGIN - window.innerHeight, top - MARGIN));
     },
     writeTime() { // once: a binding would undo what is being typed whenever the menu is drawn anew
-      if (this.$refs.time) this.$refs.time.value = this.t.toFixed(2);
+      if (this.$refs.time) this.$refs.time.value = this.shownTime(this.t);
     },
     setTime(typed) {
-      if (typed) this.$emit("time", Number(typed));
+      if (typed) this.$emit("time", this.readTime(Number(typed)));
       this.$nextTick(this.writeTime); // within the session
     },
     pointing(action) { // listeners of a button: what it would change is shown while it is pointed at

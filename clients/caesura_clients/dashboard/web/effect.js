@@ -37,9 +37,9 @@ export const effect = {
     dragWords() { // what is known of a drag before the service answers
       const segment = (cell) => this.segments.find((one) => Math.abs(one[cell] - this.selected) < EPS);
       const [before, after] = [segment(1), segment(0)];
-      if (!before || !after || this.ghost <= before[0] || this.ghost >= after[1]) return `To ${this.ghost.toFixed(2)} s.`;
-      const at = this.ghost.toFixed(2);
-      return `${before[2]} ${before[0].toFixed(2)} to ${at} s, ${after[2]} ${at} to ${after[1].toFixed(2)} s.`;
+      if (!before || !after || this.ghost <= before[0] || this.ghost >= after[1]) return `To ${this.shownTime(this.ghost)} s.`;
+      const at = this.shownTime(this.ghost);
+      return `${before[2]} ${this.shownTime(before[0])} to ${at} s, ${after[2]} ${at} to ${this.shownTime(after[1])} s.`;
     },
   },
   methods: {

@@ -1,6 +1,7 @@
 // The panels of signals, one uPlot each, below each other with one axis of time.
 import uPlot from "caesura-dashboard/vendor/uplot/uPlot.esm.js";
 import { fontOf, Painter } from "caesura-dashboard/canvas.js";
+import { roundTicks } from "caesura-dashboard/clock.js";
 import { behind, before, missing } from "caesura-dashboard/marks.js";
 import { fixed } from "caesura-dashboard/numbers.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
@@ -64,7 +65,11 @@ export class Plots {
       cursor: { drag: { x: false, y: false, setScale: false }, sync: { key: "caesura", setSeries: false }, y: false, points: { show: false } },
       scales: { x: { time: false, range: () => this.state.view() }, y: { range: (u, low, high) => this.range(panel, low, high) } },
       axes: [
-        { ...axis, show: isLast, size: AXIS, gap: 2, values: (u, ticks) => ticks.map((t, i) => `${+t.toFixed(6)}${i ? "" : " s"}`) },
+        {
+          ...axis, show: isLast, size: AXIS, gap: 2,
+          splits: (u, i, low, high, step) => roundTicks(this.state.start, low, high, step),
+          values: (u, ticks) => ticks.map((t, i) => `${+(t - this.state.start).toFixed(5)}${i ? "" : " s"}`),
+        },
         { ...axis, size: LEFT, gap: 4, space: 28, values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`) },
       ],
       series: [{}, ...panel.columns.map((_, i) => ({

@@ -44,7 +44,7 @@ export default {
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
-        <app-card v-for="app in program.apps" :key="key(app)" :app="app" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
+        <app-card v-for="app in program.apps" :key="key(app)" :app="app" :start="program.start" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
           :busy="busy" @edit="say"></app-card>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>
@@ -52,7 +52,7 @@ export default {
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
     </section>
-    <program-path v-if="program && program.path.length" :rows="program.path" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
+    <program-path v-if="program && program.path.length" :rows="program.path" :start="program.start" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
       @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>
     </div>`,
   computed: {

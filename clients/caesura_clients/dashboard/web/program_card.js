@@ -1,15 +1,17 @@
 // An app of the program in words, drawn anew only where it changed.
+import { clock } from "caesura-dashboard/clock.js";
 import { percent } from "caesura-dashboard/palette.js";
 import AppEdit from "caesura-dashboard/program_edit.js";
 
 export default {
+  mixins: [clock],
   components: { AppEdit },
-  props: { app: Object, editable: Boolean, sessions: Array, kinds: Array, busy: Boolean },
+  props: { app: Object, start: Number, editable: Boolean, sessions: Array, kinds: Array, busy: Boolean },
   emits: ["edit"],
   template: `
     <li class="app" :class="{ changed: app.changes.length }">
       <h3>{{ app.number }} · {{ app.name || app.title }}</h3>
-      <p class="when"><template v-if="app.name">{{ app.title }}, </template>{{ app.t0.toFixed(1) }}–{{ app.tn.toFixed(1) }} s</p>
+      <p class="when"><template v-if="app.name">{{ app.title }}, </template>{{ shownTime(app.t0, 1) }}–{{ shownTime(app.tn, 1) }} s</p>
       <p v-if="app.note" class="app-said">{{ app.note }}</p>
       <div v-if="app.drawing" class="app-way" v-html="app.drawing"></div>
       <dl><div v-for="[name, value] in app.lines" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></div></dl>

@@ -1,6 +1,7 @@
 // The path of a program in three dimensions: each app in the colour of its kind, via points, forces, and where the
 // robot is at a time. Lengths are to scale (parallel projection), so two views can be compared.
 import { contextOf, fontOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import { clock } from "caesura-dashboard/clock.js";
 import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
 import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS } from "caesura-dashboard/palette.js";
@@ -11,7 +12,8 @@ const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
-  props: { rows: Array, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
+  mixins: [clock],
+  props: { rows: Array, start: Number, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
   emits: ["simulate", "cancel"],
   data: () => ({
     angles: VIEWS["3D"], zoom: 1, t: null, playing: false, views: Object.keys(VIEWS),
@@ -54,7 +56,7 @@ export default {
     words() {
       const [x, y, z] = this.place().map((value) => fixed(value, 0));
       const what = this.follows ? "simulated run" : `${this.at.number} ${this.at.words}`;
-      return `${this.shown.toFixed(1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
+      return `${this.shownTime(this.shown, 1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
     },
   },
   watch: { rows: "changed", run: "draw", follows: "draw", angles: "draw", zoom: "draw", t: "draw" },

@@ -19,8 +19,8 @@ const correcting = `
   <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
 
 const floating = `
-  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
-    @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="(at) => goto(at)"
+  <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :start="start" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"
+    @edit="chosenInMenu" @close="closeMenu" @rename="rename" @time="goto"
     @preview="(action) => preview(action, 'menu')"></correct-menu>
   <effect-words v-if="effectAt === 'tip' && (effect || ghost !== null)" class="effect-tip" :style="tipStyle" :effect="effect"
     :more="effect ? '' : dragWords"></effect-words>
@@ -40,8 +40,8 @@ const time = `
   <div v-if="session" class="scrub">
     <button class="play" v-if="replay || closed" @click="play">{{ playing ? "Pause" : "Play" }}</button>
     <label class="slider">Show until <input type="range" :min="begin" :max="latest().toFixed(1)" step="0.1" :value="shownEnd"
-      :aria-valuetext="shownEnd.toFixed(1) + ' seconds'" @input="scrub"></label>
-    <output>{{ Math.min(shownEnd, newest).toFixed(1) }} of {{ newest.toFixed(1) }} s</output>
+      :aria-valuetext="shownTime(shownEnd, 1) + ' seconds'" @input="scrub"></label>
+    <output>{{ shownTime(Math.min(shownEnd, newest), 1) }} of {{ shownTime(newest, 1) }} s</output>
     <span class="moves" role="group" aria-label="Range of time">
       <button aria-label="Earlier" @click="pan(-0.5)">◀</button><button aria-label="Later" @click="pan(0.5)">▶</button>
       <button aria-label="Zoom in" @click="zoom(0.5)">+</button><button aria-label="Zoom out" @click="zoom(2)">−</button>
@@ -58,10 +58,10 @@ const table = `
     <div v-if="listed" class="scroll" tabindex="0" role="region" aria-label="Segments as a table"><table><thead><tr><th scope="col">from</th><th scope="col">to</th><th scope="col">kind</th><th scope="col">probability</th>
       <th scope="col">else</th><th scope="col">state</th><th scope="col">select</th></tr></thead>
     <tbody><tr v-for="one in newestFirst" :key="one[0]">
-      <td>{{ one[0].toFixed(2) }} s</td><td>{{ one[1].toFixed(2) }} s</td>
+      <td>{{ shownTime(one[0]) }} s</td><td>{{ shownTime(one[1]) }} s</td>
       <td><i class="swatch" :class="'kind-' + one[2]"></i>{{ one[2] }}</td><td>{{ percent(one[3]) }}</td>
       <td>{{ one[6] || "–" }}</td><td>{{ one[5] ? "corrected" : one[4] ? "final" : "provisional" }}</td>
-      <td><button @click="choose(one)" :aria-label="'select the segment from ' + one[0].toFixed(2) + ' s'">select</button></td>
+      <td><button @click="choose(one)" :aria-label="'select the segment from ' + shownTime(one[0]) + ' s'">select</button></td>
     </tr></tbody></table></div>
   </details>`;
 

@@ -1,5 +1,6 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import { clock } from "caesura-dashboard/clock.js";
 import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
 import { effect } from "caesura-dashboard/effect.js";
@@ -31,7 +32,7 @@ const SURE = 2; // standard deviations of a load that is there
 
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
-  tare: null, frame: "base", t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  tare: null, frame: "base", start: 0, t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
   corrections: [],
 });
 // The row at a time: at a changepoint the later one, as a correction there means it.
@@ -49,7 +50,7 @@ const chosen = () => {
 };
 
 export default {
-  mixins: [live, keyboard, view, pair, pointer, effect, undoing],
+  mixins: [clock, live, keyboard, view, pair, pointer, effect, undoing],
   components: { CorrectMenu, Corrections, EffectWords },
   props: { station: String, editable: Boolean, replay: Boolean },
   emits: ["edit", "preview", "run-lengths"],
@@ -122,16 +123,16 @@ export default {
       const segment = this.segmentAtCursor;
       const inside = segment
         ? `${segment[2]} ${percent(segment[3])}${segment[6] ? `, else ${segment[6]}` : ""}, ` +
-          `${segment[0].toFixed(2)} to ${segment[1].toFixed(2)} s`
+          `${this.shownTime(segment[0])} to ${this.shownTime(segment[1])} s`
         : "no segment";
       const phase = this.phaseAtCursor;
       const within = phase ? `, in phase ${phaseName(phase)} ${percent(phase[3])}` : "";
       const point = this.changepoints.find(([t]) => t === this.selected);
-      const where = point ? `changepoint at ${point[0].toFixed(2)} s, ${point[2] ? "final" : "provisional"} ` +
+      const where = point ? `changepoint at ${this.shownTime(point[0])} s, ${point[2] ? "final" : "provisional"} ` +
         `${percent(point[1])}` : "no changepoint selected";
       if (!this.session) return "Signals and segments are drawn here once a demonstration begins.";
       return this.cursor === null ? `${POINTING.choose} a time in the plot, or ${this.editable ? POINTING.correct : POINTING.move}.`
-        : `Time ${this.cursor.toFixed(2)} s: ${inside}${within}; ${where}.`;
+        : `Time ${this.shownTime(this.cursor)} s: ${inside}${within}; ${where}.`;
     },
     newestFirst() {
       return this.segments.slice(-LISTED).reverse();
@@ -147,7 +148,7 @@ export default {
     percent,
     apply(payload) {
       if (payload.reset) this.restart();
-      for (const name of ["t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
+      for (const name of ["start", "t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
       for (const name of ["segments", "phases", "changepoints"]) {
@@ -257,7 +258,7 @@ export default {
     ink: inkOf,
 
     within(t) {
-      return Math.round(100 * Math.min(Math.max(t, this.begin), this.newest)) / 100;
+      return this.start + Math.round(100 * (Math.min(Math.max(t, this.begin), this.newest) - this.start)) / 100;
     },
 
     // --- time ---

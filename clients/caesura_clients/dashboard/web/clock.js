@@ -1,0 +1,22 @@
+// The clock of a session as people read it, as `session_clock.py`: from `start` [s] on. What is drawn, chosen and sent
+// has the clock of the samples.
+import { fixed } from "caesura-dashboard/numbers.js";
+
+const OF_DAY_S = 1e8; // from here on a time is one of day
+
+export const clock = {
+  methods: {
+    shownTime(t, digits = 2) {
+      return fixed(t - this.start, digits);
+    },
+    readTime(typed) { // one of day is taken as it is
+      return typed < OF_DAY_S ? typed + this.start : typed;
+    },
+  },
+};
+
+// Ticks at round shown times, on the clock of the samples.
+export function roundTicks(start, low, high, step) {
+  const first = Math.ceil((low - start) / step - 1e-6), last = Math.floor((high - start) / step + 1e-6);
+  return Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => start + (first + i) * step);
+}

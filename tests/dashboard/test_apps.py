@@ -7,6 +7,7 @@ import pytest
 from caesura_clients.dashboard.apps import ROWS, Timeline, card, changes, vector
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, Program
+from caesura_protocol.session_clock import SessionClock
 from clients.examples import example
 
 
@@ -126,3 +127,13 @@ def test_one_app_more_is_a_few_rows_however_long_the_program_is(count):
     before = made.of(taught(*places))
     payload = changes(before, made.of(taught(*places, 0.9)))
     assert [len(payload[name]["rows"]) for name in ("apps", "path")] == [2, 1]
+
+
+def test_notes_have_times_as_people_read_them_and_apps_those_of_the_samples():
+    clock = SessionClock(1764172800.25)
+    one = app(t0=clock.start_s + 1.0, tn=clock.start_s + 2.0)
+    note = f"Not observed: {clock.start_s + 1.5:.2f} s."
+    shown = Timeline().of(example(Program).model_copy(update={"apps": (one,), "notes": (note,)}), clock)
+    assert shown["start"] == clock.start_s
+    assert shown["notes"] == ["Not observed: 1.50 s."]
+    assert shown["apps"][0]["t0"] == clock.start_s + 1.0

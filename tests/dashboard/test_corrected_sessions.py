@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,13 +12,13 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 
 from caesura_protocol.messages import Remove
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import snapshot
-from dashboard.browser import DESK, PATIENCE_MS, PHONE, THEMES, Visitor, looks_right, needs_chromium
+from dashboard.browser import DESK, PATIENCE_MS, PHONE, THEMES, Visitor, looks_right, needs_chromium, settled
 from dashboard.operator import NEAR_S, Operator, T
 from dashboard.stage import Dashboard, Stage
 from harness.demonstrations import guided
@@ -27,9 +28,22 @@ pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
 
 
-def taught_before(stage: Stage, browser: Browser, station: str, author: str) -> Visitor:
+DAY_S = 1764172800.25  # when a recording with times of day begins
+READ = r"""() => {
+  document.querySelectorAll("details").forEach((one) => { one.open = true; });
+  const named = [...document.querySelectorAll("[aria-label], [aria-valuetext], [title]")];
+  const words = (one) => ["aria-label", "aria-valuetext", "title"].map((name) => one.getAttribute(name));
+  return [document.body.innerText, ...named.flatMap(words)].join("\n");
+}"""
+TICKS = "() => [...document.querySelector('.plots').plots.plots.values()].at(-1).plot.axes[0]._values"
+
+
+def taught_before(
+    stage: Stage, browser: Browser, station: str, author: str, begins_s: float = 0.0
+) -> Visitor:
     """Teach the session `over` of a station; return a visitor at a desk whose browser knows the author."""
-    stage.teach(station, guided(), session="over", pace="fast")
+    recording = guided()
+    stage.teach(station, replace(recording, t=recording.t + begins_s), session="over", pace="fast")
     stage.wait(station)
     visitor = Visitor(browser)
     visitor.page.add_init_script(f"localStorage.setItem('caesura-author', '{author}')")
@@ -56,6 +70,64 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
         assert any(one.corrected for one in caesura.snapshot("cell-over", "over").changepoints.changepoints)
     page.get_by_role("button", name="Undo", exact=True).click()
     expect(page.locator(".message")).to_contain_text("Undone")
+    assert visitor.errors == []
+    visitor.close()
+
+
+def times_of_day(page: Page) -> list[str]:
+    """Lines that a page shows or names with a time of day in seconds."""
+    page.evaluate(READ)  # what is folded is made by then
+    return [line for line in page.evaluate(READ).splitlines() if re.search(r"\b1[67]\d{8}\b", line)]
+
+
+def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage: Stage, browser: Browser):
+    visitor = taught_before(stage, browser, "cell-day", author="Dee", begins_s=DAY_S)
+    page = visitor.page
+    with stage.reader() as caesura:
+        start_s = caesura.snapshot("cell-day", "over").segments.segments[0].t0
+
+        def corrected() -> list[float]:
+            points = caesura.snapshot("cell-day", "over").changepoints.changepoints
+            return [one.t - start_s for one in points if one.corrected]
+
+        page.goto(f"{stage.dashboard.url}/sessions/cell-day/over")
+        expect(page.locator(".state-line")).to_contain_text("from 2025-11-26 16:00:00 UTC on, the start")
+        expect(page.locator(".app").first).to_be_visible()
+        settled(page)
+        assert times_of_day(page) == []
+        assert page.evaluate(TICKS)[:3] == ["0 s", "0.5", "1"]
+
+        page.locator(".plots").press("r")
+        field = page.get_by_label("Time [s]")
+        field.fill(str(T))
+        field.press("Enter")
+        expect(page.locator(".selection")).to_contain_text(f"Time {T:.2f} s: motion")
+        page.locator(".correct-menu .insert").hover()
+        expect(page.locator(".correct-menu .effect")).to_contain_text(
+            re.compile(r"becomes motion 0\.\d\d to 1\.")
+        )
+        assert times_of_day(page) == []
+        page.locator(".correct-menu .insert").click()
+        expect(page.locator(".message").first).to_contain_text(f"inserted at {T:.2f} s")
+        rows = page.locator(".corrections li")
+        expect(rows.first).to_contain_text(f"Dee inserted a changepoint at {T:.2f} s")
+        (inserted,) = corrected()
+        assert inserted == pytest.approx(T, abs=NEAR_S)
+
+        visitor.picture("time-of-day")
+        operator = Operator.at(page, visitor)
+        operator.drag(start_s + inserted, start_s + inserted + 0.2)
+        expect(page.locator(".message").first).to_contain_text("Changepoint moved from")
+        expect(rows).to_have_count(2)
+        assert corrected() == [pytest.approx(inserted + 0.2, abs=NEAR_S)]
+        assert times_of_day(page) == []
+        operator.press("Undo")
+        expect(page.locator(".message").first).to_contain_text("Undone")
+        assert corrected() == [pytest.approx(inserted)]
+    for path in ("/station/cell-day", "/"):
+        page.goto(f"{stage.dashboard.url}{path}")
+        expect(page.locator("body")).to_contain_text("demonstration over")
+        assert times_of_day(page) == []
     assert visitor.errors == []
     visitor.close()
 

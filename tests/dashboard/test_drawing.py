@@ -45,6 +45,15 @@ def updates(update):
     return [one, two, revised, shorter, update("transport", session="another")]
 
 
+def test_a_browser_hears_once_what_people_read_as_0_and_rows_keep_the_clock_of_the_samples(update):
+    day = replace(update("motion"), segments=(segment("motion", 1764172800.25),))
+    sent, payload = delta(SentState(), day)
+    assert payload["start"] == payload["segments"]["rows"][0][0] == 1764172800.25
+    _, payload = delta(sent, replace(day, changepoints=(changepoint(1764172800.75),)))
+    assert payload["changepoints"]["rows"][0][0] == 1764172800.75
+    assert "start" not in payload
+
+
 def test_a_browser_that_takes_every_difference_has_everything(updates):
     browser, sent = Browser(), SentState()
     for one in updates:

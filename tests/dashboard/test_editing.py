@@ -8,8 +8,10 @@ from caesura_clients import editing
 from caesura_clients.dashboard.editing import EditRefused, correct, corrector, parse, preview, said
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, AppOutline, EditEffect, Preview, Remove, SegmentOutline
+from caesura_protocol.session_clock import SessionClock
 
 ASKED = {"session": "s1", "revision": 3, "author": "Ann"}
+DAY = SessionClock(1764172800.25)
 
 
 @pytest.mark.parametrize(
@@ -36,6 +38,42 @@ def test_every_tool_asks_for_what_it_says(request_, words):
 
     assert correct(ask, "cell-1", {**ASKED, **request_}) == words
     assert asked == [("cell-1", 3, "Ann", request_["do"])]
+
+
+def test_of_a_session_with_times_of_day_words_have_its_clock_and_the_service_that_of_the_samples():
+    asked = []
+
+    def ask(station, edit):
+        asked.append((edit.action.t, edit.action.to))
+        return Ack(session="s1", next_seq=0, state="open")
+
+    move = {**ASKED, "do": "move", "t": DAY.start_s + 3.2, "to": DAY.start_s + 4.0}
+    assert correct(ask, "cell-1", move, DAY) == "Changepoint moved from 3.20 s to 4.00 s."
+    assert asked == [(DAY.start_s + 3.2, DAY.start_s + 4.0)]
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (
+            ProtocolError(
+                "malformed", "the time is outside", value=DAY.start_s + 9.2,
+                limit=[DAY.start_s, DAY.start_s + 8.4],
+            ),
+            "Not done: the time is outside: 9.2 is not within 0 to 8.4.",
+        ),
+        (
+            ProtocolError("conflict", "no changepoint there", expected=[DAY.start_s + 2, DAY.start_s + 4.15]),
+            "Not done: no changepoint there; there is 2, 4.15.",
+        ),
+        (
+            ProtocolError("conflict", f"a changepoint is at {DAY.start_s + 2.0:.2f} s"),
+            "Not done: a changepoint is at 2.00 s.",
+        ),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_times_of_day_as_people_read_them(error, words):
+    assert said(error, DAY) == words
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from caesura_clients.dashboard.hints import banner_of
 from caesura_protocol.messages import Hint, HintKind, Hints, Result
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
-from clients.examples import example, snapshot
+from clients.examples import example, segment, snapshot
 from dashboard.browser import PATIENCE_MS, THEMES, Visitor, needs_chromium
 from dashboard.stage import Dashboard
 from harness.processes import running
@@ -54,6 +54,16 @@ def test_a_part_to_show_again_links_to_the_program_in_which_it_is_replaced(updat
     ]
     session = update("motion")
     assert shown["href"] == f"/sessions/{session.station}/{session.session}"
+    assert shown["link"] == "Replace the apps of 5.0 to 5.2 s: Edit, Teach again"
+
+
+def test_a_hint_has_times_of_day_as_people_read_them(update):
+    begins = 1764172800.25
+    day = replace(update("motion"), segments=(segment("motion", begins),))
+    pause = hint("show_again", begins + 5.2, f"Nothing at {begins + 5:.2f} s.", "Show the part again.")
+    pause = pause.model_copy(update={"t0": begins + 5.0, "tn": begins + 5.2})
+    (shown,) = banner_of(replace(day, hints=(pause,)))["hints"]
+    assert shown["text"] == "Nothing at 5.00 s."
     assert shown["link"] == "Replace the apps of 5.0 to 5.2 s: Edit, Teach again"
 
 

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("nicegui")
 
 from caesura_clients.dashboard.pages.session import line_of_past
+from clients.examples import segment
 
 
 @pytest.mark.parametrize(
@@ -19,3 +20,10 @@ def test_a_line_names_the_wrench_source_and_whether_it_is_assumed(update, stated
     wrench = known.status.wrench.model_copy(update={"stated": stated})
     shown = replace(known, status=known.status.model_copy(update={"wrench": wrench}))
     assert line_of_past(shown).split(" · ")[-1] == words
+
+
+def test_a_line_says_when_a_session_with_times_of_day_began(update):
+    day = replace(update(), segments=(segment("motion", 1764172800.25),))
+    shown = line_of_past(day).split(" · ")
+    assert shown[1] == "1.0 s"
+    assert shown[-1] == "times [s] from 2025-11-26 16:00:00 UTC on, the start"

@@ -105,7 +105,10 @@ def changepoint_row(one: Changepoint) -> Cells:
 
 def correction_rows(corrections: Iterable[Correction], clock: SessionClock = NO_OFFSET) -> list[Cells]:
     """As the module says."""
-    return [[one.number, described(one, clock), one.at, one.state, one.reason and clock.text(one.reason)] for one in corrections]
+    return [
+        [one.number, described(one, clock), one.at, one.state, one.reason and clock.text(one.reason)]
+        for one in corrections
+    ]
 
 
 def run_lengths(posteriors: Iterable[Posterior]) -> list[Cells]:

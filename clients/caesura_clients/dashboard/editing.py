@@ -106,7 +106,7 @@ def said(error: ProtocolError, clock: SessionClock = NO_OFFSET) -> str:
             f"Not done: another operator corrected this session meanwhile (it is at revision {error.limit}, "
             f"you saw {error.value}). What is there now is shown: look, and do it again."
         )
-    return clock.text(f"Not done: {error.message}{_within(error, clock)}{_there_is(error)}.")
+    return clock.text(f"Not done: {error.message}{_within(error, clock)}{_there_is(error, clock)}.")
 
 
 def _within(error: ProtocolError, clock: SessionClock) -> str:
@@ -117,15 +117,16 @@ def _within(error: ProtocolError, clock: SessionClock) -> str:
     return f": {value} is not within {' to '.join(limits)}"
 
 
-def _number(value: float, clock: SessionClock) -> str:
-    return clock.brief(value) if is_of_day(value) else f"{value:g}"
+def _number(value: object, clock: SessionClock, write: Callable[[object], str] = "{:g}".format) -> str:
+    """A value of a refusal, as `write` has it; a time of day as people read it."""
+    return clock.brief(value) if isinstance(value, int | float) and is_of_day(value) else write(value)
 
 
-def _there_is(error: ProtocolError) -> str:
+def _there_is(error: ProtocolError, clock: SessionClock) -> str:
     """The alternatives of a refusal."""
     if not isinstance(error.expected, list | tuple):
         return ""
-    return f"; there is {', '.join(str(one) for one in error.expected)}"
+    return f"; there is {', '.join(_number(one, clock, str) for one in error.expected)}"
 
 
 def done(action: Action, clock: SessionClock = NO_OFFSET) -> str:

@@ -41,7 +41,10 @@ class ProgramDesk:
         self._transport = transport
 
     def carry_out(self, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
-        """Edit a program; what was done, in words. Raises EditRefused. clock: of the session, for the words."""
+        """Edit a program; what was done, in words. Raises EditRefused.
+
+        clock: of the session, for the words.
+        """
         command = parse(request)
         try:
             send(self._transport, station, command)
@@ -82,9 +85,7 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
         "editRevision": program.edit_revision,
         "undoable": any(state != "undone" for state in states),
         "redoable": "undone" in states,
-        "edits": [
-            _edit_row(edit, clock) for edit in program.edits
-        ],
+        "edits": [_edit_row(edit, clock) for edit in program.edits],
         "kinds": [[kind, app_title(kind)] for kind in INSERTED],
         "exports": [
             [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
@@ -200,8 +201,8 @@ class CheckedProgram(NamedTuple):
 def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram:
     """Lay a program out once, and check it.
 
-    Nothing is found while a program without edits is being taught: what it lacks may still come. clock: of the session, for
-    the reasons.
+    Nothing is found while a program without edits is being taught: what it lacks may still come.
+    clock: of the session, for the reasons.
     """
     if not program.apps or not (program.complete or program.edits):
         return CheckedProgram(program.apps, [], {})

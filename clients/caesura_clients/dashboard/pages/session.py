@@ -24,7 +24,13 @@ from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, t
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
-from caesura_clients.dashboard.station_summary import StationSummary, glance, lasted, session_clock, warning_of
+from caesura_clients.dashboard.station_summary import (
+    StationSummary,
+    glance,
+    lasted,
+    session_clock,
+    warning_of,
+)
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 from caesura_protocol.session_clock import NO_OFFSET, clock_of
@@ -190,7 +196,7 @@ class SessionPage:
         except SimulatorBusyError:
             found = {"said": "", "stopped": False, "points": []}  # as long as it lasts, the page states it
         except EditRefused as refused:
-            found = {"said": str(refused), "stopped": not mine.is_ended, "points": []}
+            found = {"said": self._clock.text(str(refused)), "stopped": not mine.is_ended, "points": []}
         finally:
             self._simulation = None
         if found is not None and not self._program.is_deleted:  # else the dashboard, or the page, is ending

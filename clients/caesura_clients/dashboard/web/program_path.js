@@ -56,7 +56,7 @@ export default {
     words() {
       const [x, y, z] = this.place().map((value) => fixed(value, 0));
       const what = this.follows ? "simulated run" : `${this.at.number} ${this.at.words}`;
-      return `${this.shownTime(this.shown, 1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
+      return `${this.follows ? fixed(this.shown, 1) : this.shownTime(this.shown, 1)} s · ${what} · (${x}, ${y}, ${z}) mm`;
     },
   },
   watch: { rows: "changed", run: "draw", follows: "draw", angles: "draw", zoom: "draw", t: "draw" },

@@ -45,7 +45,7 @@ def updates(update):
     return [one, two, revised, shorter, update("transport", session="another")]
 
 
-def test_a_browser_hears_once_what_people_read_as_0_and_rows_keep_the_clock_of_the_samples(update):
+def test_a_browser_gets_the_start_once_and_rows_keep_the_clock_of_the_samples(update):
     day = replace(update("motion"), segments=(segment("motion", 1764172800.25),))
     sent, payload = delta(SentState(), day)
     assert payload["start"] == payload["segments"]["rows"][0][0] == 1764172800.25

@@ -55,6 +55,14 @@ def changed(world, **status):
     return replace(world, updates={key: replace(update, status=update.status.model_copy(update=status))})
 
 
+def test_samples_with_times_of_day_are_not_behind_before_the_first_result(world, update):
+    ((key, _),) = world.updates.items()
+    begun = replace(world, updates={key: update(t=0.0)})
+    assert seen(begun, received_t=1764172800.5).why == ""
+    ended = replace(world, updates={key: update(t=1764172800.5)})
+    assert seen(ended, received_t=1764172804.5).why == "results are 4 s behind the samples"
+
+
 def test_a_station_that_is_taught_says_what_it_is_doing(world):
     one = seen(world)
     assert (one.state, one.why, one.kind, one.segments) == ("teaching", "", "contact", 2)

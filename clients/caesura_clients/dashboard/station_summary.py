@@ -14,7 +14,7 @@ from typing import Any, Literal
 from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_clients.results import Update
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
-from caesura_protocol.session_clock import SessionClock, clock_from, clock_of
+from caesura_protocol.session_clock import SessionClock, clock_from, clock_of, is_of_day
 
 STALE_S = 2.0
 BEGINS_S = 60.0  # a session of its own clock has its first segment by then; `begin` of session_view.js
@@ -163,7 +163,7 @@ def stale(
     if update is None or update.closed:
         return world.trouble
     unstored = unwritten(world, update.status.instance)
-    behind_s = received.t - reached(update) if received and received.session == update.session else 0.0
+    behind_s = _behind_s(update, received)
     found = (
         (bool(world.trouble), world.trouble),
         (not world.alive, "no service answers"),
@@ -173,6 +173,14 @@ def stale(
         (behind_s > STALE_S, f"results are {behind_s:.0f} s behind the samples"),
     )
     return next((why for true, why in found if true), "")
+
+
+def _behind_s(update: Update, received: NewestSamples | None) -> float:
+    """[s] By which results are behind the samples; of times of day, 0 before the first result."""
+    if received is None or received.session != update.session:
+        return 0.0
+    has_begun = is_of_day(reached(update)) or not is_of_day(received.t)
+    return received.t - reached(update) if has_begun else 0.0
 
 
 def unwritten(world: DashboardState, instance: str) -> str:

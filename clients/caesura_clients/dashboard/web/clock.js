@@ -2,7 +2,8 @@
 // has the clock of the samples.
 import { fixed } from "caesura-dashboard/numbers.js";
 
-const OF_DAY_S = 1e8; // from here on a time is one of day
+const OF_DAY_S = 1e8;
+export const isOfDay = (t) => t >= OF_DAY_S;
 
 export const clock = {
   methods: {
@@ -10,7 +11,7 @@ export const clock = {
       return fixed(t - this.start, digits);
     },
     readTime(typed) { // one of day is taken as it is
-      return typed < OF_DAY_S ? typed + this.start : typed;
+      return isOfDay(typed) ? typed : typed + this.start;
     },
   },
 };

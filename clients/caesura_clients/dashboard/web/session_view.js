@@ -1,6 +1,6 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
-import { clock } from "caesura-dashboard/clock.js";
+import { clock, isOfDay } from "caesura-dashboard/clock.js";
 import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
 import { effect } from "caesura-dashboard/effect.js";
@@ -93,7 +93,7 @@ export default {
       return Math.max(this.t, (this.data && this.data.last) || 0, 0.1);
     },
     begin() { // [s] most sessions begin at 0; a clock that does not is shown from its first segment on
-      const t = this.segments.length ? this.segments[0][0] : 0;
+      const t = this.segments.length ? this.segments[0][0] : this.start;
       return t < 0 || t > 60 ? t : 0;
     },
     offered() { // signals that this session has
@@ -229,6 +229,7 @@ export default {
     take_data(data) {
       const isWhole = this.replay && this.end === null && this.span >= this.longest();
       this.data = Object.freeze(data);
+      if (!this.segments.length && isOfDay(data.last)) this.start = data.first ?? data.last; // the first segment is not there yet
       if (isWhole) this.span = this.longest(); // the last samples are later than what was found
       if (data.available.join() !== this.available.join()) this.available = data.available;
       if (!this.origin && data.points.px && data.points.px.length) {

@@ -210,7 +210,9 @@ def silence(urcap: FakeUrcap, source: LiveArm, states: States, monkeypatch: pyte
 @pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize("is_silenced", [False, True], ids=["whole", "silent_for_a_while"])
 def test_a_pick_and_place_has_its_grasp_and_its_release(play, urcap, monkeypatch, is_silenced):
-    offline = pytest.importorskip("caesura_service.offline_segmentation")
+    offline = pytest.importorskip(
+        "caesura_service.offline_segmentation", reason="the install of a robot has no service"
+    )
     states = States(lambda t: [*taught_at(t)[0], np.pi, 0.0, 0.0])
     source = play(states)
     chunks: list[np.ndarray] = []

@@ -313,7 +313,7 @@ def run_and_end(argv: list[str]) -> None:
     except SystemExit as end:
         if end.code:
             raise
-    threading._shutdown()  # type: ignore[attr-defined]
+    threading._shutdown()  # type: ignore[attr-defined]  # the stubs leave it out
     atexit._run_exitfuncs()
     sys.stdout.flush()
     sys.stderr.flush()

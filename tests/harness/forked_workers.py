@@ -92,7 +92,7 @@ def fork_workers(config: pytest.Config, count: int) -> None:
 def import_tests(config: pytest.Config) -> None:
     """Import the test modules of the run, as each process would by itself, and read their constants."""
     places = [config.invocation_params.dir / given.partition("::")[0] for given in config.args]
-    sys.modules[THREADED] = None  # type: ignore[assignment] - what needs it cannot be imported
+    sys.modules[THREADED] = None  # type: ignore[assignment]  # what needs it cannot be imported
     try:
         for file in sorted(TESTS.rglob("test_*.py")):
             if any(file.is_relative_to(place) for place in places):

@@ -157,9 +157,9 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
     if robot is None:
         return program
     name = robot_description(robot).name
+    placed = {"robot": name, "safety": re_targeted(program.safety, program.robot, name)}
     if program.robot in {None, name}:
-        safety = re_targeted(program.safety, program.robot, name)
-        return program.model_copy(update={"robot": name, "safety": safety})
+        return program.model_copy(update=placed)
     if not retarget:
         raise CaesuraError(
             f"the program was taught on {program.robot}, not on {name}: with --retarget its joints are left "
@@ -167,8 +167,7 @@ def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False)
         )
     steps = tuple(app.model_copy(update={"joints": None}) for app in program.apps)
     note = f"Taught on {program.robot}, re-targeted to {name}: its poses stay, its joints are left out."
-    stated = {"robot": name, "apps": steps, "safety": re_targeted(program.safety, program.robot, name)}
-    return program.model_copy(update=stated | {"notes": (*program.notes, note)})
+    return program.model_copy(update={**placed, "apps": steps, "notes": (*program.notes, note)})
 
 
 def read_document(path: Path) -> ProgramFile:
@@ -199,12 +198,13 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
     if isinstance(content.get("program"), list):  # what `caesura segment --json` writes
         apps = [App.model_validate(app) for app in content["program"]]
         phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
-        own = safety_for(robot if isinstance(robot := content.get("robot"), str) else None)
-        safety = Safety.model_validate(own.model_dump() | {"force_n": content.get("force_limit_n")})
+        safety = Safety(force_n=content.get("force_limit_n"))
         taught = {key: content[key] for key in ("notes", "gaps", "wrench", "robot") if key in content}
         written = document_of_apps(tuple(apps), name, safety)
         groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}
-        return ProgramFile.model_validate(written.model_dump() | taught | groups)
+        program = ProgramFile.model_validate(written.model_dump() | taught | groups)
+        limits = re_targeted(program.safety, None, program.robot)
+        return program.model_copy(update={"safety": limits})
     return document(Program.model_validate(content))
 
 

@@ -8,8 +8,7 @@ from caesura_protocol.programs.safety import DEFAULT, Safety, read_safety
 from caesura_protocol.robots import RobotError, robot_description
 
 OF_ROBOT = ("load_kg", "workspace_low", "workspace_high")  # fields that follow from the robot
-DEFAULT_REACH_M = 0.855  # of the robot whose limits are the default, a Panda
-FLOOR_M = DEFAULT.workspace_low[2]
+DEFAULT_ROBOT = "panda"  # whose limits are the default
 
 
 def safety_for(robot: str | None) -> Safety:
@@ -24,9 +23,9 @@ def safety_for(robot: str | None) -> Safety:
         arm = None
     if arm is None:
         return DEFAULT
-    longer = max(arm.reach_m / DEFAULT_REACH_M, 1.0)
+    longer = max(arm.reach_m / robot_description(DEFAULT_ROBOT).reach_m, 1.0)
     x, y, z = (round(longer * most, 2) for most in DEFAULT.workspace_high)
-    box = {"workspace_low": (-x, -y, FLOOR_M), "workspace_high": (x, y, z)}
+    box = {"workspace_low": (-x, -y, DEFAULT.workspace_low[2]), "workspace_high": (x, y, z)}
     return DEFAULT.model_copy(update={"load_kg": arm.payload_kg, **box})
 
 
@@ -40,7 +39,7 @@ def cell_safety(path: Path, robot: str | None) -> Safety:
     return stated.model_copy(update=unstated)
 
 
-def re_targeted(safety: Safety, before: str | None, robot: str) -> Safety:
+def re_targeted(safety: Safety, before: str | None, robot: str | None) -> Safety:
     """Return the limits of a program on another robot: those that followed from the one before change."""
     was, now = safety_for(before), safety_for(robot)
     own = [name for name in OF_ROBOT if getattr(safety, name) == getattr(was, name)]

@@ -202,7 +202,7 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
     """Lay a program out once, and check it.
 
     Nothing is found while a program without edits is being taught: what it lacks may still come.
-    clock: of the session, for the reasons.
+    clock: of the session, for the reasons. The page shows the program's notes by themselves.
     """
     if not program.apps or not (program.complete or program.edits):
         return CheckedProgram(program.apps, [], {})
@@ -214,6 +214,8 @@ def checked(program: Program, clock: SessionClock = NO_OFFSET) -> CheckedProgram
     of_program: list[list[str]] = []
     of_apps: dict[int, list[list[str]]] = {}
     for one in document_findings(made):
+        if one.index is None and one.reason in program.notes:
+            continue
         into = of_program if one.index is None else of_apps.setdefault(one.index, [])
         into.append([one.severity, clock.text(one.reason)])
     return CheckedProgram(made.apps, of_program, of_apps)

@@ -65,7 +65,7 @@ def check(
         report = check_program(
             program.apps,
             cell,
-            DemonstrationQuality(program.gaps, program.wrench, program.timing),
+            DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes),
             None if program.robot is None else load_robot(program.robot),
             gripper_of(program),
         )

@@ -97,3 +97,23 @@ def test_a_carry_that_looks_for_a_surface_says_so(write: Writer, robot: str, gri
     said = "# sets down: looks for the surface at its end, slowly until it is felt"
     assert lines.count(said) == 1
     assert lines[lines.index(said) - 1].startswith("# app 4 (hold)")
+
+
+NOT_OBSERVED = "Not observed: after 3.40 s (samples were lost). What was taught then is missing."
+ON_SOURCE = "Wrench source flange_sensor: contact and load are on."
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_the_notes_of_a_program_stand_at_the_top(write: Writer, robot: str, gripper: str):
+    program = on_robot(pick_and_place(), robot, gripper)
+    text = write(program.model_copy(update={"notes": (NOT_OBSERVED,)}))
+    assert text.index(f"# warning: {NOT_OBSERVED}") < text.index("MAX_SPEED_M_PER_S")
+
+
+def test_forces_that_were_not_zeroed_are_named_and_the_note_on_the_source_is_not_repeated():
+    why = "Not tared: the force varied by 1.14 N at the start (limit 0.5 N)."
+    taught = wrench(stated=True, contact_models=True, note=f"{ON_SOURCE} {why}")
+    program = as_file(pick_and_place()).model_copy(update={"wrench": taught, "notes": (ON_SOURCE,)})
+    assert [one.reason for one in document_findings(program)] == [why]
+    tared = taught.model_copy(update={"tare": (0.1, 0.0, 0.2), "note": f"{ON_SOURCE} Tared at the start."})
+    assert document_findings(program.model_copy(update={"wrench": tared})) == []

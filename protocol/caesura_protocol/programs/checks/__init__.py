@@ -30,7 +30,7 @@ __all__ = [
 
 def document_findings(program: ProgramFile) -> list[Finding]:
     """Find everything in a program that needs no robot, errors first."""
-    quality = DemonstrationQuality(program.gaps, program.wrench, program.timing)
+    quality = DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes)
     found: list[Finding] = []
     try:
         held_by = gripper_of(program)

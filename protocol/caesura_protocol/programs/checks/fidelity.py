@@ -39,12 +39,13 @@ STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by les
 class DemonstrationQuality:
     """Gaps of a demonstration, and what its wrench source can show.
 
-    timing: how the apps were re-timed since.
+    timing: how the apps were re-timed since; notes: of the program, what its reader must know.
     """
 
     gaps: Sequence[Gap] = ()
     wrench: WrenchReport | None = None
     timing: ProgramTiming | None = None
+    notes: Sequence[str] = ()
 
 
 def fidelity_findings(
@@ -53,7 +54,8 @@ def fidelity_findings(
     """Find what of the demonstration the program leaves out; without `quality`, by what the apps state."""
     found: list[Finding] = []
     if quality is not None:
-        found += _wrench_findings(quality.wrench)
+        found += _wrench_findings(quality)
+        found += _notes(quality)
         found += _missing_paths(apps)
     pose: ViaPoint | None = None
     part = taught_in = None  # the edit that taught the part of this app again, and that of the pose
@@ -236,7 +238,8 @@ def _gaps_within(app: App, gaps: Sequence[Gap]) -> Iterator[Reason]:
             )
 
 
-def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:
+def _wrench_findings(quality: DemonstrationQuality) -> Iterator[Finding]:
+    wrench = quality.wrench
     if wrench is None:
         return
     if not wrench.stated:
@@ -245,6 +248,19 @@ def _wrench_findings(wrench: WrenchReport | None) -> Iterator[Finding]:
     if not wrench.contact_models:
         reason = f"contacts were not looked for. {wrench.note}"
         yield Finding("warning", None, None, reason)
+    elif wrench.tare is None:
+        said = wrench.note  # on the source, and on the tare
+        for note in quality.notes:
+            said = said.removeprefix(note)
+        yield Finding("warning", None, None, said.strip() or "Not tared: forces have the bias of the sensor.")
+
+
+def _notes(quality: DemonstrationQuality) -> Iterator[Finding]:
+    """Repeat the notes of the program; that on its wrench is found already."""
+    on_wrench = "" if quality.wrench is None else quality.wrench.note
+    for note in quality.notes:
+        if note not in on_wrench:
+            yield Finding("warning", None, None, note)
 
 
 def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:

@@ -36,7 +36,7 @@ from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled
 from caesura_service.offline_segmentation import as_json, segment_recording
-from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
+from caesura_service.segmentation.view import PipelineView, notes_beside_tables
 
 SHOWN_GAPS = 5
 
@@ -163,8 +163,7 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
 
 def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> Iterator[str]:
     """What a reader must know of what is not in the tables."""
-    if NO_GRIPPER in view.notes:
-        yield NO_GRIPPER
+    yield from map(clock.text, notes_beside_tables(view))
     if ignored := ignored_line(recording):
         yield ignored
     if view.repeats:

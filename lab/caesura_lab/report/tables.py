@@ -13,7 +13,7 @@ from caesura_protocol.force_limit import force_in_words
 from caesura_protocol.messages import App, Segment, Vector
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import screw_in_words
-from caesura_service.segmentation.view import NO_GRIPPER, PipelineView
+from caesura_service.segmentation.view import PipelineView, notes_beside_tables
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,7 @@ def notes(view: PipelineView, of_recording: Sequence[str] = ()) -> tuple[str, ..
         for index, one in enumerate(view.segments)
         if one.screw is not None
     )
-    light = (NO_GRIPPER,) if NO_GRIPPER in view.notes else ()
-    return (view.wrench.note, *of_recording, *light, *gaps, *turns)
+    return (view.wrench.note, *of_recording, *notes_beside_tables(view), *gaps, *turns)
 
 
 def _segment(index: int, one: Segment, start_probability: float | None, *, measured: bool) -> tuple[str, ...]:

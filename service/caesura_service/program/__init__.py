@@ -5,6 +5,7 @@ from caesura_service.program.builder import task_program
 from caesura_service.program.contacts import may_press_in
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
+from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, left_out_note
 from caesura_service.program.movements import turns_or_slows
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
@@ -18,6 +19,8 @@ from caesura_service.program.program_segment import (
 from caesura_service.program.strokes import may_end_movement
 
 __all__ = [
+    "BEGINS_MOVING",
+    "ENDS_MOVING",
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
@@ -30,6 +33,7 @@ __all__ = [
     "ProgramSegment",
     "check_applies",
     "holds",
+    "left_out_note",
     "log_of",
     "may_end_movement",
     "may_press_in",

@@ -17,6 +17,7 @@ from caesura_protocol.number_words import fixed, interval
 
 EDGE_S = 0.2  # conditioning makes no observation this close to a gap, so an app may end as long before it
 NAMED = 5  # gaps in a note, the longest ones
+NOT_OBSERVED = "Not observed: "  # begins the note
 REASONS = {"source": "the source paused", "evicted": "samples were lost"}
 
 
@@ -52,7 +53,7 @@ class Gaps:
         rest = len(self.all) - len(self._longest)
         more = f" and {rest} shorter ones, {fixed(self._total_s, 2)} s in all" if rest else ""
         unsure = ", and apps beside it are less sure" if self._total_s > 0.0 else "; how much is not known"
-        return f"Not observed: {named}{more}. What was taught then is missing{unsure}."
+        return f"{NOT_OBSERVED}{named}{more}. What was taught then is missing{unsure}."
 
 
 def _named(gap: Gap, began: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
@@ -18,7 +18,7 @@ from caesura_protocol import messages
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
-from caesura_protocol.messages import App, Change, Gap, Open, Phase, WrenchReport
+from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment, WrenchReport
 from caesura_protocol.plausibility import UNITS, FirstSecond
 from caesura_protocol.robots import RobotError
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
@@ -37,7 +37,17 @@ from caesura_service.coaching import (
 from caesura_service.constants import JOINTS, TARED_BIAS_N
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
-from caesura_service.program import TOLERANCE_M, TOLERANCE_RAD, Gaps, GripperAction, Paths, ProgramSegment
+from caesura_service.program import (
+    BEGINS_MOVING,
+    ENDS_MOVING,
+    TOLERANCE_M,
+    TOLERANCE_RAD,
+    Gaps,
+    GripperAction,
+    Paths,
+    ProgramSegment,
+    left_out_note,
+)
 from caesura_service.robot import Robot, load_robot
 from caesura_service.segmentation.corrections import (
     EditContext,
@@ -453,12 +463,13 @@ class SegmentationPipeline:
         phases = self._phases_with(parts) if before is None else before.phases
         give_way()
         unapplied = self._heeded.unapplied(apps, self._is_beyond)
+        segments = division.settled.segments(parts)
         return PipelineView(
             **self._newest(),
             changepoints=division.settled.changepoints(parts),
-            segments=division.settled.segments(parts),
+            segments=segments,
             apps=apps,
-            notes=(*self._notes(), *self._heeded.notes(unapplied)),
+            notes=(*self._notes(), *self._left_out(segments, apps), *self._heeded.notes(unapplied)),
             gaps=self._gaps.all,
             wrench=_wrench_report(
                 self._opening,
@@ -542,6 +553,22 @@ class SegmentationPipeline:
             between=tuple(index for index in between if index not in gaps),
             after_gap=part.start in gaps,
         )
+
+    def _left_out(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
+        """Note what of a finished demonstration is in no app; apps: as they were inferred."""
+        if not (self._finished and apps):
+            return
+        if self._moves(1):
+            yield BEGINS_MOVING
+        if note := left_out_note(segments, apps, self._history.moment):
+            yield note
+        if self._moves(len(self._history) - 1):
+            yield ENDS_MOVING
+
+    def _moves(self, index: int) -> bool:
+        """Has the flange moved since the observation before, where that is known?"""
+        known = 0 < index < len(self._history) and not self._history.after_gap(index)
+        return known and not self._history.rests(index)
 
     def _notes(self) -> tuple[str, ...]:
         """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""

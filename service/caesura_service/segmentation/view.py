@@ -24,6 +24,7 @@ from caesura_protocol.messages import (
     Segment,
     WrenchReport,
 )
+from caesura_service.program.gaps import NOT_OBSERVED
 from caesura_service.segmentation.corrections import ResolvedEdit
 
 # Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
@@ -63,6 +64,13 @@ class PipelineView(NamedTuple):
     phases: Sequence[Phase] = ()
     hints: tuple[Hint, ...] = ()  # active ones, and the newest of those that are cleared
     unapplied: Mapping[int, str] = MappingProxyType({})  # why corrections are not applied, by their numbers
+
+
+def notes_beside_tables(view: PipelineView) -> tuple[str, ...]:
+    """Return the notes that tables of a recording state besides those on its wrench and its gaps."""
+    return tuple(
+        note for note in view.notes if note not in view.wrench.note and not note.startswith(NOT_OBSERVED)
+    )
 
 
 class Pipeline(Protocol):

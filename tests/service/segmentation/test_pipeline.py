@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import cycle, pairwise
 from pathlib import Path
@@ -20,7 +21,7 @@ from caesura_protocol.plausibility import UNITS
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.constants import JOINTS, JOINTS_MOST
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording, views
-from caesura_service.program import Paths, ProgramSegment, task_program
+from caesura_service.program import BEGINS_MOVING, ENDS_MOVING, Paths, ProgramSegment, task_program
 from caesura_service.segmentation.pipeline import (
     LOOK_EVERY,
     PROGRAM_EVERY,
@@ -221,6 +222,16 @@ def test_a_lost_beginning_and_a_lost_end_are_gaps_without_a_length(taught: Recor
     note = pipeline.view.notes[-1]
     for words in (f"before {first[0, 0]:.2f} s", f"after {second[-1, 0]:.2f} s"):
         assert words in note
+
+
+def test_a_recording_that_is_cut_in_a_movement_says_so(taught: Recording, found: PipelineView):
+    assert not {BEGINS_MOVING, ENDS_MOVING} & set(found.notes)
+    longest = max((one for one in found.segments if one.kind == "motion"), key=lambda one: one.tn - one.t0)
+    middle = 0.5 * (longest.t0 + longest.tn)
+    assert segment_recording(without(taught, middle, math.inf)).notes[-1] == ENDS_MOVING
+    late = segment_recording(without(taught, -math.inf, middle))
+    assert BEGINS_MOVING in late.notes
+    assert ENDS_MOVING not in late.notes
 
 
 @pytest.mark.parametrize("source", ["flange_sensor_with_hand", "joint_torque_estimate", "none"])

@@ -1,0 +1,86 @@
+"""What was taught and is in no app: motion at both ends of a demonstration, and touches.
+
+What moves between two apps shows in their paths (`caesura_protocol.programs.checks.fidelity`). Nothing shows
+what lies before the first app and after the last one, nor a contact that is too short for an app. So a note
+of the program names them, and whether the demonstration began or ended while the flange moved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby, pairwise
+
+from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
+from caesura_protocol.messages import App, Segment
+from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.programs.checks.fidelity import STEPPED_M, STEPPED_RAD
+from caesura_protocol.rotations import angle_between
+from caesura_service.program.program_segment import Moment, MomentAt, length
+
+NAMED = 5  # touches in a note, the strongest ones
+LEFT_OUT = "Taught and in no app: "
+BEGINS_MOVING = "The recording begins in motion: the way to where the program begins was not seen."
+ENDS_MOVING = "The recording ends in motion: the program stops where it was seen last."
+
+
+def left_out_note(segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt) -> str | None:
+    """Name what of a finished demonstration is in no app; None where all of it is, or nothing is known.
+
+    apps: as they were inferred, in time order.
+    """
+    if not segments or not apps:
+        return None
+    said = [*_at_the_ends(segments, apps, moment_at), *_touches(segments, apps)]
+    return f"{LEFT_OUT}{'; '.join(said)}. Teach it again where the robot is to do it." if said else None
+
+
+def _at_the_ends(segments: Sequence[Segment], apps: Sequence[App], moment_at: MomentAt) -> Iterator[str]:
+    first, last = apps[0], apps[-1]
+    began, begins = segments[0].t0, first.t0 if first.path is None else first.path.start.t
+    if moved := _moved(moment_at(began), moment_at(begins)):
+        path = "" if first.path is None else "the path of "
+        yield f"{moved} at {interval(began, begins, 1)} s, before {path}the first app"
+    until = last.tn if last.path is None else last.path.tn
+    ended, there = segments[-1].tn, moment_at(until)
+    reached = there if last.target is None else Moment(last.target, last.orientation, None, None)
+    if moved := _moved(reached, moment_at(ended)):
+        path = "" if last.path is None else "the path of "
+        yield f"{moved} at {interval(min(until, ended), ended, 1)} s, after {path}the last app"
+
+
+def _moved(one: Moment, other: Moment) -> str:
+    """By how much a flange moves and turns, in words; nothing where a hand at rest drifts as far."""
+    metres, turned = math.dist(one.position, other.position), 0.0
+    if one.orientation is not None and other.orientation is not None:
+        turned = angle_between(one.orientation, other.orientation)
+    parts = [f"{fixed(1000 * metres, 0)} mm"] if metres > STEPPED_M else []
+    parts += [f"{math.degrees(turned):.0f}°"] if turned > STEPPED_RAD else []
+    return " and ".join(parts)
+
+
+def _touches(segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
+    """Contacts in no app; not those that go on from an app in contact or in one, and no bounce before it."""
+    used = {index for app in apps for index in app.segments}
+    beside = {index for app in apps if APP_KINDS[app.kind].in_contact for index in app.segments}
+    met = [(one.t0, two.t0) for one, two in pairwise(apps) if ends_in_contact(one.kind, two.kind)]
+    lost: list[list[Segment]] = []
+    place = 0
+    for touches, run in groupby(segments, key=lambda one: one.contact == "contact"):
+        steps = list(run)
+        end = place + len(steps)
+        if touches and used.isdisjoint(range(place, end)) and beside.isdisjoint({place - 1, end}):
+            lost.append(steps)
+        place = end
+    lost = [steps for steps in lost if not any(t0 < steps[0].t0 and steps[-1].tn <= tn for t0, tn in met)]
+    strongest = sorted(lost, key=_newtons)[-NAMED:]
+    for steps in lost:
+        if steps in strongest:
+            when = interval(steps[0].t0, steps[-1].tn, 1)
+            yield f"a contact of {fixed(_newtons(steps), 1)} N at {when} s"
+    if rest := len(lost) - len(strongest):
+        yield f"{rest} weaker contacts"
+
+
+def _newtons(steps: Sequence[Segment]) -> float:
+    return max(length(step.force) for step in steps)

@@ -1,0 +1,79 @@
+"""What of a demonstration is in no app is a note of its program."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from caesura_protocol.messages import Segment
+from caesura_service.program import Paths, left_out_note
+from service.program.segments import moment_at, program, segment
+
+TEACH_AGAIN = ". Teach it again where the robot is to do it."
+
+
+def pressed(newton: float) -> dict[str, Any]:
+    return {"force_end": (0.0, 0.0, newton), "force_held": (0.0, 0.0, newton)}
+
+
+def note(*segments: Segment, paths: Paths | None = None) -> str | None:
+    """Of a hand that moves upwards with 100 mm/s all the time (`moment_at`)."""
+    return left_out_note(segments, program(*segments, paths=paths), moment_at)
+
+
+def test_a_tap_that_is_too_short_for_an_app_is_named_with_its_force():
+    found = note(segment("motion", 0.0, 2.0), segment("contact", 2.0, 2.2, **pressed(24.0)), MOVED)
+    assert found == f"Taught and in no app: a contact of 24.0 N at 2.0–2.2 s{TEACH_AGAIN}"
+
+
+MOVED = segment("motion", 2.2, 4.0)
+
+
+def test_a_contact_that_goes_on_in_that_of_an_app_is_none_that_is_lost():
+    first, second = segment("contact", 2.0, 2.2, **pressed(9.0)), segment("contact", 2.2, 3.0, **pressed(9.0))
+    assert note(segment("motion", 0.0, 2.0), first, second, segment("motion", 3.0, 4.0)) is None
+
+
+def test_what_is_left_of_a_press_in_an_app_is_none_that_is_lost():
+    press, read_as_rest = segment("contact", 2.0, 3.0, **pressed(9.0)), segment("steady", 3.0, 3.4)
+    app = program(segment("motion", 0.0, 2.0), press)[-1].model_copy(update={"segments": (1, 2)})
+    rest = segment("contact", 3.4, 3.5, **pressed(9.0))
+    found = left_out_note((segment("motion", 0.0, 2.0), press, read_as_rest, rest), (app,), moment_at)
+    assert found is not None
+    assert "contact" not in found
+
+
+def test_a_tool_that_bounces_before_it_is_pressed_lost_no_contact():
+    found = note(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 2.1, **pressed(11.0)),
+        segment("motion", 2.1, 2.3),
+        segment("contact", 2.3, 4.0, **pressed(15.0)),
+    )
+    assert found is None
+
+
+def test_motion_before_the_first_app_and_after_the_last_one_is_named():
+    found = note(segment("motion", 0.0, 0.2), segment("steady", 0.2, 1.0), segment("motion", 1.0, 2.0))
+    assert found == f"Taught and in no app: 100 mm at 0.0–1.0 s, before the first app{TEACH_AGAIN}"
+    found = note(segment("motion", 1.0, 2.0), segment("steady", 2.0, 2.5), segment("motion", 2.5, 2.7))
+    assert found == f"Taught and in no app: 70 mm at 2.0–2.7 s, after the last app{TEACH_AGAIN}"
+
+
+@pytest.mark.parametrize("segments", [(), (segment("steady", 0.0, 4.0),)])
+def test_without_apps_there_is_nothing_to_compare(segments: tuple[Segment, ...]):
+    assert note(*segments) is None
+
+
+def test_of_many_touches_the_strongest_are_named():
+    taps = [
+        one
+        for k in range(7)
+        for one in (segment("motion", k, k + 0.8), segment("contact", k + 0.8, k + 1, **pressed(10.0 + k)))
+    ]
+    said = note(*taps, segment("motion", 7.0, 8.0))
+    assert said is not None
+    assert "contact of 11.0 N" not in said
+    assert "a contact of 12.0 N at 2.8–3.0 s; " in said
+    assert said.endswith(f"; 2 weaker contacts{TEACH_AGAIN}")

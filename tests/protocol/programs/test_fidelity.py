@@ -48,11 +48,20 @@ def there(x: float) -> Vector:
 FIRST = move(0.0, there(0.1), there(0.2))
 SECOND = move(1.5, there(0.25), there(0.4))
 THIRD = move(2.5, there(0.4), there(0.6))
-TAUGHT = "begins where 50 mm taught at 1.0–1.5 s lead, in no app"
+STRAIGHT = "are in no app: the robot goes straight to where this app begins"
+TAUGHT = f"50 mm of way taught at 1.0–1.5 s {STRAIGHT}"
 
 
 def test_motion_that_was_taught_between_two_neighbours_is_found_with_its_time():
     assert found(FIRST, SECOND, THIRD) == [(1, TAUGHT)]
+
+
+def test_the_time_of_lost_motion_begins_where_the_target_was_reached_and_not_where_its_app_ends():
+    rests = FIRST.model_copy(update={"tn": 1.4})  # its path has ended at 1.0 s
+    assert found(rests, SECOND, THIRD) == [(1, TAUGHT)]
+    press = app("apply_force", 1.0, 1.4, there(0.2), force=(0.0, 0.0, -8.0), force_taught=(0.0, 0.0, -8.0))
+    met = FIRST.model_copy(update={"kind": "move_to_contact"})
+    assert [reason for index, reason in found(met, press, SECOND, THIRD) if index == 2] == [TAUGHT]
 
 
 @pytest.mark.parametrize(
@@ -73,14 +82,14 @@ def test_a_deviation_is_warned_of_where_the_numbers_shown_differ(deviation_m, to
 def test_a_step_of_no_length_has_one_time():
     # A warning had "taught at 1.0–1.0 s".
     stepped = move(1.0, there(0.25), there(0.4))
-    assert found(FIRST, stepped) == [(1, "begins where 50 mm taught at 1.0 s lead, in no app")]
+    assert found(FIRST, stepped) == [(1, f"50 mm of way taught at 1.0 s {STRAIGHT}")]
 
 
 def test_between_apps_in_another_order_nothing_is_said_to_be_taught():
     shown = found(changed(THIRD, *MOVED), FIRST, SECOND)
-    assert [(index, reason.split(",")[0]) for index, reason in shown] == [
+    assert [(index, reason.split(",")[0].split(" are ")[0]) for index, reason in shown] == [
         (1, "begins 500.0 mm from where the app before it ends"),
-        (2, "begins where 50 mm taught at 2.0–2.5 s lead"),  # neighbours still, at their new times
+        (2, "50 mm of way taught at 2.0–2.5 s"),  # neighbours still, at their new times
     ]
 
 

@@ -121,7 +121,11 @@ def _motion_before(pose: ViaPoint | None, app: App) -> Iterator[Reason]:
     when = f"{interval(min(pose.t, start.t), start.t, 1)} s"
     moved = math.dist(start.position, pose.position)
     if moved > STEPPED_M:
-        yield (f"begins where {fixed(1000 * moved, 0)} mm taught at {when} lead, in no app", moved, STEPPED_M)
+        reason = (
+            f"{fixed(1000 * moved, 0)} mm of way taught at {when} are in no app: "
+            "the robot goes straight to where this app begins"
+        )
+        yield (reason, moved, STEPPED_M)
     turned = _orientation_change(pose, start)
     if turned > STEPPED_RAD:
         degrees = math.degrees(turned)
@@ -276,11 +280,17 @@ def _missing_paths(apps: Sequence[App]) -> Iterator[Finding]:
 
 
 def _pose_after(app: App, pose: ViaPoint | None) -> ViaPoint | None:
-    """Return the pose after an app, and when it was taught."""
+    """Return the pose after an app, and when it was taught.
+
+    A path reaches its target before its app ends, where a rest follows. When a press without a path reached
+    it is not stated: it was pressed there last, so the earliest time is that of its beginning.
+    """
     if app.target is None:
         return pose
     orientation = app.orientation if pose is None else app.orientation or pose.orientation
-    return ViaPoint(t=app.tn, position=app.target, orientation=orientation)
+    begun = app.t0 if APP_KINDS[app.kind].presses else app.tn
+    t = begun if app.path is None else min(app.path.tn, app.tn)
+    return ViaPoint(t=t, position=app.target, orientation=orientation)
 
 
 def _orientation_change(one: ViaPoint, other: ViaPoint) -> float:

@@ -109,6 +109,21 @@ def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_what_is_wrong_with_a_program_goes_before_what_a_cell_as_taught_lacks(program: Path) -> None:
+    """A press that leans has no surface in such a cell; what the check finds is what has to be mended."""
+    content = json.loads(program.read_text("utf-8"))
+    press = next(one for one in content["apps"] if one["kind"] == "apply_force")
+    press["force"] = press["force_taught"] = [9.0, 0.0, 9.0]
+    program.write_text(json.dumps(content | {"robot": None}), encoding="utf-8")
+    done = caesura("execute", program, "--simulated")
+    assert done.exit_code == 1
+    assert "robot not stated: simulated on a Panda" in done.output
+    assert "app 2 (apply force): pulls on what it touches" in done.output
+    press["force"] = press["force_taught"] = [-9.0, 0.0, -9.0]
+    program.write_text(json.dumps(content), encoding="utf-8")
+    assert "surfaces of a cell as taught are level" in caesura("execute", program, "--simulated").output
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -30,7 +30,7 @@ from caesura_protocol.robots import robot_description
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
 ]
-Cell = Annotated[
+ScenarioName = Annotated[
     str | None,
     typer.Option("--scenario", help="The simulated cell that it is run in; says what stands there."),
 ]
@@ -38,7 +38,7 @@ Cell = Annotated[
 
 def check(
     file: ProgramPath,
-    scenario: Cell = None,
+    scenario: ScenarioName = None,
     cell_file: CellFile = None,
     force_limit: ForceLimit = None,
     robot: RobotOption = None,
@@ -85,7 +85,7 @@ def execute(
     file: ProgramPath,
     *,
     simulated: Annotated[bool, typer.Option("--simulated", help="On the simulated robot.")] = False,
-    scenario: Cell = None,
+    scenario: ScenarioName = None,
     cell_file: CellFile = None,
     force_limit: ForceLimit = None,
     seed: Annotated[int, typer.Option(min=0, help="Whose object and sensors, as for `caesura teach`.")] = 0,
@@ -117,7 +117,9 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
     """Whether it was stopped."""
     import numpy as np  # noqa: PLC0415
 
+    from caesura_lab.execution.cell import Cell  # noqa: PLC0415
     from caesura_lab.execution.checks import DemonstrationQuality  # noqa: PLC0415
+    from caesura_lab.execution.checks import check as check_program  # noqa: PLC0415
     from caesura_lab.execution.executor import SimulatedCell  # noqa: PLC0415
     from caesura_lab.execution.executor import execute as run  # noqa: PLC0415
     from caesura_lab.execution.taught_cell import cell_as_taught, taught_cell_in_words  # noqa: PLC0415
@@ -125,13 +127,22 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
     from caesura_service.robot import load_robot  # noqa: PLC0415
 
     person = THESIS if seed == 0 else draw_person(np.random.default_rng(seed), f"person-{seed}")
+    quality = DemonstrationQuality(timing=program.timing)
+    robot, gripper = load_robot(program.robot or "panda"), gripper_of(program)
+    named = None if scenario is None else _scenario(scenario, program)
+    if program.robot is None:
+        typer.echo("robot not stated: simulated on a Panda", err=True)
     try:
-        if scenario is None:
-            cell = cell_as_taught(program.apps, person, seed)
+        if named is None:
+            try:
+                cell = cell_as_taught(program.apps, person, seed)
+            except CaesuraError:  # what is wrong with the program goes before what such a cell lacks
+                report = check_program(program.apps, Cell(program.safety), quality, robot, gripper)
+                if report.passed:
+                    raise
+                raise RefusedError(report) from None
         else:
-            cell = SimulatedCell(_scenario(scenario, program), person, seed)
-        quality = DemonstrationQuality(timing=program.timing)
-        robot, gripper = load_robot(program.robot or "panda"), gripper_of(program)
+            cell = SimulatedCell(named, person, seed)
         done = run(program.apps, cell, program.safety, quality=quality, robot=robot, gripper=gripper)
     except RefusedError as refused:
         lines = "\n".join(map(str, refused.report.errors))
@@ -143,8 +154,6 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
     if scenario is None:
         typer.echo(taught_cell_in_words(cell), err=True)
-    if program.robot is None:
-        typer.echo("robot not stated: simulated on a Panda", err=True)
     seconds = float(done.trace.t[-1])
     fastest = float(np.linalg.norm(done.trace.twist[:, :3], axis=1).max())
     strongest = float(np.linalg.norm(done.trace.contact, axis=1).max())

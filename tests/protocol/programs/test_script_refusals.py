@@ -89,3 +89,20 @@ def test_a_program_that_begins_with_a_grasp_says_where_the_arm_must_stand():
     for write in (franky_script, ur_script, xarm_script):
         program = as_file(begun_at_the_object()).model_copy(update={"gripper": "robotiq_2f_85"})
         assert f"# warning: {said}" in write(program)
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_press_that_pulls_is_refused(write: Callable[[ProgramFile], str]):
+    # The scripts were written, without a word: the arm was to pull away with the force of the press.
+    touch, pressed, away = press()
+    up = pressed.model_copy(update={"force": (0.0, 0.0, 9.0)})
+    with pytest.raises(ValueError, match=r"app 2 .apply force.: pulls on what it touches: its force points"):
+        write(as_file((touch, up, away)))
+
+
+def test_why_a_press_may_pull_is_said_once():
+    touch, pressed, away = press()
+    up = pressed.model_copy(update={"force": (0.0, 0.0, 9.0)})
+    first, second = (one.reason for one in order_findings((touch, up, up, away)))
+    assert second == "pulls on what it touches: its force points away from the tool"
+    assert first.startswith(f"{second}. Was the force recorded in the base frame")

@@ -251,8 +251,6 @@ class _ReachabilityChecker:
     def _check_press(self, app: App, state: _ArmState, path: Curve | None) -> Iterator[str]:
         force = np.array(app.force)
         rotation = state.rotation if app.orientation is None else matrix_of(app.orientation)
-        if rotation is not None and float(rotation[:, 2] @ force) < 0.0:
-            yield "pulls on what it touches: its force points away from the tool"
         if path is None:
             return
         deep = _press_depth(path, force, rotation, touching_force(app) is None)

@@ -1,6 +1,7 @@
 """What must hold before an app is run: a contact before a press, something in the fingers before a carry.
 
 At a contact a tool is not turned to where the next path begins: its tip would be driven into the surface.
+Nor is it pulled away: a press pushes along the tool.
 """
 
 from __future__ import annotations
@@ -9,11 +10,16 @@ import math
 from collections.abc import Sequence
 
 from caesura_protocol.app_kinds import APP_KINDS, ends_in_contact
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, Quaternion
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.rotations import angle_between
 
+PULLS = "pulls on what it touches: its force points away from the tool"
+WHY_IT_PULLS = (
+    ". Was the force recorded in the base frame, as the environment's on the robot? If not, state "
+    "force_frame in the recording, or negate the force"
+)
 TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 
 
@@ -21,6 +27,7 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
     """Find apps whose preconditions do not hold, and contacts or grasps that no later app ends."""
     found: list[Finding] = []
     touching, holding, moved = False, None, False
+    orientation: Quaternion | None = None
     for index, app in enumerate(apps):
         following = apps[index + 1].kind if index + 1 < len(apps) else None
         grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
@@ -28,6 +35,10 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         if reason:
             began = _begins_in_contact(app) if APP_KINDS[app.kind].presses and not moved else ""
             found.append(Finding("error", index, app.kind, reason + began))
+        orientation = app.orientation or orientation
+        if APP_KINDS[app.kind].presses and _pulls(app, orientation):
+            said = any(one.reason.startswith(PULLS) for one in found)
+            found.append(Finding("error", index, app.kind, PULLS + ("" if said else WHY_IT_PULLS)))
         if touching and (turned := _turned(apps[index - 1], app)) > TURN_AT_CONTACT_RAD:
             found.append(_turned_at_contact(index, app, turned))
         if app.kind == "grasp" and not moved:
@@ -44,6 +55,15 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         reason = "grasps what is never released: an app 'move gripper' must follow"
         found.append(Finding("error", holding, apps[holding].kind, reason))
     return found
+
+
+def _pulls(app: App, orientation: Quaternion | None) -> bool:
+    """Whether the force of a press points away from the tool, where the orientation is known."""
+    if app.force is None or orientation is None or not any(orientation):
+        return False
+    x, y, z, w = orientation
+    axis = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w), w * w + z * z - x * x - y * y
+    return sum(a * newton for a, newton in zip(axis, app.force, strict=True)) < 0.0
 
 
 def _turned(before: App, app: App) -> float:

@@ -234,6 +234,10 @@ ASSUMED_ORDER = (
     "Quaternion order x, y, z, w: assumed. State quaternion_order in the file: xyzw, or wxyz, "
     "which is reordered."
 )
+ASSUMED_FRAME = (
+    "Frame of the force: base, assumed. State force_frame in the file: base, or flange, which needs an "
+    "orientation."
+)
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

@@ -45,7 +45,7 @@ def _lines(answers: MappingAnswers) -> Iterator[str]:
         "decimal": answers.decimal if answers.decimal != "." else "",
         "wrench_source": answers.wrench_source,
         "hand_on_robot": answers.hand_on_robot,
-        "force_frame": "" if answers.columns and answers.force_frame == "base" else answers.force_frame,
+        "force_frame": answers.force_frame if "fx" in answers.columns or not answers.columns else "",
         "robot": answers.robot,
     }
     yield from (f"{key} = {_quoted(value)}" for key, value in stated.items() if value not in NO_ANSWER)

@@ -37,6 +37,7 @@ from caesura_protocol.plausibility import UNITS
 from caesura_protocol.pose_reading import slow_pose
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
+    ASSUMED_FRAME,
     OPTIONS,
     STATED,
     Recording,
@@ -104,6 +105,7 @@ def load_recording(
     ignored = [*ignored, *_without_wrench(arrays, options)]
     _convert(path, raw, stated)
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
+    assumes_frame = "force" in signals and "force_frame" not in options
     asked = {key: _asked(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
         arrays["t"],
@@ -112,7 +114,7 @@ def load_recording(
         ignored=tuple(ignored),
         declared_units=tuple(stated),
         setting=CellSettings(**asked),
-        assumed=raw.assumed,
+        assumed=(*raw.assumed, ASSUMED_FRAME) if assumes_frame else raw.assumed,
         lines=raw.lines,
         **options,  # type: ignore[arg-type]
     )

@@ -12,7 +12,7 @@ import pytest
 from caesura_protocol.formats import read
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import write_csv
-from caesura_protocol.recording import ASSUMED_ORDER, Recording, RecordingError
+from caesura_protocol.recording import ASSUMED_FRAME, ASSUMED_ORDER, Recording, RecordingError
 
 BEGAN = datetime(2026, 11, 24, 18, 4, 32, tzinfo=UTC)
 
@@ -286,11 +286,11 @@ def test_times_of_numpy_are_seconds_from_the_first(tmp_path: Path, values: np.nd
 
 def test_the_order_of_quaternions_is_stated_or_assumed(tmp_path: Path):
     turned = np.tile([0.1, 0.2, 0.3, np.sqrt(0.86)], (200, 1))
-    assert load_recording(saved(tmp_path / "a.npz", quat=turned)).assumed == (ASSUMED_ORDER,)
+    assert ASSUMED_ORDER in load_recording(saved(tmp_path / "a.npz", quat=turned)).assumed
     swapped = turned[:, [3, 0, 1, 2]]
     stated = load_recording(saved(tmp_path / "b.npz", quat=swapped, quaternion_order=np.array("wxyz")))
     assert np.array_equal(stated.signals["quat"], turned)
-    assert stated.assumed == ()
+    assert ASSUMED_ORDER not in stated.assumed
     stated.save(tmp_path / "c.npz")
     write_csv(tmp_path / "c.csv", stated)
     for copy in ("c.npz", "c.csv"):
@@ -333,3 +333,12 @@ def test_a_pipe_is_refused_without_waiting_for_its_writer(tmp_path: Path):
     os.mkfifo(tmp_path / "a.csv")
     with pytest.raises(RecordingError, match=r"a\.csv: no regular file, which is read as a whole"):
         load_recording(tmp_path / "a.csv")
+
+
+def test_the_frame_of_the_force_is_stated_or_assumed(tmp_path: Path):
+    # A sensor's own force in the axes of the flange was read in the base frame without a word.
+    assert ASSUMED_FRAME in load_recording(saved(tmp_path / "a.npz")).assumed
+    for stated in ({"force_frame": np.array("base")}, {"force_base": np.zeros((200, 3))}):
+        assert ASSUMED_FRAME not in load_recording(saved(tmp_path / "b.npz", **stated)).assumed
+    load_recording(tmp_path / "a.npz").save(tmp_path / "c.npz")
+    assert ASSUMED_FRAME not in load_recording(tmp_path / "c.npz").assumed, "our own copy states it"

@@ -199,13 +199,22 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
         apps = [App.model_validate(app) for app in content["program"]]
         phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
         safety = Safety(force_n=content.get("force_limit_n"))
-        taught = {key: content[key] for key in ("notes", "gaps", "wrench", "robot") if key in content}
+        taught: dict[str, Any] = {key: content[key] for key in ("gaps", "wrench", "robot") if key in content}
+        taught["notes"] = _with_warnings(content.get("notes", []), content.get("warnings"))
         written = document_of_apps(tuple(apps), name, safety)
         groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}
         program = ProgramFile.model_validate(written.model_dump() | taught | groups)
         limits = re_targeted(program.safety, None, program.robot)
         return program.model_copy(update={"safety": limits})
     return document(Program.model_validate(content))
+
+
+def _with_warnings(notes: Any, warnings: Any) -> Any:
+    """Notes with what a reader of the recording assumed, or found to be wrong; what is no list stays."""
+    if not isinstance(notes, list) or not isinstance(warnings, list):
+        return notes
+    said = [one.removeprefix("Warning: ") for one in warnings if isinstance(one, str)]
+    return [*notes, *(one for one in said if one not in notes)]
 
 
 def _place_in(content: dict[str, Any], place: Place) -> str:

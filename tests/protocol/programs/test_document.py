@@ -102,6 +102,18 @@ def test_a_program_from_the_wire_and_a_segmented_recording_are_read_too(tmp_path
     assert [one.kind for one in read_document(segmented).apps] == [one.kind for one in press()]
 
 
+def test_what_was_assumed_of_a_recording_is_in_the_notes_of_its_program(tmp_path: Path) -> None:
+    # It was in the table of `segment` alone: check and scripts knew nothing of it.
+    path, apps = tmp_path / "p.json", [one.model_dump(mode="json") for one in press()]
+    warnings = ["Warning: joints disagree.", "Order: assumed.", "Not observed."]
+    content = {"segments": [], "program": apps, "notes": ["Not observed."], "warnings": warnings}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    assert read_document(path).notes == ("Not observed.", "joints disagree.", "Order: assumed.")
+    path.write_text(json.dumps(content | {"notes": 7}), encoding="utf-8")
+    with pytest.raises(BadProgramError, match="notes is 7"):
+        read_document(path)
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

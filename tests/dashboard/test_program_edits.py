@@ -84,7 +84,7 @@ def test_findings_stand_at_their_app_once_the_program_is_complete():
     without_grasp = [one for one in pick_and_place() if one.kind != "grasp"]
     shown = Timeline().of(program(*without_grasp))
     reasons = [[reason for _, reason in card["findings"]] for card in shown["apps"]]
-    assert "carries, but nothing was grasped: an app 'grasp' must come before it" in reasons[1]
+    assert "carries, but nothing was grasped: an app 'grasp' must come before it" in reasons[1][0]
     taught = Timeline().of(program(*without_grasp, complete=False))
     assert not any(card["findings"] for card in taught["apps"])
 

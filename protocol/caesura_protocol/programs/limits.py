@@ -65,29 +65,37 @@ def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
 def refuse_beyond_limits(program: ProgramFile) -> None:
     """Raises ValueError for an app beyond the limits of place, force or load, or without what it needs.
 
-    A press needs a contact before it: without one it would begin wherever the arm is.
+    A press needs a contact before it: without one it would begin wherever the arm is. A carry needs a grasp:
+    without one the robot would count on a load that it does not have.
     """
     safety = program.safety
     for index, app in enumerate(program.apps):
         name = app_name(index, app.kind)
         _refuse_incomplete(name, app)
-        places = [("target", app.target)]
-        if app.path is not None:
-            places += [("its path", point.position) for point in (app.path.start, *app.path.via)]
-        for what, place in places:
-            limits = zip("xyz", place or (), safety.workspace_low, safety.workspace_high, strict=False)
-            for axis, value, low, high in limits:
-                if not low <= value <= high:
-                    limit = f"the workspace is {low} to {high} m; state that of the cell with --cell"
-                    raise ValueError(f"{name}: {what} at {axis} {value:g} m, {limit}")
+        _refuse_outside(name, app, safety)
         force = max((one.newton for one in exerted_forces(app)), default=0.0)
         if force > safety.most_force_n + FORCE_SLACK_N:
             raise ValueError(f"{name}: force {force:.1f} N, at most {safety.most_force_n:.1f} N are allowed")
         if app.load_kg is not None and not 0.0 <= app.load_kg <= safety.load_kg:
             raise ValueError(f"{name}: load {app.load_kg} kg, at most {safety.load_kg} kg are allowed")
     for one in order_findings(program.apps):
-        if one.index is not None and APP_KINDS[program.apps[one.index].kind].presses:
-            raise ValueError(f"{app_name(one.index, program.apps[one.index].kind)}: {one.reason}")
+        if one.index is None:
+            continue
+        kind = program.apps[one.index].kind
+        if APP_KINDS[kind].presses or APP_KINDS[kind].carries:
+            raise ValueError(f"{app_name(one.index, kind)}: {one.reason}")
+
+
+def _refuse_outside(name: str, app: App, safety: Safety) -> None:
+    places = [("target", app.target)]
+    if app.path is not None:
+        places += [("its path", point.position) for point in (app.path.start, *app.path.via)]
+    for what, place in places:
+        limits = zip("xyz", place or (), safety.workspace_low, safety.workspace_high, strict=False)
+        for axis, value, low, high in limits:
+            if not low <= value <= high:
+                limit = f"the workspace is {low} to {high} m; state that of the cell with --cell"
+                raise ValueError(f"{name}: {what} at {axis} {value:g} m, {limit}")
 
 
 def _refuse_incomplete(name: str, app: App) -> None:

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_protocol.messages import Quaternion
 from caesura_protocol.programs.checks import order_findings
-from harness.programs import DOWN, move, press
+from harness.programs import DOWN, move, pick_and_place, press
 
 
 def leaned(degrees: float) -> Quaternion:
@@ -36,3 +36,14 @@ def test_in_the_air_a_path_may_begin_turned() -> None:
     first = move(1.0, (0.3, -0.5, 0.3), (0.3, -0.4, 0.3))
     second = move(2.0, (0.3, -0.4, 0.3), (0.3, -0.3, 0.3), leaned(40.0))
     assert order_findings((first, second)) == []
+
+
+def test_a_carry_in_a_program_without_a_grasp_says_what_was_not_recorded() -> None:
+    # Ten recordings without a gripper's state had 19 such errors; pushing had been read as loads.
+    carried = move(1.0, (0.3, -0.5, 0.3), (0.3, -0.4, 0.3)).model_copy(update={"kind": "transport"})
+    first, second = (one.reason for one in order_findings((carried, carried)))
+    assert second == "carries, but nothing was grasped: an app 'grasp' must come before it"
+    assert first.startswith(f"{second}. The program has none: was the gripper's state recorded?")
+    _, grasp, carry, _, opened, _ = pick_and_place()
+    (late,) = order_findings((carry, grasp, carry, opened))
+    assert late.reason == second

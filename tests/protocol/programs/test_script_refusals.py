@@ -106,3 +106,12 @@ def test_why_a_press_may_pull_is_said_once():
     first, second = (one.reason for one in order_findings((touch, up, up, away)))
     assert second == "pulls on what it touches: its force points away from the tool"
     assert first.startswith(f"{second}. Was the force recorded in the base frame")
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_carry_of_what_was_never_grasped_is_refused(write: Callable[[ProgramFile], str]):
+    # It was a comment: the robot counted on a load of 1.8 kg, and would have pushed upwards with its weight.
+    touch, _, carry, *_ = pick_and_place()
+    above = touch.model_copy(update={"kind": "cartesian_motion"})
+    with pytest.raises(ValueError, match=r"app 2 .transport.: carries, but nothing was grasped"):
+        write(as_file((above, carry)))

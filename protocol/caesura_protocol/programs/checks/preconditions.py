@@ -20,6 +20,11 @@ WHY_IT_PULLS = (
     ". Was the force recorded in the base frame, as the environment's on the robot? If not, state "
     "force_frame in the recording, or negate the force"
 )
+UNHELD = "carries, but nothing was grasped: an app 'grasp' must come before it"
+WHY_UNHELD = (
+    ". The program has none: was the gripper's state recorded? If nothing was carried, the force of its "
+    "segment is no load: correct it to contact or motion"
+)
 TURN_AT_CONTACT_RAD = math.radians(15.0)  # taught ones turn by 9° at most
 
 
@@ -32,6 +37,8 @@ def order_findings(apps: Sequence[App]) -> list[Finding]:
         following = apps[index + 1].kind if index + 1 < len(apps) else None
         grasps_later = any(later.kind == "grasp" for later in apps[index + 1 :])
         reason = _violations(app, touching=touching, holds=holding is not None, grasps_later=grasps_later)
+        if reason == UNHELD and all(one.kind != "grasp" for one in apps):
+            reason += "" if any(one.reason.startswith(UNHELD) for one in found) else WHY_UNHELD
         if reason:
             began = _begins_in_contact(app) if APP_KINDS[app.kind].presses and not moved else ""
             found.append(Finding("error", index, app.kind, reason + began))
@@ -109,5 +116,5 @@ def _violations(app: App, *, touching: bool, holds: bool, grasps_later: bool) ->
     if app.kind == "gripper_move" and not holds and not grasps_later:
         return "releases what was never grasped: an app 'grasp' must come before it"
     if APP_KINDS[app.kind].carries and not holds:
-        return "carries, but nothing was grasped: an app 'grasp' must come before it"
+        return UNHELD
     return None

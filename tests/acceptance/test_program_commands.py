@@ -109,6 +109,23 @@ def test_what_is_refused_is_not_run(spoilt: Path, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_a_check_reads_times_of_day_as_the_table_does(program: Path) -> None:
+    """They were seconds since 1970, to a tenth."""
+    content = json.loads(program.read_text("utf-8"))
+    begins = 1700000001.5
+    later = [
+        one | {"t0": begins + k, "tn": begins + k + 1.0, "path": None}
+        for k, one in enumerate(content["apps"])
+    ]
+    notes = [f"Not observed: {begins + 0.25:.2f}–{begins + 0.5:.2f} s (samples were lost)."]
+    program.write_text(json.dumps(content | {"apps": later, "notes": notes}), encoding="utf-8")
+    said = caesura("check", program).output
+    assert said.startswith("times [s] from 2023-11-14 22:13:21 UTC on, the start\n")
+    assert "Not observed: 0.25–0.50 s (samples were lost)." in said
+    found = json.loads(caesura("check", program, "--json").output)
+    assert notes[0] in [one["reason"] for one in found], "--json keeps the clock of the samples"
+
+
 def test_what_is_wrong_with_a_program_goes_before_what_a_cell_as_taught_lacks(program: Path) -> None:
     """A press that leans has no surface in such a cell; what the check finds is what has to be mended."""
     content = json.loads(program.read_text("utf-8"))

@@ -26,6 +26,7 @@ from caesura_protocol.errors import CaesuraError, SourceError
 from caesura_protocol.programs.document import ProgramFile, on_robot, read_document
 from caesura_protocol.programs.gripping import gripper_of, with_gripper
 from caesura_protocol.robots import robot_description
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_from
 
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
@@ -72,8 +73,11 @@ def check(
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:
+        clock = _clock_of(program)
+        if clock.words:
+            typer.echo(clock.words)
         for finding in report.findings:
-            typer.echo(str(finding))
+            typer.echo(clock.text(str(finding)))
         verdict = "can be run" if report.passed else "cannot be run"
         counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
         typer.echo(f"{file}: {len(program.apps)} apps, {counts}: {verdict}")
@@ -145,7 +149,7 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
             cell = SimulatedCell(named, person, seed)
         done = run(program.apps, cell, program.safety, quality=quality, robot=robot, gripper=gripper)
     except RefusedError as refused:
-        lines = "\n".join(map(str, refused.report.errors))
+        lines = "\n".join(map(_clock_of(program).text, map(str, refused.report.errors)))
         raise SourceError(f"{program.station}/{program.session} is refused:\n{lines}") from refused
     if out is not None:
         try:
@@ -164,6 +168,11 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
         kind = "" if done.at is None else f" in {app_name(done.at, program.apps[done.at].kind)}"
         typer.echo(f"stopped{kind}: {done.stopped}", err=True)
     return done.stopped is not None
+
+
+def _clock_of(program: ProgramFile) -> SessionClock:
+    """The clock in which people read its times, as in the table of `caesura program`."""
+    return clock_from(program.apps[0].t0) if program.apps else NO_OFFSET
 
 
 def _scenario(name: str, program: ProgramFile) -> Scenario:

@@ -17,6 +17,7 @@ from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.limits import friction_of
 from caesura_protocol.robots import RobotDescription, robot_description
+from caesura_protocol.session_clock import clock_from
 
 NAMED_FRICTION_N = 0.5  # that is left out of a force, from which on a script says so
 
@@ -50,8 +51,12 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
         if (rubbed_n := friction_of(app)) > NAMED_FRICTION_N:
             said = f"{rubbed_n:.1f} N of the taught force are left out: friction takes them along the way"
             comments.setdefault(index, []).append(said)
+    clock = clock_from(program.apps[0].t0 if program.apps else 0.0)
     for one in document_findings(program):
-        comments.setdefault(one.index, []).append(_one_line(f"{one.severity}: {one.reason}"))
+        text = clock.text(f"{one.severity}: {one.reason}")
+        comments.setdefault(one.index, []).append(_one_line(text))
+    if clock.words and comments:
+        comments.setdefault(None, []).insert(0, f"in comments, {clock.words}")
     return comments
 
 

@@ -100,6 +100,20 @@ def test_a_carry_that_looks_for_a_surface_says_so(write: Writer, robot: str, gri
 
 
 NOT_OBSERVED = "Not observed: after 3.40 s (samples were lost). What was taught then is missing."
+DAY_S = 1700000000.0  # a time of day: 2023-11-14 22:13:20 UTC
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_times_of_day_read_from_the_first_app_on(write: Writer, robot: str, gripper: str):
+    """As in the table; they were seconds since 1970."""
+    later = [one.model_copy(update={"t0": one.t0 + DAY_S, "tn": one.tn + DAY_S}) for one in pick_and_place()]
+    begins = later[0].t0
+    note = f"Not observed: after {begins + 3.25:.2f} s (samples were lost)."
+    text = write(on_robot(tuple(later), robot, gripper).model_copy(update={"notes": (note,)}))
+    assert "# in comments, times [s] from 2023-11-14 22:13:20 UTC on, the start" in text
+    assert "# warning: Not observed: after 3.25 s (samples were lost)." in text
+
+
 ON_SOURCE = "Wrench source flange_sensor: contact and load are on."
 
 

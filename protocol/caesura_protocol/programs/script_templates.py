@@ -19,6 +19,10 @@ from caesura_protocol.programs.limits import friction_of
 from caesura_protocol.robots import RobotDescription, robot_description
 from caesura_protocol.session_clock import clock_from
 
+NO_ROBOT = (
+    "the program states no robot, so whether these poses are those of this arm is not known: state it with "
+    "--robot, where it was taught on this arm"
+)
 NAMED_FRICTION_N = 0.5  # that is left out of a force, from which on a script says so
 
 
@@ -51,6 +55,8 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
         if (rubbed_n := friction_of(app)) > NAMED_FRICTION_N:
             said = f"{rubbed_n:.1f} N of the taught force are left out: friction takes them along the way"
             comments.setdefault(index, []).append(said)
+    if program.robot is None:
+        comments[None] = [f"warning: {NO_ROBOT}"]
     clock = clock_from(program.apps[0].t0 if program.apps else 0.0)
     for one in document_findings(program):
         text = clock.text(f"{one.severity}: {one.reason}")

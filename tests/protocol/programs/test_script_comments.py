@@ -100,6 +100,18 @@ def test_a_carry_that_looks_for_a_surface_says_so(write: Writer, robot: str, gri
 
 
 NOT_OBSERVED = "Not observed: after 3.40 s (samples were lost). What was taught then is missing."
+
+
+@pytest.mark.parametrize(("write", "robot", "gripper"), SCRIPTS)
+def test_a_script_of_a_program_without_a_robot_says_so(write: Writer, robot: str, gripper: str):
+    # What was taught on an arm of another maker was written for this one, without a word.
+    stated = on_robot(pick_and_place(), robot, gripper)
+    text = write(stated.model_copy(update={"robot": None}))
+    said = "# warning: the program states no robot, so whether these poses are those of this arm is not known"
+    assert text.index(said) < text.index("MAX_SPEED_M_PER_S")
+    assert said not in write(stated)
+
+
 DAY_S = 1700000000.0  # a time of day: 2023-11-14 22:13:20 UTC
 
 

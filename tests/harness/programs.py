@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, AppPath, Quaternion, RestForce, Vector, ViaPoint
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
@@ -140,6 +143,53 @@ def over_barrel(seconds: float = 4.0, radius_m: float = 0.2, half_degrees: int =
     reached = {"target": start.position, "orientation": start.orientation}
     stroke = {"path": path, "tn": end.t, "target": end.position, "orientation": end.orientation}
     return touch.model_copy(update=reached), pressed.model_copy(update=stroke)
+
+
+def curved(speed: float = 0.1) -> tuple[App, ...]:
+    """A press after a way around a corner."""
+    touch, *rest = press()
+    place, flat = (-0.03, -0.56, 0.3), (speed, 0.0, 0.0)
+    path = AppPath(
+        start=ViaPoint(t=0.8, position=(-0.03, -0.6, 0.33), orientation=DOWN),
+        via=(
+            ViaPoint(t=1.8, position=place, orientation=DOWN, velocity=flat),
+            ViaPoint(t=2.5, position=(-0.02, -0.52, 0.195), orientation=DOWN, velocity=flat),
+        ),
+        tn=2.6, length_m=0.2, deviation_m=0.001, deviation_rad=0.0, tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    return touch.model_copy(update={"path": path}), *rest
+
+
+def slid(seconds: float, down_m: float = 0.0) -> tuple[App, ...]:
+    """A stroke of 0.1 m in so many seconds, that leads down."""
+    touch, stroke = wiped()
+    path, target = stroke.path, (0.08, -0.52, 0.19 - down_m)
+    assert path is not None
+    path = path.model_copy(update={"tn": path.start.t + seconds})
+    return touch, stroke.model_copy(update={"path": path, "tn": path.tn, "target": target})
+
+
+def circle(seconds: float = 4.0, radius: float = 0.05, **fields: Any) -> App:
+    """A way around a circle in a plane, turning by 90°."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 9)
+    speed = 2.0 * np.pi * radius / seconds
+    turned = (Rotation.from_rotvec([0, 0, a / 4]) * Rotation.from_quat(DOWN) for a in angles)
+    points = [
+        ViaPoint(
+            t=1.0 + seconds * a / (2 * np.pi),
+            position=(0.4 + radius * np.cos(a), radius * np.sin(a), 0.3),
+            orientation=tuple(turn.as_quat().tolist()),
+            velocity=(-speed * np.sin(a), speed * np.cos(a), 0.0),
+        )
+        for a, turn in zip(angles, turned, strict=True)
+    ]
+    path = AppPath(
+        start=points[0].model_copy(update={"velocity": None}), via=tuple(points[1:-1]), tn=1.0 + seconds,
+        length_m=2 * np.pi * radius, deviation_m=0.001, deviation_rad=0.0,
+        tolerance_m=0.002, tolerance_rad=0.02,
+    )  # fmt: skip
+    made = app("cartesian_motion", 1.0, 1.0 + seconds, points[-1].position, path=path, **fields)
+    return made.model_copy(update={"orientation": points[-1].orientation})
 
 
 def as_file(apps: tuple[App, ...], name: str = "example") -> ProgramFile:

@@ -21,12 +21,14 @@ from harness.programs import (
     app,
     as_file,
     barrel_m,
+    circle,
     over_barrel,
     path_from,
     pick_and_place,
     press,
     pressed_harder_before,
     set_down_at_once,
+    slid,
     wiped,
 )
 
@@ -47,29 +49,6 @@ def played(program: ProgramFile, **world: Any) -> Controller:
 
 def places(controller: Controller) -> list[list[float]]:
     return [move.get("pose") or move["q"] for move in controller.named(*MOVES)]
-
-
-def circle(seconds: float = 4.0, radius: float = 0.05, **fields: Any) -> App:
-    """A way around a circle in a plane, turning by 90°."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 9)
-    speed = 2.0 * np.pi * radius / seconds
-    turned = (Rotation.from_rotvec([0, 0, a / 4]) * Rotation.from_quat(DOWN) for a in angles)
-    points = [
-        ViaPoint(
-            t=1.0 + seconds * a / (2 * np.pi),
-            position=(0.4 + radius * np.cos(a), radius * np.sin(a), 0.3),
-            orientation=tuple(turn.as_quat().tolist()),
-            velocity=(-speed * np.sin(a), speed * np.cos(a), 0.0),
-        )
-        for a, turn in zip(angles, turned, strict=True)
-    ]
-    path = AppPath(
-        start=points[0].model_copy(update={"velocity": None}), via=tuple(points[1:-1]), tn=1.0 + seconds,
-        length_m=2 * np.pi * radius, deviation_m=0.001, deviation_rad=0.0,
-        tolerance_m=0.002, tolerance_rad=0.02,
-    )  # fmt: skip
-    made = app("cartesian_motion", 1.0, 1.0 + seconds, points[-1].position, path=path, **fields)
-    return made.model_copy(update={"orientation": points[-1].orientation})
 
 
 def test_a_press_has_the_poses_and_the_force_of_the_program():
@@ -358,15 +337,6 @@ def test_a_surface_that_leads_down_is_followed_as_it_was_taught():
     controller = MovingController(slope_m)
     controller.play(ur_script(on_ur(slid(4.0, down_m=0.06))))
     assert controller.pose[2] == pytest.approx(0.13, abs=0.002)
-
-
-def slid(seconds: float, down_m: float = 0.0) -> tuple[App, ...]:
-    """A stroke of 0.1 m in so many seconds, that leads down."""
-    touch, stroke = wiped()
-    path, target = stroke.path, (0.08, -0.52, 0.19 - down_m)
-    assert path is not None
-    path = path.model_copy(update={"tn": path.start.t + seconds})
-    return touch, stroke.model_copy(update={"path": path, "tn": path.tn, "target": target})
 
 
 @pytest.mark.parametrize("early_m", [0.1, 0.03])

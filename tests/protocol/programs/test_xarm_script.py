@@ -2,260 +2,20 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from caesura_protocol.messages import App, ScrewMotion
-from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.messages import ScrewMotion
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.xarm_script import xarm_script
-from harness.programs import (
-    DOWN,
-    as_file,
-    over_barrel,
-    path_from,
-    pick_and_place,
-    press,
-    pressed_harder_before,
-    set_down_at_once,
-    wiped,
-)
-from harness.xarm_sdk import RecordedApi
+from harness.programs import circle, path_from, pick_and_place, press, set_down_at_once, slid
 
-from .test_ur_script import circle, slid
-
-FRAME_S = 0.01
-TABLE_N = [0.0, 0.0, -8.0, 0.0, 0.0, 0.0]
-
-
-def on_xarm(apps: tuple[App, ...], **changed: Any) -> ProgramFile:
-    return as_file(apps).model_copy(update={"robot": "xarm7", "gripper": "robotiq_2f_85"} | changed)
-
-
-class Arm:
-    """An arm behind the SDK's signatures: it is where it was sent, and feels a table below a height."""
-
-    def __init__(self, table_m: float = -9.0, grasped: int = 2, wrench: list[float] | None = None) -> None:
-        self.pose = [300.0, -300.0, 400.0, 3.14, 0.0, 0.0]
-        self.table_m = table_m
-        self.wrench = wrench
-        self.api = RecordedApi()
-        self.api.tcp_offset, self.api.tcp_load = [0.0, 0.0, 172.0, 0.0, 0.0, 0.0], [0.8, [0.0, 0.0, 50.0]]
-        self.api.robotiq_status = {"gOBJ": grasped}
-        self.api.get_state.return_value = self.api.get_cmdnum.return_value = (0, 0)
-        self.api.get_err_warn_code.return_value = (0, [0, 0])
-        self.api.get_position_aa.side_effect = lambda *_: (0, list(self.pose))
-        self.api.get_ft_sensor_data.side_effect = lambda *_: (0, self.felt())
-        self.api.set_position_aa.side_effect = self.go
-        self.api.vc_set_cartesian_velocity.side_effect = self.drift
-        self.api.get_gripper_position.return_value = (0, 500)
-
-    def felt(self) -> list[float]:
-        if self.wrench is not None:
-            return self.wrench
-        return TABLE_N if self.pose[2] < 1000 * self.table_m else [0.0] * 6
-
-    def go(self, pose: list[float], **stated: Any) -> int:
-        self.pose = list(pose)
-        return 0
-
-    def drift(self, speeds: list[float], **stated: Any) -> int:
-        self.pose = [p + 0.02 * v for p, v in zip(self.pose, speeds, strict=True)]
-        return 0
-
-    def calls(self, name: str) -> list[Any]:
-        return [call for call in self.api.mock_calls if call[0] == name]
-
-    def moves(self) -> np.ndarray:
-        return np.array([call.args[0] for call in self.calls("set_position_aa")])
-
-
-class MovingArm(Arm):
-    """Movements, and what a force pushes along -z, take their time, which passes while the script sleeps.
-
-    surface_m: the height of what is pressed on, at x and y [m].
-    """
-
-    def __init__(self, surface_m: Callable[[float, float], float], **world: Any) -> None:
-        super().__init__(**world)
-        self.surface_m = surface_m
-        self.queue: list[tuple[list[float], float]] = []
-        self.velocity = [0.0] * 6
-        self.presses = False
-        self.api.get_state.side_effect = lambda: (0, 1 if self.queue else 2)
-        self.api.get_cmdnum.side_effect = lambda: (0, len(self.queue))
-        self.api.set_state.side_effect = self.set_state
-        self.api.set_ft_sensor_mode.side_effect = self.set_ft_sensor_mode
-
-    def set_state(self, state: int) -> int:
-        if state == 4:
-            self.queue.clear()
-        return 0
-
-    def set_ft_sensor_mode(self, mode: int) -> int:
-        self.presses = mode == 2
-        return 0
-
-    def felt(self) -> list[float]:
-        x, y, z = np.array(self.pose[:3]) / 1000
-        return TABLE_N if z <= self.surface_m(x, y) + 1e-6 else [0.0] * 6
-
-    def go(self, pose: list[float], **stated: Any) -> int:
-        self.queue.append((list(pose), stated["speed"]))
-        return 0
-
-    def drift(self, speeds: list[float], **stated: Any) -> int:
-        self.velocity = list(speeds)
-        return 0
-
-    def sleep(self, seconds: float) -> None:
-        for _ in range(round(seconds / FRAME_S)):
-            self.pose = [p + FRAME_S * v for p, v in zip(self.pose, self.velocity, strict=True)]
-            x, y, z = np.array(self.pose[:3]) / 1000
-            if self.presses:
-                self.pose[2] = 1000 * max(z - 0.03 * FRAME_S, self.surface_m(x, y))
-            if self.queue:
-                pose, speed = self.queue[0]
-                way = np.subtract(pose, self.pose)
-                way[2] *= not self.presses
-                share = min(1.0, speed * FRAME_S / max(float(np.linalg.norm(way[:3])), 1e-9))
-                self.pose = [p + share * w for p, w in zip(self.pose, way.tolist(), strict=True)]
-                if share == 1.0:
-                    self.queue.pop(0)
-
-
-def module_of(program: ProgramFile, sleep: Callable[[float], object] = lambda seconds: None) -> ModuleType:
-    module = ModuleType("made")
-    exec(compile(xarm_script(program), "made.py", "exec"), module.__dict__)
-    module.__dict__["time"] = SimpleNamespace(sleep=sleep)
-    return module
-
-
-def moved(program: ProgramFile, arm: MovingArm) -> None:
-    made = module_of(program, arm.sleep)
-    made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
-
-
-def stopped(program: ProgramFile, arm: MovingArm) -> str:
-    """What a script says where it stops by itself; the arm holds then, and presses nothing."""
-    with pytest.raises(Exception, match="app") as raised:
-        moved(program, arm)
-    assert type(raised.value).__name__ == "Stop"
-    assert not arm.presses
-    assert not arm.queue
-    assert arm.velocity == [0.0] * 6
-    assert [call.args[0] for call in arm.calls("set_mode")][-1] == 0
-    assert arm.calls("set_state")[-1].args[0] == 0
-    return str(raised.value)
-
-
-def run(program: ProgramFile, **world: Any) -> Arm:
-    arm, made = Arm(**world), module_of(program)
-    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
-    try:
-        runner.run(made.APPS)
-    finally:
-        runner.close()
-    return arm
-
-
-def test_a_press_has_the_poses_and_the_force_of_the_program():
-    arm = run(on_xarm(press()), table_m=0.185)
-    touch, pressed, away = press()
-    begun, left = arm.moves()
-    np.testing.assert_allclose(begun[:3] / 1000, np.add(touch.target, (0.0, 0.0, 0.02)), atol=1e-6)
-    np.testing.assert_allclose(left[:3] / 1000, away.target, atol=1e-6)
-    assert (Rotation.from_rotvec(left[3:]) * Rotation.from_quat(DOWN).inv()).magnitude() < 1e-5
-    frame, axes, newtons, *_ = arm.calls("set_ft_sensor_force_parameters")[0].args
-    assert (frame, axes, newtons) == (0, [0, 0, 1, 0, 0, 0], [0, 0, pressed.force[2], 0, 0, 0])
-    names = [call[0] for call in arm.api.mock_calls]
-    assert names.index("set_ft_sensor_zero") < names.index("vc_set_cartesian_velocity")
-    modes = [call.args[0] for call in arm.calls("set_ft_sensor_mode")]
-    assert modes[:2] == [2, 0]
-
-
-def done_in_a_press(program: ProgramFile) -> list[object]:
-    """The forces that a script sets [N], the seconds that it presses with them, and its way, in order."""
-    done: list[Any] = []
-    arm = Arm(table_m=0.19)
-
-    def note(what: object) -> int:
-        done.append(what)
-        return 0
-
-    made = module_of(program, note)
-    (stroke,) = (app for app in made.APPS if "force" in app)
-    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
-    arm.pose[:3] = [1000 * value for value in stroke["way"][0]]
-    arm.api.set_ft_sensor_force_parameters.side_effect = lambda frame, axes, forces, *_: note(
-        f"{sum(forces)} N"
-    )
-    arm.api.set_ft_sensor_mode.side_effect = lambda mode: note(f"mode {mode}")
-    runner.go = lambda legs, over: done.append("way")
-    runner.press(stroke)
-    summed: list[object] = []
-    for one in done:
-        if isinstance(one, float) and summed and isinstance(summed[-1], float):
-            summed[-1] = round(summed[-1] + one, 6)
-        else:
-            summed.append(one)
-    return summed
-
-
-def test_a_stroke_presses_before_its_way_and_after_it_as_long_as_it_was_taught():
-    done = done_in_a_press(on_xarm(wiped()))
-    assert done == ["-10.0 N", "mode 2", 0.8, "-10.0 N", "way", "-10.0 N", 0.5, "mode 0"]
-
-
-def test_a_press_lasts_as_long_as_it_was_taught():
-    assert done_in_a_press(on_xarm(press())) == ["-10.0 N", "mode 2", 1.6, "mode 0"]
-
-
-def test_rests_beside_a_way_that_is_none_are_pressed_with_their_own_forces():
-    # A stroke without legs was pressed with one force.
-    touch, stroke = pressed_harder_before()
-    assert stroke.path is not None
-    still = path_from(stroke.path.start.position, stroke.path.start.t, stroke.path.tn, 0.0)
-    pressed = stroke.model_copy(update={"path": still, "target": stroke.path.start.position})
-    done = done_in_a_press(on_xarm((touch, pressed)))
-    assert done == ["-12.0 N", "mode 2", 0.8, "-10.0 N", 1.0, "-5.0 N", 0.5, "mode 0"]
-
-
-def test_a_surface_that_ends_in_the_middle_of_a_stroke_stops_the_program():
-    # Only the rests beside a way were looked at.
-    arm = MovingArm(lambda x, y: 0.19 if x < 0.02 else 0.0)
-    said = stopped(on_xarm(slid(4.0)), arm)
-    assert re.match(
-        r"app 2 \(apply force\): nothing to press on: 0\.04\d m beyond its way at 0\.0 N, at most", said
-    )
-    assert said.endswith("at most 0.04 m")
-    assert 0.0 < arm.pose[0] < 78.0  # in the middle of its way
-    assert arm.pose[2] == pytest.approx(150.0, abs=2.0)
-
-
-def test_a_rest_after_a_way_that_has_lost_its_surface_stops_the_program():
-    touch, stroke = slid(1.0)
-    rest = stroke.model_copy(update={"tn": stroke.tn + 4.0})
-    arm = MovingArm(lambda x, y: 0.19 if x < 0.07 else 0.0)
-    assert "nothing to press on" in stopped(on_xarm((touch, rest)), arm)
-    assert arm.pose[0] == pytest.approx(80.0)
-    assert arm.pose[2] == pytest.approx(150.0, abs=2.0)
-
-
-def test_a_surface_that_leads_down_is_followed_as_it_was_taught():
-    arm = MovingArm(lambda x, y: 0.19 - 0.6 * max(x + 0.02, 0.0))
-    moved(on_xarm(slid(4.0, down_m=0.06)), arm)
-    assert arm.pose[2] == pytest.approx(130.0, abs=2.0)
+from .xarm_runs import Arm, MovingArm, module_of, moved, on_xarm, run, stopped
 
 
 @pytest.mark.parametrize("early_m", [0.1, 0.03])
@@ -399,19 +159,6 @@ def test_what_cannot_be_run_is_refused_by_name(program, said):
         xarm_script(program)
 
 
-def test_a_force_along_an_axis_of_the_tool_is_in_its_frame_and_any_other_is_refused():
-    leant = Rotation.from_quat(DOWN) * Rotation.from_euler("x", 40, degrees=True)
-    touch, pressed, _ = press()
-    along = tuple((10.0 * leant.as_matrix()[:, 2]).tolist())
-    tilted = pressed.model_copy(update={"orientation": tuple(leant.as_quat().tolist()), "force": along})
-    text = xarm_script(on_xarm((touch, tilted)))
-    assert "'force': (1, 2, 10.0)" in text
-    aside = tilted.model_copy(update={"orientation": DOWN})
-    said = "leans by 40.0° from the axis z of the base, at most 20°: teach it again, pushing along the axis"
-    with pytest.raises(ValueError, match=rf"app 2 \(apply force\): its force {said} of the tool"):
-        xarm_script(on_xarm((touch, aside)))
-
-
 def test_a_dry_run_needs_neither_the_sdk_nor_a_robot(tmp_path: Path):
     file = tmp_path / "made.py"
     file.write_text(xarm_script(on_xarm(pick_and_place())))
@@ -436,43 +183,11 @@ def test_a_dry_run_names_what_it_prints(tmp_path: Path):
     assert "0 legs" not in said
 
 
-def test_a_rest_beside_a_way_is_pressed_with_its_own_force():
-    done = done_in_a_press(on_xarm(pressed_harder_before()))
-    assert done == ["-12.0 N", "mode 2", 0.8, "-10.0 N", "way", "-5.0 N", 0.5, "mode 0"]
-
-
-def test_the_force_turns_with_a_tool_that_is_tilted():
-    # Over a barrel it kept an axis of the base: at both ends it leaned by 30° from the normal.
-    assert "'force': (1, 2, 10.0)" in xarm_script(on_xarm(over_barrel()))
-    assert "'force': (0, 2, -10.0)" in xarm_script(on_xarm(wiped()))
-
-
 def test_the_sensor_is_zeroed_before_the_first_movement():
     # The way to the first place was watched with whatever the sensor had as its zero.
     arm = run(on_xarm((circle(),)))
     names = [call[0] for call in arm.api.mock_calls]
     assert names.index("set_ft_sensor_zero") < names.index("set_position_aa")
-
-
-@pytest.mark.parametrize(("degrees", "said"), [(14.0, True), (2.0, False)])
-def test_a_force_that_leans_a_little_is_pressed_along_the_axis_and_the_script_says_so(
-    degrees: float, said: bool
-):
-    # Presses by hand lean by 7 to 17 degrees: of seven scenarios with a press six had no script.
-    touch, pressed, away = press()
-    force = Rotation.from_euler("x", degrees, degrees=True).apply([0.0, 0.0, -10.0])
-    text = xarm_script(on_xarm((touch, pressed.model_copy(update={"force": tuple(force.tolist())}), away)))
-    assert "'force': (0, 2, -10.0)" in text
-    comment = "    # warning: its force leans by 14° from the axis z of the base, along which it presses"
-    assert (comment in text.splitlines()) == said
-
-
-def test_a_force_is_pressed_along_the_axis_from_which_it_leans_least():
-    leant = Rotation.from_quat(DOWN) * Rotation.from_euler("x", 15, degrees=True)
-    touch, pressed, _ = press()
-    along = tuple((10.0 * leant.as_matrix()[:, 2]).tolist())
-    tilted = pressed.model_copy(update={"orientation": tuple(leant.as_quat().tolist()), "force": along})
-    assert "'force': (1, 2, 10.0)" in xarm_script(on_xarm((touch, tilted)))
 
 
 @pytest.mark.parametrize("height_m", [0.25, 0.195])
@@ -491,39 +206,6 @@ def test_an_interrupted_script_stops_the_arm(height_m: float):
         moved(on_xarm((touch.model_copy(update={"path": from_above}), pressed, away)), arm)
     assert not arm.queue
     assert arm.velocity == [0.0] * 6
-
-
-def test_an_interrupted_press_stops_its_way_before_its_force_ends():
-    class Interrupted(MovingArm):
-        def sleep(self, seconds: float) -> None:
-            super().sleep(seconds)
-            if self.presses and self.queue and self.pose[0] > 20.0:
-                raise KeyboardInterrupt
-
-        def set_ft_sensor_mode(self, mode: int) -> int:
-            assert mode == 2 or not self.queue
-            return super().set_ft_sensor_mode(mode)
-
-    arm = Interrupted(lambda x, y: 0.19)
-    with pytest.raises(KeyboardInterrupt):
-        moved(on_xarm(slid(4.0)), arm)
-    assert not arm.presses
-
-
-def test_a_tool_that_is_tilted_loses_its_surface_along_its_own_axis():
-    # The depth counted along the force of the middle: tilted by 70°, 45 mm off the way were 83 mm.
-    program = on_xarm(over_barrel(half_degrees=70))
-    made, arm = module_of(program), Arm()
-    runner = made.Runner(lambda host, is_radian: arm.api, "10.0.0.3")
-    stroke, path = made.APPS[1], program.apps[1].path
-    assert path is not None
-    arm.pose = [*(1000 * value for value in stroke["way"][0]), *stroke["legs"][0][0][3:]]
-    arm.pose[3:] = Rotation.from_quat(path.start.orientation).as_rotvec().tolist()
-    beyond = runner.depth_beyond(stroke)
-    end = stroke["legs"][-1][0]
-    axis = Rotation.from_rotvec(end[3:]).apply([0.0, 0.0, 1.0])
-    arm.pose = [*(1000 * (np.array(end[:3]) + 0.045 * axis)).tolist(), *end[3:]]
-    assert beyond() == pytest.approx(0.045, abs=0.002)
 
 
 def test_an_arm_without_a_sensor_keeps_the_offset_of_its_tcp():

@@ -8,45 +8,11 @@ import numpy as np
 import pytest
 
 from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
-from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.bridge.sources.pacing import FAST
-from caesura_protocol.codec import decode, encode_error, unpack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
-from caesura_protocol.keys import NAME_PATTERN, ReplayRange, replay_parameters, station_key
-from caesura_protocol.messages import Close, Control, Open
-from clients.conftest import FULL_S
-from clients.examples import LiveSource, recording, samples
+from caesura_protocol.keys import NAME_PATTERN, station_key
+from clients.bridging import QUICK, REPLAY_KEY, Losing, assert_everything_arrived, file_source, replayed
+from clients.examples import LiveSource, samples
 from clients.fake_service import FakeService, eventually
-
-QUICK = BridgeSettings(
-    retry_s=0.02, heartbeat_s=0.1, stall_s=0.1, close_timeout_s=30.0, tick_s=0.005, max_latency_s=FULL_S
-)
-SAMPLES_KEY = station_key("cell-1", "samples")
-REPLAY_KEY = station_key("cell-1", "replay")
-
-
-def file_source(count=1000, **options):
-    return FileSource(recording(count), **{"pace": FAST, **options})
-
-
-def assert_everything_arrived(service, source):
-    sent = np.concatenate(list(source.chunks()))
-    assert [batch.seq for batch in service.batches] == list(range(len(service.batches)))
-    assert np.array_equal(np.concatenate([unpack_samples(batch) for batch in service.batches]), sent)
-
-
-class Losing:
-    """Drops batches, as a full queue would: the numbers given, the first time that each is put."""
-
-    def __init__(self, *numbers):
-        self.numbers = set(numbers)
-        self._puts = 0
-
-    def __call__(self, delivery):
-        if delivery.key != SAMPLES_KEY or "SampleBatch" not in delivery.encoding:
-            return False
-        self._puts += 1
-        return self._puts - 1 in self.numbers
 
 
 def test_every_sample_arrives_once_and_in_order(network):
@@ -220,148 +186,6 @@ def test_a_service_that_cannot_now_is_asked_again(memory, code):
         assert bridge.run().next_seq == 5
 
 
-def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
-    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
-    with FakeService(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(40))
-        eventually(lambda: service.next_seq == 2)
-        service.hold = True
-        bridge.send(samples(40, t0=0.04))
-        with pytest.raises(Unreachable, match="2 of 4 batches"):
-            bridge.finish()
-        assert (bridge.acknowledged, bridge.sent) == (2, 4)
-    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
-        bridge.send(samples(40))
-        with pytest.raises(Unreachable, match="0 of 2 batches"):
-            bridge.finish()
-
-
-class Ahead(FakeService):
-    """Has batches of the session that this bridge never sent."""
-
-    def _close(self, station, close):
-        if self.next_seq > close.last_seq + 1:
-            return ProtocolError("conflict", "the session has other batches", value=close.last_seq)
-        return super()._close(station, close)
-
-
-def test_an_end_that_the_service_refuses_for_good_says_why(memory):
-    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
-    with Ahead(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(40))
-        eventually(lambda: service.next_seq == 2)
-        service.batches += service.batches
-        with pytest.raises(ProtocolError, match="the session has other batches"):
-            bridge.finish()
-
-
-class Forbidding(FakeService):
-    """Has every batch, and refuses to end the session."""
-
-    def _close(self, station, close):
-        return ProtocolError("forbidden", "this operator may not close", value=station)
-
-
-def test_a_refused_end_says_why_though_the_service_has_everything(memory):
-    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
-    with Forbidding(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(40))
-        eventually(lambda: service.next_seq == 2)
-        with pytest.raises(ProtocolError, match="this operator may not close"):
-            bridge.finish()
-
-
-def test_a_close_waits_until_the_service_has_everything(memory):
-    with FakeService(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
-        bridge.wait_open(30.0)
-        service.hold = True
-        bridge.send(samples(100))
-        acks = []
-        thread = threading.Thread(target=lambda: acks.append(bridge.finish()), daemon=True)
-        thread.start()
-        thread.join(0.1)
-        assert not acks
-        service.hold = False
-        thread.join(30.0)
-        assert acks[0].next_seq == 5
-
-
-class Forgetful(FakeService):
-    """Has a session of that name only at another station, once it has forgotten ours."""
-
-    def _close(self, station, close):
-        if not self.openings:
-            return ProtocolError("forbidden", "the session belongs to another station", value=close.session)
-        return super()._close(station, close)
-
-
-@pytest.mark.parametrize("kind", [FakeService, Forgetful])
-def test_a_service_that_lost_the_session_before_the_close_is_sent_it_again(memory, kind):
-    with kind(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
-        bridge.wait_open(30.0)
-        bridge.send(samples(100))
-        eventually(lambda: service.next_seq == 5)
-        service.batches.clear()
-        service.openings.clear()
-        assert bridge.finish().next_seq == 5
-    assert service.rows() == 100
-
-
-class Unanswering(FakeService):
-    """Closes, and its answer is lost until the bridge has been refused to open the session again."""
-
-    def _command(self, question):
-        command = decode(*question.content, Control).command
-        if isinstance(command, Open) and self.state == "closed":
-            self.refusals.append(ProtocolError("conflict", "the session is closed: it takes no open"))
-            question.refuse(encode_error(self.refusals[-1]))
-        elif isinstance(command, Close) and not self.refusals:
-            self._close("cell-1", command)
-        else:
-            super()._command(question)
-
-
-def closed_without_an_answer(memory, kind):
-    """The service, after a bridge has closed at it whose keeper was refused on the way."""
-    settings = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, reopen_s=0.05, close_timeout_s=30.0)
-    with kind(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(100))
-        assert bridge.finish().state == "closed"
-    return service
-
-
-def test_a_bridge_whose_close_was_carried_out_without_an_answer_closes_all_the_same(memory):
-    assert closed_without_an_answer(memory, Unanswering).refusals
-
-
-class Overloaded(Unanswering):
-    """The same, and the first close after that refusal finds no room in the service."""
-
-    turned_away = False
-
-    def _command(self, question):
-        is_close = isinstance(decode(*question.content, Control).command, Close)
-        if is_close and self.refusals and not self.turned_away:
-            self.turned_away = True
-            question.refuse(encode_error(ProtocolError("overloaded", "64 commands are waiting: try again")))
-        else:
-            super()._command(question)
-
-
-def test_a_bridge_whose_close_was_carried_out_asks_again_where_the_service_is_overloaded(memory):
-    assert closed_without_an_answer(memory, Overloaded).turned_away
-
-
 def test_a_source_that_can_wait_never_has_more_than_a_window_under_way(memory):
     settings = BridgeSettings(window_batches=16, tick_s=0.005, ring_span_s=0.1, stall_s=0.05)
     source = file_source(2000)
@@ -414,29 +238,12 @@ def test_what_a_waiting_bridge_lost_is_sent_again_without_being_asked(memory):
     assert_everything_arrived(service, source)
 
 
-def test_what_is_missing_at_the_close_is_sent_again_without_being_asked(memory):
-    memory.lose = Losing(1, 4)
-    with (
-        FakeService(memory.transport()) as service,
-        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
-    ):
-        service.asks = False
-        bridge.wait_open(30.0)
-        bridge.send(samples(100))
-        assert bridge.finish().next_seq == 5
-
-
 def test_a_service_that_comes_late_learns_at_once_what_was_sent_before(memory):
     settings = BridgeSettings(heartbeat_s=60.0, retry_s=0.02)
     with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
         bridge.send(samples(100))
         with FakeService(memory.transport()) as service:
             eventually(lambda: service.next_seq == 5)
-
-
-def replayed(transport, first, last, limit=100, session=""):
-    wanted = ReplayRange(first, last, limit, session)
-    return transport.query(REPLAY_KEY, parameters=replay_parameters(wanted))
 
 
 def test_a_service_that_asks_for_the_same_batch_again_cannot_store_it(memory):
@@ -504,46 +311,6 @@ def test_what_cannot_be_sent_is_refused_here_and_harms_nothing(memory, chunk, me
     assert service.rows() == 20
 
 
-class FailingSource(LiveSource):
-    """Delivers its chunks, and then fails."""
-
-    def __init__(self, chunks, failure):
-        super().__init__(chunks)
-        self.failure = failure
-
-    def chunks(self):
-        yield from super().chunks()
-        raise self.failure
-
-
-@pytest.mark.parametrize("failure", [SourceError("the cable is off"), OSError("the cable is off")])
-def test_a_source_that_fails_ends_the_session_with_what_it_had_sent(memory, failure):
-    # Its session once stayed open for ever, and was taken for the station's current one.
-    source = FailingSource([samples(50)], failure)
-    with (
-        FakeService(memory.transport()) as service,
-        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
-    ):
-        bridge.wait_open(30.0)
-        with pytest.raises(type(failure), match="the cable is off"):
-            bridge.run()
-        assert (service.state, service.rows()) == ("closed", 50)
-
-
-def test_a_value_that_is_not_finite_ends_the_session_with_what_came_before(memory):
-    broken = samples(20, t0=0.02)
-    broken[7, 2] = np.nan
-    source = LiveSource([samples(20), broken, samples(20, t0=0.04)])
-    with (
-        FakeService(memory.transport()) as service,
-        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
-    ):
-        bridge.wait_open(30.0)
-        with pytest.raises(SourceError, match="sample 27: py is nan"):
-            bridge.run()
-        assert (service.state, service.rows()) == ("closed", 20)
-
-
 @pytest.mark.parametrize("can_wait", [True, False])
 def test_a_name_that_is_taken_is_refused_before_anything_is_lost(memory, can_wait):
     source = file_source(100)
@@ -605,16 +372,6 @@ def test_a_preset_must_have_a_name(memory):
 def test_a_station_must_have_a_name(memory, name):
     with pytest.raises(ProtocolError, match="not a valid name"):
         Bridge(memory.transport(), name, LiveSource())
-
-
-def test_what_is_closed_takes_no_samples(network):
-    with FakeService(network.transport()), ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK))
-        bridge.send(samples(20))
-        bridge.finish()
-        with pytest.raises(CaesuraError, match="is closed: it takes no samples"):
-            bridge.send(samples(20))
-        assert bridge.finish().state == "closed"
 
 
 def test_a_source_that_declares_an_unknown_unit_is_refused_by_name(memory):

@@ -15,6 +15,7 @@ from caesura_clients.bridge.sources.franka import FrankaSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.poses import HERE, Transform, flange_of, multiply, pose_of, rotate
+from clients.bridging import QUICK
 from clients.fake_franka import (
     GUIDING,
     IDLE,
@@ -27,7 +28,6 @@ from clients.fake_franka import (
 )
 from clients.fake_service import FakeService, eventually
 from clients.lost_arm import chunks_of
-from clients.test_bridge import QUICK
 
 ARMS = ["franky", "panda"]
 IGNORED = {"franky": "Ignore", "panda": "kIgnore"}

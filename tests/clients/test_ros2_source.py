@@ -25,8 +25,8 @@ from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, 
 from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import SETTINGS, ZenohTransport
 from caesura_service.offline_segmentation import segment_recording
+from clients.bridging import QUICK
 from clients.fake_service import FakeService
-from clients.test_bridge import QUICK
 from harness import ros
 from harness.demonstrations import guided
 from harness.processes import eventually

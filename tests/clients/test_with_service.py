@@ -21,10 +21,10 @@ from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.pacing import FAST
 from caesura_clients.cli.commands import register
 from caesura_protocol.errors import NotFound, ProtocolError
+from clients.bridging import QUICK
 from clients.conftest import free_port
 from clients.examples import LiveSource, recording, samples, until_complete
 from clients.fake_service import eventually
-from clients.test_bridge import QUICK
 from harness.processes import start
 
 pytest.importorskip("caesura_service.commands")

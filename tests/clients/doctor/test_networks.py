@@ -26,11 +26,11 @@ from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.answering import Answering
+from clients.bridging import QUICK
 from clients.conftest import free_port
 from clients.doctor.judged import grades, said, status
 from clients.examples import LiveSource, example, recording, samples, snapshot
 from clients.fake_service import eventually
-from clients.test_bridge import QUICK
 from service.journal.test_sqlite import grow_again, grow_no_more
 
 

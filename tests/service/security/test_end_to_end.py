@@ -20,10 +20,10 @@ from caesura_protocol.messages import Ack, Close
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from clients.bridging import QUICK
 from clients.conftest import free_port
 from clients.examples import LiveSource, samples
 from clients.fake_service import eventually
-from clients.test_bridge import QUICK
 from harness.sessions import batch, opening
 from service.security.acl_world import certificates, opened
 

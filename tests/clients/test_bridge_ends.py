@@ -1,0 +1,219 @@
+"""How a session of a bridge ends: acknowledged, refused, without an answer, by a source that fails."""
+
+import threading
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from caesura_clients.bridge import Bridge, BridgeSettings
+from caesura_protocol.codec import decode, encode_error
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
+from caesura_protocol.messages import Close, Control, Open
+from clients.bridging import QUICK, Losing
+from clients.examples import LiveSource, samples
+from clients.fake_service import FakeService, eventually
+
+
+def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        service.hold = True
+        bridge.send(samples(40, t0=0.04))
+        with pytest.raises(Unreachable, match="2 of 4 batches"):
+            bridge.finish()
+        assert (bridge.acknowledged, bridge.sent) == (2, 4)
+    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
+        bridge.send(samples(40))
+        with pytest.raises(Unreachable, match="0 of 2 batches"):
+            bridge.finish()
+
+
+class Ahead(FakeService):
+    """Has batches of the session that this bridge never sent."""
+
+    def _close(self, station, close):
+        if self.next_seq > close.last_seq + 1:
+            return ProtocolError("conflict", "the session has other batches", value=close.last_seq)
+        return super()._close(station, close)
+
+
+def test_an_end_that_the_service_refuses_for_good_says_why(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with Ahead(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        service.batches += service.batches
+        with pytest.raises(ProtocolError, match="the session has other batches"):
+            bridge.finish()
+
+
+class Forbidding(FakeService):
+    """Has every batch, and refuses to end the session."""
+
+    def _close(self, station, close):
+        return ProtocolError("forbidden", "this operator may not close", value=station)
+
+
+def test_a_refused_end_says_why_though_the_service_has_everything(memory):
+    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
+    with Forbidding(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(40))
+        eventually(lambda: service.next_seq == 2)
+        with pytest.raises(ProtocolError, match="this operator may not close"):
+            bridge.finish()
+
+
+def test_a_close_waits_until_the_service_has_everything(memory):
+    with FakeService(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.wait_open(30.0)
+        service.hold = True
+        bridge.send(samples(100))
+        acks = []
+        thread = threading.Thread(target=lambda: acks.append(bridge.finish()), daemon=True)
+        thread.start()
+        thread.join(0.1)
+        assert not acks
+        service.hold = False
+        thread.join(30.0)
+        assert acks[0].next_seq == 5
+
+
+class Forgetful(FakeService):
+    """Has a session of that name only at another station, once it has forgotten ours."""
+
+    def _close(self, station, close):
+        if not self.openings:
+            return ProtocolError("forbidden", "the session belongs to another station", value=close.session)
+        return super()._close(station, close)
+
+
+@pytest.mark.parametrize("kind", [FakeService, Forgetful])
+def test_a_service_that_lost_the_session_before_the_close_is_sent_it_again(memory, kind):
+    with kind(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.wait_open(30.0)
+        bridge.send(samples(100))
+        eventually(lambda: service.next_seq == 5)
+        service.batches.clear()
+        service.openings.clear()
+        assert bridge.finish().next_seq == 5
+    assert service.rows() == 100
+
+
+class Unanswering(FakeService):
+    """Closes, and its answer is lost until the bridge has been refused to open the session again."""
+
+    def _command(self, question):
+        command = decode(*question.content, Control).command
+        if isinstance(command, Open) and self.state == "closed":
+            self.refusals.append(ProtocolError("conflict", "the session is closed: it takes no open"))
+            question.refuse(encode_error(self.refusals[-1]))
+        elif isinstance(command, Close) and not self.refusals:
+            self._close("cell-1", command)
+        else:
+            super()._command(question)
+
+
+def closed_without_an_answer(memory, kind):
+    """The service, after a bridge has closed at it whose keeper was refused on the way."""
+    settings = BridgeSettings(heartbeat_s=0.05, retry_s=0.05, reopen_s=0.05, close_timeout_s=30.0)
+    with kind(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+        bridge.wait_open(30.0)
+        bridge.send(samples(100))
+        assert bridge.finish().state == "closed"
+    return service
+
+
+def test_a_bridge_whose_close_was_carried_out_without_an_answer_closes_all_the_same(memory):
+    assert closed_without_an_answer(memory, Unanswering).refusals
+
+
+class Overloaded(Unanswering):
+    """The same, and the first close after that refusal finds no room in the service."""
+
+    turned_away = False
+
+    def _command(self, question):
+        is_close = isinstance(decode(*question.content, Control).command, Close)
+        if is_close and self.refusals and not self.turned_away:
+            self.turned_away = True
+            question.refuse(encode_error(ProtocolError("overloaded", "64 commands are waiting: try again")))
+        else:
+            super()._command(question)
+
+
+def test_a_bridge_whose_close_was_carried_out_asks_again_where_the_service_is_overloaded(memory):
+    assert closed_without_an_answer(memory, Overloaded).turned_away
+
+
+def test_what_is_missing_at_the_close_is_sent_again_without_being_asked(memory):
+    memory.lose = Losing(1, 4)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), settings=QUICK) as bridge,
+    ):
+        service.asks = False
+        bridge.wait_open(30.0)
+        bridge.send(samples(100))
+        assert bridge.finish().next_seq == 5
+
+
+class FailingSource(LiveSource):
+    """Delivers its chunks, and then fails."""
+
+    def __init__(self, chunks, failure):
+        super().__init__(chunks)
+        self.failure = failure
+
+    def chunks(self):
+        yield from super().chunks()
+        raise self.failure
+
+
+@pytest.mark.parametrize("failure", [SourceError("the cable is off"), OSError("the cable is off")])
+def test_a_source_that_fails_ends_the_session_with_what_it_had_sent(memory, failure):
+    # Its session once stayed open for ever, and was taken for the station's current one.
+    source = FailingSource([samples(50)], failure)
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(30.0)
+        with pytest.raises(type(failure), match="the cable is off"):
+            bridge.run()
+        assert (service.state, service.rows()) == ("closed", 50)
+
+
+def test_a_value_that_is_not_finite_ends_the_session_with_what_came_before(memory):
+    broken = samples(20, t0=0.02)
+    broken[7, 2] = np.nan
+    source = LiveSource([samples(20), broken, samples(20, t0=0.04)])
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", source, settings=QUICK) as bridge,
+    ):
+        bridge.wait_open(30.0)
+        with pytest.raises(SourceError, match="sample 27: py is nan"):
+            bridge.run()
+        assert (service.state, service.rows()) == ("closed", 20)
+
+
+def test_what_is_closed_takes_no_samples(network):
+    with FakeService(network.transport()), ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(network.transport(), "cell-1", LiveSource(), settings=QUICK))
+        bridge.send(samples(20))
+        bridge.finish()
+        with pytest.raises(CaesuraError, match="is closed: it takes no samples"):
+            bridge.send(samples(20))
+        assert bridge.finish().state == "closed"

@@ -1,0 +1,205 @@
+"""Edits as they are typed, and how refusals are worded: without a service."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import pytest
+import typer
+from rich.console import Console
+from typer.testing import CliRunner
+
+from caesura_clients import editing
+from caesura_clients.cli import edit_program as edit_program_command
+from caesura_clients.cli.commands import register
+from caesura_clients.cli.edit import corrections_table, nearest_named, parse
+from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.messages import (
+    Correction,
+    Edit,
+    Insert,
+    LimitForce,
+    Move,
+    NamePhase,
+    Program,
+    ReplacePart,
+    TakeBack,
+    Undo,
+)
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from clients.examples import snapshot
+from harness.programs import app
+
+
+def test_a_correction_that_is_not_applied_is_listed_with_its_reason():
+    gone = Correction(
+        number=4,
+        author="Ann",
+        at=0.0,
+        action=LimitForce(t=3.0, newton=2.0),
+        state="not_applied",
+        reason="no app exerts a force at 3.00 s any more",
+    )
+    shown = StringIO()
+    Console(file=shown, width=200).print(corrections_table([gone], NO_OFFSET))
+    assert "not applied: no app exerts a force at 3.00 s any more" in shown.getvalue()
+
+
+def test_actions_as_they_are_typed():
+    assert parse(["move", "3.2", "3.4"]) == Move(t=3.2, to=3.4)
+    assert parse(["limit-force", "3.2", "none"]) == LimitForce(t=3.2, newton=None)
+    assert parse(["name-phase", "3.2", "wipe the table"]) == NamePhase(t=3.2, name="wipe the table")
+    assert parse(["undo"]) == Undo()
+    assert parse(["undo", "3"]) == TakeBack(number=3)
+
+
+@pytest.mark.parametrize("words", [["turn"], ["move", "3.2"], ["undo", "1", "2"]])
+def test_an_action_that_is_none_is_refused_with_those_that_are(words: list[str]):
+    with pytest.raises(typer.BadParameter, match=r"expected one of: insert T"):
+        parse(words)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("insert noon", "T is 'noon', expected a valid number"),
+        ("insert nan", "T is 'nan', expected a finite number"),
+        ("limit_force 1 -4", "NEWTON is '-4', expected greater than or equal to 0"),
+        ("relabel 1 jump", "KIND is 'jump', expected 'motion', "),
+        ("move 1 later", "TO is 'later', expected a valid number"),
+    ],
+)
+def test_a_value_that_is_none_is_named_with_what_is_expected(words: str, found: str):
+    """It once read "Input should be a valid number, unable to parse string as a number"."""
+    with pytest.raises(typer.BadParameter) as refused:
+        parse(words.split())
+    assert str(refused.value).startswith(found)
+    assert "unable" not in str(refused.value)
+
+
+# --- patience -------------------------------------------------------------------------------------------
+
+
+def test_while_a_session_is_rebuilt_the_service_is_asked_again(monkeypatch):
+    refusals = iter([ProtocolError("overloaded", "try again"), Unreachable("nobody"), None])
+    asked = []
+
+    def ask(*given):
+        asked.append(given)
+        if (refusal := next(refusals)) is not None:
+            raise refusal
+        return "done"
+
+    monkeypatch.setattr(editing, "_ask", ask)
+    monkeypatch.setattr(editing, "RETRY_S", 0.0)
+    made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
+    assert editing.send(None, "cell-1", made) == "done"
+    assert len(asked) == 3
+
+
+@pytest.mark.parametrize("refusal", [ProtocolError("overloaded", "no room"), Unreachable("nobody")])
+def test_patience_ends(monkeypatch, refusal: Exception):
+    def ask(*_):
+        raise refusal
+
+    monkeypatch.setattr(editing, "_ask", ask)
+    made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
+    with pytest.raises(type(refusal)):
+        editing.send(None, "cell-1", made, patience_s=0.0)
+
+
+@pytest.mark.parametrize(
+    ("expected", "said"),
+    [
+        ([[2.65, 4.35], [7.65, 9.45]], "the nearest that do: 2.65 to 4.35 s, 7.65 to 9.45 s"),
+        ("none is there", "no app of this session does"),
+    ],
+)
+def test_a_force_limit_where_no_app_is_names_the_nearest(expected, said):
+    # As it comes from the wire; it once read "value 0.5; limit 0.5; expected ['[2.65, 4.35]']".
+    refusal = ProtocolError(
+        "conflict", "no app exerts a force there", value=0.5, limit=0.5, expected=expected
+    )
+    with pytest.raises(CaesuraError) as shown, nearest_named(LimitForce(t=0.5, newton=3.0)):
+        raise refusal
+    assert str(shown.value) == f"no app exerts a force at 0.5 s; {said}"
+    with pytest.raises(ProtocolError), nearest_named(Insert(t=0.5)):
+        raise refusal
+
+
+def test_a_refusal_has_its_times_of_day_as_people_read_them():
+    began, ended, wanted = 1764172800.35, 1764172812.95, Insert(t=1764172899.35)
+    refusal = ProtocolError("malformed", "the time is outside", value=wanted.t, limit=(began, ended))
+    with pytest.raises(CaesuraError) as shown, nearest_named(wanted, SessionClock(began)):
+        raise refusal
+    assert str(shown.value) == "malformed: the time is outside; value 99.00; limit (0.00, 12.60)"
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ("target=1,2", r"^target is '1,2', expected three numbers X,Y,Z \[mm\]$"),
+        ("target=up", r"^target is 'up', expected three numbers X,Y,Z \[mm\]$"),
+        ("force=8", r"^force is '8', expected three numbers X,Y,Z \[N\]$"),
+        ("width=wide", r"^width is 'wide', expected a number$"),
+        ("colour=red", r"^'colour=red' is no value, expected one of: name=…"),
+    ],
+)
+def test_a_value_that_cannot_be_read_is_named_with_what_is_expected(typed: str, message: str):
+    with pytest.raises(typer.BadParameter, match=message):
+        edit_program_command.typed(["insert", "0", "grasp", typed])
+
+
+# --- a part that was taught again -------------------------------------------------------------------------
+
+
+def with_times(*times: tuple[float, float]) -> Program:
+    apps = tuple(app("cartesian_motion", t0, tn) for t0, tn in times)
+    return snapshot(1).program.model_copy(update={"apps": apps})
+
+
+def test_a_part_is_named_by_the_numbers_of_its_apps_or_by_times():
+    program = with_times((0.0, 2.0), (2.0, 3.0), (3.0, 6.0), (6.0, 7.0))
+
+    def parsed(words: list[str], t0: float | None = None, tn: float | None = None) -> object:
+        typed = edit_program_command.typed(words, edit_program_command.Part(t0, tn, "s2"))
+        return edit_program_command.parse(typed, program)
+
+    by_number = parsed(["replace", "2", "3"])
+    assert isinstance(by_number, ReplacePart)
+    assert (by_number.first.t0, by_number.last.t0, by_number.session) == (2.0, 3.0, "s2")
+    by_time = parsed(["replace"], 1.5, 4.5)
+    assert by_time == by_number, "half of an app has to lie between the times"
+
+
+@pytest.mark.parametrize(
+    ("words", "part", "message"),
+    [
+        (["replace", "1", "1"], (), "expected: replace FIRST LAST --with SESSION"),
+        (["replace", "1"], (None, None, "s2"), "the part is not clear"),
+        (["replace"], (1.0, None, "s2"), "the part is not clear"),
+        (["replace", "1", "2"], (1.0, 2.0, "s2"), "the part is not clear"),
+        (["replace", "1", "9"], (None, None, "s2"), "there is no app '9'"),
+        (["replace"], (40.0, 50.0, "s2"), "no app has half of its time between 40 and 50 s"),
+        (["replace"], (0.0, 3.0, "s2"), "do not follow each other"),
+        (["replace", "1", "1"], (None, None, "S 2"), "SESSION is 'S 2'"),
+        (["delete", "1"], (None, None, "s2"), "--from, --to and --with belong to replace, not to delete"),
+    ],
+)
+def test_a_part_that_is_not_clear_is_refused(words: list[str], part: tuple, message: str):
+    program = with_times((0.0, 1.0), (5.0, 6.0), (2.0, 3.0))
+    with pytest.raises((CaesuraError, typer.BadParameter), match=message):
+        edit_program_command.parse(
+            edit_program_command.typed(words, edit_program_command.Part(*part)), program
+        )
+
+
+def test_what_is_typed_wrong_is_refused_before_anything_is_asked():
+    """It connected first: without a service, a wrong word was answered with that."""
+    commands = typer.Typer()
+    register(commands)
+    for command in ("edit-program", "edit"):
+        words = [command, "cell-1", "s1", "turn", "3", "--connect", "tcp/127.0.0.1:1"]
+        refused = CliRunner().invoke(commands, words, env={"COLUMNS": "200"})
+        assert refused.exit_code == 2
+        assert "'turn 3' is no" in refused.output

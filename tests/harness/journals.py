@@ -46,15 +46,19 @@ def written(
     lost: Iterable[int] = (),
     closed: Snapshot | None = None,
     columns: tuple[str, ...] = COLUMNS,
+    size: int = BATCH,
 ) -> None:
-    """A session in the journal of an instance. lost: batches that never came; closed: how it ended."""
+    """A session in the journal of an instance.
+
+    lost: batches that never came; closed: how it ended; size: samples of a batch.
+    """
     opening = Open(session=session, columns=columns, wrench_source="flange_sensor", preset="default")
-    gone, count = set(lost), -(-len(matrix) // BATCH)
+    gone, count = set(lost), -(-len(matrix) // size)
     folder.mkdir(exist_ok=True, parents=True)
     with SqliteJournal(folder / f"{instance}.sqlite", UNLIMITED) as journal:
         journal.append(Record(station, session, 1e9, opening))
         for seq in sorted(set(range(count)) - gone):
-            rows = matrix[seq * BATCH : (seq + 1) * BATCH]
+            rows = matrix[seq * size : (seq + 1) * size]
             batch = pack_samples(rows, columns, session=session, epoch=0, seq=seq)
             journal.append(Record(station, session, 1e9 + seq, batch))
         if closed is not None:

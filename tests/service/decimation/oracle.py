@@ -20,15 +20,17 @@ def check(recorded: RecordedSamples, matrix: np.ndarray, columns: tuple[str, ...
     first, last = (math.floor(t / recorded.bin_s + 1e-6) for t in (recorded.t0, recorded.tn))
     inside = matrix[(bins >= first) & (bins <= last)]
     bins = bins[(bins >= first) & (bins <= last)]
+    row_at = {t: row for row, t in enumerate(inside[:, 0].tolist())}
+    edges = np.flatnonzero(np.diff(bins, prepend=-1e18))
     for name, found in points.items():
         if name == "speed":
             continue
-        samples = dict(zip(inside[:, 0], inside[:, columns.index(name)], strict=True))
-        assert all(samples.get(t) == value for t, value in found), f"{name}: a point is no sample"
-        assert (np.diff(found[:, 0]) > 0).all()
         values = inside[:, columns.index(name)]
-        edges = np.flatnonzero(np.diff(bins, prepend=-1e18))
-        wanted = {x for at in edges for x in _extremes(values[bins == bins[at]])}
+        rows = [row_at.get(t) for t in found[:, 0].tolist()]
+        assert None not in rows, f"{name}: a point is no sample"
+        assert (values[rows] == found[:, 1]).all(), f"{name}: a point is no sample"
+        assert (np.diff(found[:, 0]) > 0).all()
+        wanted = {x for of_bin in np.split(values, edges[1:]) for x in _extremes(of_bin)}
         assert wanted == set(found[:, 1].tolist()), f"{name}: an extreme is missing"
         counted += len(found)
     return counted

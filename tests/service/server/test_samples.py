@@ -39,7 +39,7 @@ def hour() -> np.ndarray:
 def reader(tmp_path_factory: pytest.TempPathFactory, hour: np.ndarray) -> Iterator[Caesura]:
     """A client of a service that was started after the hour was taught."""
     folder: Path = tmp_path_factory.mktemp("journal")
-    written(folder, hour, closed=ended("motion", t=HOUR_S), lost=(70_000,))
+    written(folder, hour, closed=ended("motion", t=HOUR_S), size=100)
     network = MemoryNetwork()
     config = ServiceConfig(instance="caesura-1", preset="fake", journal=folder)
     with Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network)):

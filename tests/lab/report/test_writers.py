@@ -138,7 +138,7 @@ def unusual(case: str) -> Recording:
     [
         ("no force", ".pdf", True),
         ("gap", ".html", True),
-        ("one segment", ".pdf", False),
+        ("one segment", ".html", False),
         ("one observation", ".html", False),
     ],
 )
@@ -186,16 +186,26 @@ def test_the_planes_shown_are_those_in_which_something_happens():
     assert informative_planes(path)[0] == (0, 1)
 
 
-def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path):
+def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     guided().save(tmp_path / "taught.npz")
     points = [{"t": 0.8, "tol": 0.1, "level": "major"}]
     spans = [{"t0": 0, "t1": 0.8, "cls": "steady"}]
     annotation = {"window": [0, 3], "changepoints": points, "segments": spans}
     (tmp_path / "taught.ann.json").write_text(json.dumps(annotation))
+    drawn: list[tuple[ReportData, Path]] = []
+
+    def note(content: ReportData, path: Path) -> None:
+        drawn.append((content, path))
+        path.touch()
+
+    monkeypatch.setattr("caesura_lab.report.writers.write_report", note)
     out = tmp_path / "out.html"
     result = CliRunner().invoke(build(), ["report", str(tmp_path / "taught.npz"), "-o", str(out)])
     assert result.exit_code == 0, result.output
-    assert "taught.npz" in out.read_text()
+    ((content, path),) = drawn
+    assert content.truth is not None
+    assert [point.t for point in content.truth.points] == [0.8]
+    assert path == out
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,7 @@ from clients.test_with_service import serving
 pytest.importorskip("caesura_service.commands")
 
 TAUGHT = load_recording(Path(__file__).parents[2] / "data" / "pick_and_place.npz")
+AT_200_HZ = replace(TAUGHT, t=TAUGHT.t[::5], signals={k: v[::5] for k, v in TAUGHT.signals.items()})
 HALF = 6000  # samples
 
 
@@ -68,7 +69,7 @@ def guide(bridge: Bridge, first: int, stop: int) -> None:
         bridge.send(Guided.samples[start:end])
 
 
-def taught(caesura: Caesura, station: str, recording: Recording = TAUGHT) -> str:
+def taught(caesura: Caesura, station: str, recording: Recording = AT_200_HZ) -> str:
     with caesura.bridge(station, FileSource(recording, pace=FAST)) as bridge:
         bridge.run()
     return bridge.session

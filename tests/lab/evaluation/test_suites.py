@@ -47,6 +47,7 @@ from harness import ros
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 QUICK = Baseline("quick", thresholds)
 BASE = load_recording(BUTTON)
+SPARSE = replace(BASE, t=BASE.t[::5], signals={name: one[::5] for name, one in BASE.signals.items()})
 EMPTY = {"window": [0, 5], "changepoints": []}
 
 
@@ -318,7 +319,7 @@ def test_sets_that_would_say_nothing_new_are_not_shown(extent: SuiteOptions):
 
 def test_a_bag_is_judged_by_its_name_and_in_its_directory(tmp_path: Path):
     """A bag's directory was searched for annotated recordings, and one beside its annotation was not seen."""
-    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(BASE), "mcap")
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(SPARSE), "mcap")
     recording = load_recording(bag, wrench_source="flange_sensor")
     annotation = new_annotation(recording, bag, "A")
     begun = float(recording.t[0])
@@ -388,7 +389,7 @@ def test_a_csv_in_another_unit_is_judged_in_it(tmp_path: Path):
 
 
 def test_the_source_of_a_bags_wrench_is_its_mappings_before_its_annotations(tmp_path: Path):
-    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(BASE), "mcap")
+    bag = ros.write_bag(tmp_path / "bag", ros.sensor_topics(SPARSE), "mcap")
     annotation = new_annotation(load_recording(bag, wrench_source="flange_sensor"), bag, "A")
     save_annotation(annotation, tmp_path / "bag.ann.json")
     for stated, source in (('wrench_source = "none"', "none"), ("", "flange_sensor")):

@@ -80,10 +80,14 @@ def test_a_program_is_run_and_what_was_recorded_is_a_recording(program: Path, tm
     assert load_recording(out).t[-1] > 5.0
 
 
-def test_without_a_scenario_it_runs_in_a_cell_as_taught(program: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run.npz"
-    done = caesura("execute", program, "--simulated", "-o", out)
+def test_without_a_scenario_it_runs_in_a_cell_as_taught_within_the_limits_that_are_stated(
+    program: Path, tmp_path: Path
+) -> None:
+    out, cell = tmp_path / "run.npz", tmp_path / "cell.json"
+    cell.write_text('{"speed_m_per_s": 0.1}', encoding="utf-8")
+    done = caesura("execute", program, "--simulated", "--cell", cell, "-o", out)
     assert done.exit_code == 0, done.output
+    assert float(done.output.split("at most ")[1].split(" m/s")[0]) <= 0.1
     assert "cell as taught: 1 level surface, nothing else" in done.output
     run = load_recording(out)
     taught = max(-app["force"][2] for app in json.loads(program.read_text("utf-8"))["apps"] if app["force"])
@@ -91,12 +95,7 @@ def test_without_a_scenario_it_runs_in_a_cell_as_taught(program: Path, tmp_path:
     assert np.median(felt[felt > 0.5 * taught]) == pytest.approx(taught, rel=0.15)
 
 
-def test_a_program_is_run_within_the_limits_of_its_cell(program: Path, tmp_path: Path) -> None:
-    cell = tmp_path / "cell.json"
-    cell.write_text('{"speed_m_per_s": 0.1}', encoding="utf-8")
-    done = caesura("execute", program, "--simulated", "--cell", cell)
-    assert done.exit_code == 0, done.output
-    assert float(done.output.split("at most ")[1].split(" m/s")[0]) <= 0.1
+def test_a_program_with_more_force_than_is_allowed_is_not_run(program: Path) -> None:
     done = caesura("execute", program, "--simulated", "--force-limit", "2")
     assert (done.exit_code, "N, expected 1 to 2 N" in done.output) == (1, True)
 

@@ -60,10 +60,14 @@ def refused(*options: str) -> str:
     return done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_says_where_it_is_serves_and_leaves_cleanly_at_a_signal(number):
+@pytest.mark.parametrize(
+    ("number", "starting"),
+    [(signal.SIGINT, partial(subprocess.Popen, text=True)), (signal.SIGTERM, start)],
+    ids=["SIGINT, with an interpreter of its own", "SIGTERM"],
+)
+def test_it_says_where_it_is_serves_and_leaves_cleanly_at_a_signal(number: int, starting: Start):
     options = ("--listen", "tcp/127.0.0.1:0", "--instance", "cell-west")
-    with serving(*options, starting=partial(subprocess.Popen, text=True)) as (process, endpoint):
+    with serving(*options, starting=starting) as (process, endpoint):
         with Peer(endpoint) as peer:
             assert peer.service_status("cell-west").instance == "cell-west"
         process.send_signal(number)

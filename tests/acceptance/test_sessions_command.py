@@ -7,6 +7,7 @@ import pty
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -216,11 +217,10 @@ def test_a_journal_that_cannot_be_read_is_passed_over_where_there_are_others(dir
     assert done.exit_code == 1
 
 
-@pytest.mark.parametrize(("typed", "left"), [("n\n", True), ("y\n", False)])
-def test_on_a_terminal_delete_asks_first(directory, typed, left):
+def test_on_a_terminal_delete_asks_first(directory):
     terminal, keys = pty.openpty()
     try:
-        os.write(terminal, typed.encode())
+        os.write(terminal, b"y\n")
         command = [
             sys.executable,
             "-m",
@@ -236,4 +236,13 @@ def test_on_a_terminal_delete_asks_first(directory, typed, left):
         os.close(terminal)
         os.close(keys)
     assert "Delete samples, results and corrections of cell-1/s2 in " in done.stdout
-    assert (done.returncode == 1, "cell-1/s2" in kept(directory)) == (left, left)
+    assert (done.returncode, "cell-1/s2" in kept(directory)) == (0, False)
+
+
+def test_who_says_no_keeps_the_session(directory, monkeypatch):
+    terminal = SimpleNamespace(isatty=lambda: True)
+    monkeypatch.setattr("caesura_lab.commands.sessions.sys", SimpleNamespace(stdin=terminal))
+    words = ["sessions", "delete", "s2", "--journal", str(directory)]
+    done = CliRunner().invoke(build(), words, input="n\n")
+    assert "Delete samples, results and corrections of cell-1/s2 in " in done.output
+    assert (done.exit_code, "cell-1/s2" in kept(directory)) == (1, True)

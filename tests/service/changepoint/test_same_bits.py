@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ def coming_and_going() -> Iterator[None]:
             yield
 
 
+@cache
 def bits(name: str, crowded: bool) -> str:
     """A digest of all that a filter says after every observation."""
     online, evidence = made(name), hashlib.blake2b()

@@ -378,7 +378,7 @@ def test_what_was_shown_as_final_is_never_revised(
 )
 def test_how_samples_are_cut_into_batches_changes_no_bit(seed: int, preset: str, cut: int):
     opening = wire.Open(session="any", columns=COLUMNS, wrench_source="flange_sensor", preset=preset)
-    samples = stream(seed, 30)
+    samples = stream(seed, 20)
 
     def shown(cut: int) -> tuple[object, ...]:
         pipeline = make_pipeline(opening, preset)

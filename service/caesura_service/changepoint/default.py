@@ -102,7 +102,7 @@ def traced_motion() -> TracedMotion:
 
 def corner() -> CornerWeight:
     """Where the path turns while its speed dips."""
-    return CornerWeight(gamma=40.0, standing=25.0, fast=FAST, pace=SLOW)
+    return CornerWeight(gamma=60.0, standing=25.0, fast=FAST, pace=SLOW)
 
 
 def corner_of_rotation() -> CornerWeight:

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_t
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.contract import rows_after
 from caesura_service.changepoint.corner_weight import CornerWeight
-from caesura_service.changepoint.default import NORMAL_NU, SLOW, guided_motion
+from caesura_service.changepoint.default import NORMAL_NU, SLOW, corner, guided_motion
 from caesura_service.changepoint.guided_motion import GuidedMotion
 
 CORNER = CornerWeight(gamma=30.0, pace=SLOW)
@@ -133,6 +133,20 @@ def test_a_corner_at_standstill_weighs_what_any_start_costs() -> None:
         rows = rows_after(corner, observed(bent(120.0, dip)))
         whole = weight_at(bent(120.0, dip), 7) / CORNER.gamma
         assert corner.log_evidence(rows)[7] == pytest.approx(gamma * whole, abs=1e-9)
+
+
+def cost_of_start(step_m: float) -> float:
+    """[nats] What a straight path at so much a step loses where a movement ends and another begins."""
+    model, path = guided_motion(), observed(np.outer(np.arange(24), [step_m, 0.0, 0.0]))
+    whole, first = (model.log_evidence(rows_after(model, part)) for part in (path, path[:12]))
+    return float(whole[0] - first[0] - whole[12])
+
+
+def test_a_clear_corner_pays_for_a_movement_that_begins_in_flight() -> None:
+    """A turn of 100° at half of the speed: its weight is what any start costs, and what its speed costs."""
+    dip = 0.5
+    rows = rows_after(corner(), observed(bent(100.0, dip)))
+    assert corner().log_evidence(rows)[7] > corner().standing + cost_of_start(dip * STEP_M)
 
 
 def test_a_movement_that_pauses_is_weighed_by_how_little_it_gets_away() -> None:

@@ -61,8 +61,8 @@ GUIDED_RULE = (
     RULE.replace(
         "Motion starts and stops at 5 mm/s.", "Motion starts and stops at 10 mm/s, and creep below is rest."
     )
-    + " Tracing, slower than 25 mm/s and longer than 12 mm, is motion from 4 mm/s on. Where it is below"
-    " 5 mm/s for 0.3 s, a pause is optional, and a start or stop is accepted at either end. A pause below"
+    + " In contact motion is read along any direction. Tracing, slower than 25 mm/s and longer than 12 mm, is"
+    " motion from 4 mm/s on. Where it is below 5 mm/s for 0.3 s, a pause is optional, and a start or stop is accepted at either end. A pause below"
     " 0.3 s, a rest that is never below 5 mm/s for 0.3 s, a corner with less than 10 mm beside it, one within"
     " 0.25 s of a start or stop, and one whose two readings do not both exceed 50 deg are optional. A gradual"
     " edge has a wider tol, up to 0.4 s. A release that lasts is accepted at either end."
@@ -110,11 +110,15 @@ class TrueState:
             return np.asarray(speed)
         return np.asarray(np.maximum(speed, HAND_BREADTH_M * np.linalg.norm(self.rate, axis=1)))
 
-    def velocity_of_class(self, first: int, last: int, cls: Class) -> Array:
-        """Velocity [m/s] by which a class moves in ticks first to last: (n, 3), on a level surface (n, 2)."""
+    def velocity_of_class(self, first: int, last: int, cls: Class, *, guided: bool) -> Array:
+        """Velocity (n, 3) [m/s] by which a class moves in ticks first to last.
+
+        On a level surface that of ideal people is (n, 2): what they push in is a press, and no motion.
+        """
         if cls == "turning":
             return np.asarray(HAND_BREADTH_M * self.rate[first:last])
-        return self.velocity[first:last, : 2 if cls == "sliding" and not self.turns else 3]
+        level = cls == "sliding" and not (self.turns or guided)
+        return self.velocity[first:last, : 2 if level else 3]
 
     @property
     def hand_force_n(self) -> Array:
@@ -205,12 +209,12 @@ def _spans(state: TrueState, contacts: list[tuple[int, int]], *, guided: bool) -
 def _motion_spans(
     state: TrueState, first: int, last: int, classes: tuple[Class, Class], *, guided: bool
 ) -> list[TickSpan]:
-    """Divide a stretch of one contact state into motion and rest; in contact only sliding is motion."""
+    """Divide a stretch of one contact state into motion and rest."""
     distance_of = _largest_distance if state.turns else _chord_length
     find = partial(_guided_moves if guided else _ideal_moves, distance_of=distance_of)
-    velocity = state.velocity_of_class(first, last, classes[0])
+    velocity = state.velocity_of_class(first, last, classes[0], guided=guided)
     turns = (
-        find(*_speed_inputs(state, state.velocity_of_class(first, last, "turning")), "turning")
+        find(*_speed_inputs(state, state.velocity_of_class(first, last, "turning", guided=guided)), "turning")
         if state.turns
         else []
     )
@@ -510,15 +514,15 @@ def _within_motions(state: TrueState, spans: list[TickSpan], *, guided: bool) ->
     """Corners, speed dips and short rests inside of movements."""
     find, marks = guided_dips if guided else ideal_dips, []
     for span in filter(_large, spans):
-        for dip in find(_smoothed(state, span), state.dt):
+        for dip in find(_smoothed(state, span, guided=guided), state.dt):
             tol = CORNER_TOL_S if dip.kind == "corner" else TOL_S
             level: Level = "optional" if dip.optional else "major"
             marks.append(_mark(_time(state, span.first + dip.tick), level, dip.kind, tol))
     return marks
 
 
-def _smoothed(state: TrueState, span: TickSpan) -> Array:
-    part = state.velocity_of_class(span.first, span.last, span.cls)
+def _smoothed(state: TrueState, span: TickSpan, *, guided: bool) -> Array:
+    part = state.velocity_of_class(span.first, span.last, span.cls, guided=guided)
     smooth: Array = uniform_filter1d(part, round(SMOOTH_S / state.dt), axis=0)
     return smooth
 

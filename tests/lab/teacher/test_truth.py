@@ -70,6 +70,16 @@ def test_contact_edges_are_major_and_the_decay_optional() -> None:
     assert truth["forces"] == [{"t0": 2.0, "t1": 4.0, "newton": 15.0}]
 
 
+def test_what_gives_way_is_pushed_in_by_a_motion() -> None:
+    """As annotators read real recordings; ideal people press, whatever gives way."""
+    normal = during(5.0, 2.0, 4.0, 15.0)
+    pushing = state(5.0, [(1.0, 2.6, (0, 0, -0.05)), (4.0, 4.6, (0, 0, 0.1))], normal=normal)
+    truth = annotate(pushing, guided=True)
+    assert classes(truth) == ["steady", "motion", "sliding", "contact", "motion", "steady"]
+    assert [kind for kind, _ in majors(truth)] == ["start", "contact_on", "stop", "contact_off", "stop"]
+    assert classes(annotate(pushing)) == ["steady", "motion", "contact", "motion", "steady"]
+
+
 def test_a_load_that_touches_and_is_not_pressed_has_no_force() -> None:
     """The median of no values was written as a force of NaN N, which no judge reads."""
     touch = {"normal": during(5.0, 2.0, 2.2, 3.0), "load_kg": during(5.0, 1.0, 5.0, 0.5)}

@@ -171,7 +171,8 @@ class Recording:
     @property
     def stated_options(self) -> dict[str, str]:
         """Options by name, without those that the recording does not state."""
-        values = {key: getattr(self, key) for key in OPTIONS}
+        assumed = ("force_frame",) if ASSUMED_FRAME in self.assumed else ()
+        values = {key: getattr(self, key) for key in OPTIONS if key not in assumed}
         asked = {key: str(value) for key, value in self.setting._asdict().items() if value is not None}
         return {key: value for key, value in values.items() if value not in NOT_STATED} | asked
 
@@ -235,8 +236,8 @@ ASSUMED_ORDER = (
     "which is reordered."
 )
 ASSUMED_FRAME = (
-    "Frame of the force: base, assumed. State force_frame in the file: base, or flange, which needs an "
-    "orientation."
+    "Frame of the force: base, assumed. State force_frame in the file, or --force-frame: base, or flange, "
+    "which needs an orientation."
 )
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 

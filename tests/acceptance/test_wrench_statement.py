@@ -30,6 +30,7 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import Record
 from caesura_service.offline_segmentation import opening_of, recording_of, segment_recording
+from clients.conftest import free_port
 from harness.demonstrations import guided
 from harness.peer import Peer
 
@@ -272,6 +273,57 @@ def test_a_command_refuses_a_wrong_statement_with_the_valid_ones(tmp_path, comma
     done = caesura(command, *words, "--wrench-source", "none", "--hand-on-robot", "maybe")
     assert done.exit_code == 1
     assert "error: --hand-on-robot is 'maybe', expected one of yes, no, unknown" in done.output
+
+
+def without_frame(path: Path) -> Path:
+    """A recording as a file that states no frame of its force, and an order of its quaternions."""
+    recording = guided()
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (recording.t.size, 1))  # a flange that points down
+    stated = replace(recording, signals={**recording.signals, "quat": turned}, wrench_source="flange_sensor")
+    stated.save(path)
+    kept = {key: value for key, value in np.load(path).items() if key != "force_frame"}
+    np.savez(path, **kept)
+    return path
+
+
+def test_the_frame_of_a_force_is_stated_on_the_command_line(tmp_path):
+    # Who had such a file had to write it anew.
+    file = without_frame(tmp_path / "a.npz")
+    out = tmp_path / "out.json"
+    for options, frame in (((), "base"), (("--force-frame", "flange"), "flange")):
+        done = caesura("segment", file, *options, "--json", out)
+        assert done.exit_code == 0, done.output
+        assert json.loads(out.read_text())["wrench"]["frame"] == frame
+        assert ("Frame of the force: base, assumed" in done.output) == (frame == "base")
+        copy = tmp_path / "b.npz"
+        assert caesura("export", file, "-o", copy, *options).exit_code == 0
+        assert ("force_frame" in np.load(copy).files) == (frame == "flange")
+    source = open_source("file", SourceOptions(file=file, force_frame="flange"))
+    assert source.force_frame == "flange"
+
+
+@pytest.mark.parametrize(
+    "command", ["segment", "report", "export", "bridge", "doctor", "annotate", "evaluate"]
+)
+def test_a_command_refuses_a_frame_that_the_file_contradicts(tmp_path, command):
+    file = tmp_path / "a.npz"
+    guided().save(file)
+    (tmp_path / "a.ann.json").write_text(json.dumps({"window": [0, 5], "changepoints": []}))
+    words = {
+        "report": (file, "-o", tmp_path / "a.html"),
+        "export": (file, "-o", tmp_path / "a.csv"),
+        "bridge": ("--source", "file", "--file", file),
+        "doctor": ("--file", file),
+        "annotate": (file, "--port", free_port()),
+    }.get(command, (file,))
+    done = caesura(command, *words, "--force-frame", "flange")
+    assert done.exit_code == 1
+    assert "--force-frame flange does not fit a.npz: it states base" in done.output
+
+
+def test_a_live_source_states_its_frame_itself():
+    with pytest.raises(SourceError, match="force_frame is 'flange', expected 'base', which the source"):
+        open_source("teacher", SourceOptions(scenario="button", force_frame="flange"))
 
 
 def test_a_report_says_assumed(tmp_path):

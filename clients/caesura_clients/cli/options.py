@@ -17,7 +17,7 @@ import typer
 from caesura_clients.client import Caesura, connect
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name
-from caesura_protocol.messages import HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_protocol.messages import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.robot_limits import cell_safety
@@ -32,6 +32,14 @@ WrenchSource = Annotated[
 HandOnRobot = Annotated[
     str | None,
     typer.Option(metavar="NAME", help=f"Does a person guide the robot by hand? {', '.join(HANDS_ON_ROBOT)}."),
+]
+ForceFrame = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help=f"Of forces whose frame the file does not state: {', '.join(FORCE_FRAMES)}.",
+        show_default="base",
+    ),
 ]
 
 ForceLimit = Annotated[
@@ -113,6 +121,7 @@ class Reading(NamedTuple):
 
     wrench_source: WrenchSource = None
     hand_on_robot: HandOnRobot = None
+    force_frame: ForceFrame = None
     length_unit: LengthUnit = None
     time_unit: TimeUnit = None
     angle_unit: AngleUnit = None

@@ -125,7 +125,9 @@ def source_of(job: Job) -> CountedSource:
         options["mapping"].write_text(text, encoding="utf-8")
         report({"mapping": text})
     else:
-        options |= {key: answers.get(key) or None for key in ("wrench_source", "hand_on_robot")}
+        options |= {
+            key: answers.get(key) or None for key in ("wrench_source", "hand_on_robot", "force_frame")
+        }
     source = open_source("file", SourceOptions(file=path, pace=FAST, **options))
     if not isinstance(source, FileSource):
         raise SourceError(f"{path.name}: not a recording")

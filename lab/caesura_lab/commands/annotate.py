@@ -13,6 +13,7 @@ import typer
 
 from caesura_clients.cli.options import (
     AngleUnit,
+    ForceFrame,
     ForceUnit,
     LengthUnit,
     TimeUnit,
@@ -40,6 +41,7 @@ def annotate(
         int, typer.Option(min=1, max=65535, metavar="N", help="Port to listen on.")
     ] = DEFAULT_PORT,
     wrench_source: WrenchSource = None,
+    force_frame: ForceFrame = None,
     length_unit: LengthUnit = None,
     time_unit: TimeUnit = None,
     angle_unit: AngleUnit = None,
@@ -64,6 +66,7 @@ def annotate(
         recording = load_recording(
             file,
             wrench_source=wrench_source,
+            force_frame=force_frame,
             length_unit=length_unit,
             time_unit=time_unit,
             angle_unit=angle_unit,

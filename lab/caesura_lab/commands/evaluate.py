@@ -13,7 +13,7 @@ import typer
 from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
-from caesura_clients.cli.options import AngleUnit, ForceUnit, TimeUnit, reported
+from caesura_clients.cli.options import AngleUnit, ForceFrame, ForceUnit, TimeUnit, reported
 from caesura_lab.annotations import ToleranceOptions, TruthError
 from caesura_lab.evaluation import calibration, diagram
 from caesura_lab.evaluation import library_comparison as libraries
@@ -159,6 +159,7 @@ def evaluate(
     mapping: Annotated[
         Path | None, typer.Option(help="Names and units in a csv or rosbag2 of other software.")
     ] = None,
+    force_frame: ForceFrame = None,
     length_unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help="Of positions: m, cm, mm; overrides the file.")
     ] = None,
@@ -175,7 +176,7 @@ def evaluate(
             )
             _check_robot(robot, suite_name)
             _check_speed(speed, suite_name, spoilt=mutated is not None)
-            reading = ReadingOptions(mapping, length_unit, time_unit, angle_unit, force_unit)
+            reading = ReadingOptions(mapping, force_frame, length_unit, time_unit, angle_unit, force_unit)
             _check_reading(reading, suite_name)
             if evidence:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)

@@ -62,6 +62,7 @@ class ReadingOptions(NamedTuple):
     """How files are read, as `load_recording` takes it: names and units that they do not state."""
 
     mapping: Path | None = None
+    force_frame: str | None = None
     length_unit: str | None = None
     time_unit: str | None = None
     angle_unit: str | None = None

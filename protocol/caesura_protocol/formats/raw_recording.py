@@ -10,6 +10,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+class WrenchStatement(NamedTuple):
+    """What a user states of a wrench whose file states nothing; None: not stated."""
+
+    source: str | None = None
+    force_frame: str | None = None
+
+
 class RawRecording(NamedTuple):
     """Signals by name, `t` among them: (n,) or (n, width); options by name; the names of the rest.
 

@@ -23,7 +23,7 @@ from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, s
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.npz import read_npz
-from caesura_protocol.formats.raw_recording import Array, RawRecording
+from caesura_protocol.formats.raw_recording import Array, RawRecording, WrenchStatement
 from caesura_protocol.formats.sample_checks import (
     check_clock,
     check_time_steps,
@@ -32,7 +32,7 @@ from caesura_protocol.formats.sample_checks import (
     stray_places,
 )
 from caesura_protocol.keys import NAME_PATTERN
-from caesura_protocol.messages import COLUMNS_OF_SIGNAL, WRENCH_SOURCES, Quantity
+from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.pose_reading import slow_pose
 from caesura_protocol.programs.safety import CellSettings
@@ -62,6 +62,7 @@ def load_recording(
     *,
     wrench_source: str | None = None,
     hand_on_robot: str | None = None,
+    force_frame: str | None = None,
     length_unit: str | None = None,
     time_unit: str | None = None,
     angle_unit: str | None = None,
@@ -71,6 +72,8 @@ def load_recording(
     as_stated: bool = False,
 ) -> Recording:
     """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
+
+    force_frame: of a file that states none; another one than the file states is refused.
 
     Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
@@ -86,12 +89,13 @@ def load_recording(
     overrides = {
         "wrench_source": wrench_source,
         "hand_on_robot": hand_on_robot,
+        "force_frame": force_frame,
         "length_unit": length_unit,
     }
     for key, value in overrides.items():
         if value is not None and not is_option(key, value):
             raise RecordingError(wrong_option(key, value, OPTIONS[key]))
-    raw = _read(path, mapping, wrench_source)
+    raw = _read(path, mapping, WrenchStatement(wrench_source, force_frame))
     arrays, options, ignored = raw.arrays, raw.options, raw.ignored
     if "t" not in arrays or not {"pos", "q"} & set(arrays):
         names = ", ".join([*arrays, *ignored]) or "no arrays"
@@ -100,9 +104,10 @@ def load_recording(
         arrays["force"], options["force_frame"] = arrays["force_base"], "base"
         if arrays.pop("torque", None) is not None:  # it has the frame of `force`
             ignored = [*ignored, "torque, because it has the frame of force, and force_base is read"]
+    _check_frame(path, arrays, options.get("force_frame"), force_frame)
     _check_overrides(path, options, overrides)
     options |= {key: value for key, value in overrides.items() if value is not None}
-    ignored = [*ignored, *_without_wrench(arrays, options)]
+    ignored = [*ignored, *_without_wrench(arrays, options), *_without_force(arrays, force_frame)]
     _convert(path, raw, stated)
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     assumes_frame = "force" in signals and "force_frame" not in options
@@ -174,9 +179,26 @@ def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> lis
     return [] if source == "none" else [f"wrench_source {source}, because there is no force and no tau"]
 
 
+def _without_force(arrays: Mapping[str, Array], force_frame: str | None) -> list[str]:
+    """A frame on the command line that is of no force, with the reason."""
+    if force_frame is None or "force" in arrays:
+        return []
+    return [f"--force-frame {force_frame}, because there is no force"]
+
+
+def _check_frame(path: Path, arrays: Mapping[str, Array], in_file: str | None, stated: str | None) -> None:
+    """Raise RecordingError where the command line states another frame of the force than the file."""
+    if stated is None or in_file not in FORCE_FRAMES or in_file == stated:
+        return
+    why = (
+        "force_base is read, which is in the base frame" if "force_base" in arrays else f"it states {in_file}"
+    )
+    raise RecordingError(f"--force-frame {stated} does not fit {path.name}: {why}. Leave the option out")
+
+
 def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[str, str | None]) -> None:
     """Raise RecordingError where an option of the command line contradicts another one, or the file."""
-    stated = {key: value for key, value in overrides.items() if value is not None and key != "length_unit"}
+    stated = {key: value for key, value in overrides.items() if value is not None and key in _OF_HAND}
     merged = {**options, **stated}
     wrong = contradiction(merged.get("wrench_source"), merged.get("hand_on_robot", "unknown"))
     if wrong is not None and stated:
@@ -200,6 +222,7 @@ def _asked(path: Path, key: str, value: str) -> Any:
     return number
 
 
+_OF_HAND = ("wrench_source", "hand_on_robot")  # options that may contradict each other
 _CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force"}
 
 
@@ -208,7 +231,7 @@ def is_bag(path: Path) -> bool:
     return (path / BAG_METADATA).is_file()
 
 
-def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+def _read(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
     if not path.exists() and path.suffix.lower() in _READERS:
         raise RecordingError(f"{path}: no such file")
     reader = _READERS.get(path.suffix.lower())
@@ -220,7 +243,7 @@ def _read(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRec
         raise RecordingError(f"{path}: {_unknown(path)}")
     try:
         with _unchanged(path):
-            return reader(path, mapping, wrench_source)
+            return reader(path, mapping, stated)
     except RecordingError:
         raise
     except _UNREADABLE as error:
@@ -263,12 +286,12 @@ def _as_matrix(values: Array) -> Array:
     return values[:, None] if values.ndim == 1 else values
 
 
-def _read_npz(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+def _read_npz(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
     _no_mapping(path, mapping)
     return read_npz(path)
 
 
-def _read_csv(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawRecording:
     if mapping is not None:
         return read_foreign_csv(path, load_mapping(mapping))
     lines = [line.strip() for line in read_lines(path)]
@@ -384,20 +407,20 @@ def _whole_signals(path: Path, column: Mapping[str, Array]) -> dict[str, tuple[s
     return signal_columns(column)
 
 
-def _read_mcap(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+def _read_mcap(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
     """Read Caesura's MCAP, or a rosbag2 that is one file."""
     with import_extra("mcap", path):
         from caesura_protocol.formats.mcap_read import ROS2, profile_of, read_mcap  # noqa: PLC0415 - an extra
     if profile_of(path) == ROS2:
-        return _read_rosbag(path, mapping, wrench_source)
+        return _read_rosbag(path, mapping, stated)
     _no_mapping(path, mapping)
     return read_mcap(path)
 
 
-def _read_rosbag(path: Path, mapping: Path | None, wrench_source: str | None) -> RawRecording:
+def _read_rosbag(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:
     with import_extra("ros2", path):
         from caesura_protocol.formats.rosbag import read_rosbag  # noqa: PLC0415 - an extra
-    return read_rosbag(path, None if mapping is None else load_mapping(mapping), wrench_source)
+    return read_rosbag(path, None if mapping is None else load_mapping(mapping), stated)
 
 
 def _no_mapping(path: Path, mapping: Path | None) -> None:
@@ -407,7 +430,7 @@ def _no_mapping(path: Path, mapping: Path | None) -> None:
         )
 
 
-_Reader = Callable[[Path, Path | None, str | None], RawRecording]
+_Reader = Callable[[Path, Path | None, WrenchStatement], RawRecording]
 _READERS: Mapping[str, _Reader] = {
     ".npz": _read_npz,
     ".csv": _read_csv,

@@ -20,7 +20,7 @@ from rosbags.rosbag2 import Reader, ReaderError
 
 from caesura_protocol.codec import signals_of
 from caesura_protocol.formats.column_mapping import ColumnMapping
-from caesura_protocol.formats.raw_recording import RawRecording
+from caesura_protocol.formats.raw_recording import RawRecording, WrenchStatement
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import READ, typestore
 from caesura_protocol.formats.signal_aligner import MAX_AGE_S, Row, SignalAligner
@@ -34,7 +34,7 @@ SLOWER = 2  # times as many values of the leading signal: the other one is held,
 FIRST_MESSAGES = 50  # messages of a topic, to find its signals: joint states may come from several nodes
 
 
-def read_rosbag(path: Path, mapped: ColumnMapping | None, wrench_source: str | None) -> RawRecording:
+def read_rosbag(path: Path, mapped: ColumnMapping | None, stated: WrenchStatement) -> RawRecording:
     """A rosbag2's directory, or one of its files. Raises RecordingError, or ValueError for no rosbag2."""
     rules = topic_rules(mapped)
     store = typestore(definitions_of(rules, path))
@@ -42,7 +42,7 @@ def read_rosbag(path: Path, mapped: ColumnMapping | None, wrench_source: str | N
         _check_types(path)
         with AnyReader([path], default_typestore=store) as reader:
             topics = _topics(reader, rules, path)
-            plan = select_topics(list(_first_messages(reader, topics)), mapped, wrench_source)
+            plan = select_topics(list(_first_messages(reader, topics)), mapped, stated)
             return _content(path, reader, topics, plan, named=bool(rules))
     except (AnyReaderError, ReaderError, AssertionError, KeyError) as error:
         raise ValueError(f"{type(error).__name__}: {error}; {INCOMPLETE}") from error

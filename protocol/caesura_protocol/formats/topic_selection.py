@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from caesura_protocol.columns import JOINT_SIGNALS
 from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.raw_recording import WrenchStatement
 from caesura_protocol.formats.ros_messages import TopicRule, Values, frame_of, values_of
 from caesura_protocol.formats.ros_types import FRANKA_STATE, JOINT_STATE, POSE, WRENCH
 from caesura_protocol.messages import ESTIMATE, JOINTS
@@ -49,7 +50,7 @@ class TopicSelection:
 
 
 def select_topics(
-    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, wrench_source: str | None
+    messages: Sequence[tuple[Topic, Any]], mapped: ColumnMapping | None, stated: WrenchStatement
 ) -> TopicSelection:
     """Select the topics and signals by some first messages of every topic. Raises RecordingError."""
     topics = {topic.name: topic for topic, _ in messages}
@@ -67,7 +68,7 @@ def select_topics(
         del topic_of["quat"]
     rules = (topics[name].rule.joints for name in map(topic_of.get, JOINT_SIGNALS) if name is not None)
     joints = next((len(names) for names in rules if names is not None), JOINTS)
-    return TopicSelection(topic_of, _options(topic_of, messages, mapped, wrench_source), joints)
+    return TopicSelection(topic_of, _options(topic_of, messages, mapped, stated), joints)
 
 
 def _best(signal: str, names: set[str], topics: Mapping[str, Topic]) -> str:
@@ -85,7 +86,7 @@ def _options(
     topic_of: Mapping[str, str],
     messages: Sequence[tuple[Topic, Any]],
     mapped: ColumnMapping | None,
-    wrench_source: str | None,
+    stated: WrenchStatement,
 ) -> dict[str, str]:
     said = {} if mapped is None else mapped.options
     of = topic_of.get("force") or topic_of.get("tau")
@@ -94,8 +95,8 @@ def _options(
     topic, message = next((topic, message) for topic, message in messages if topic.name == of)
     return {
         **{key: said[key] for key in ("hand_on_robot", "robot") if key in said},
-        "wrench_source": said.get("wrench_source") or wrench_source or _source_of(topic),
-        "force_frame": said.get("force_frame") or _frame_of(topic, message),
+        "wrench_source": said.get("wrench_source") or stated.source or _source_of(topic),
+        "force_frame": said.get("force_frame") or _frame_of(topic, message, stated.force_frame),
     }
 
 
@@ -108,12 +109,12 @@ def _source_of(topic: Topic) -> str:
     )
 
 
-def _frame_of(topic: Topic, message: Any) -> str:
-    frame = frame_of(topic.type, message)
+def _frame_of(topic: Topic, message: Any, stated: str | None) -> str:
+    frame = frame_of(topic.type, message) or stated
     if frame is None:
         raise RecordingError(
             f"{topic.name}: is the frame {message.header.frame_id!r} that of the flange or that of the base? "
-            "Say force_frame in a mapping: base or flange"
+            "Say force_frame in a mapping or --force-frame: base or flange"
         )
     return frame
 

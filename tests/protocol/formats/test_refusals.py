@@ -294,7 +294,7 @@ def test_the_order_of_quaternions_is_stated_or_assumed(tmp_path: Path):
     stated.save(tmp_path / "c.npz")
     write_csv(tmp_path / "c.csv", stated)
     for copy in ("c.npz", "c.csv"):
-        assert load_recording(tmp_path / copy).assumed == (), "our own copy states it"
+        assert ASSUMED_ORDER not in load_recording(tmp_path / copy).assumed, "our own copy states it"
     with pytest.raises(RecordingError, match="quaternion_order is 'zyxw', expected one of xyzw, wxyz"):
         load_recording(saved(tmp_path / "d.npz", quaternion_order=np.array("zyxw")))
 
@@ -341,4 +341,26 @@ def test_the_frame_of_the_force_is_stated_or_assumed(tmp_path: Path):
     for stated in ({"force_frame": np.array("base")}, {"force_base": np.zeros((200, 3))}):
         assert ASSUMED_FRAME not in load_recording(saved(tmp_path / "b.npz", **stated)).assumed
     load_recording(tmp_path / "a.npz").save(tmp_path / "c.npz")
-    assert ASSUMED_FRAME not in load_recording(tmp_path / "c.npz").assumed, "our own copy states it"
+    assert ASSUMED_FRAME in load_recording(tmp_path / "c.npz").assumed, "a copy states what was stated"
+    stated = load_recording(tmp_path / "a.npz", force_frame="base")
+    stated.save(tmp_path / "c.npz")
+    assert ASSUMED_FRAME not in (*stated.assumed, *load_recording(tmp_path / "c.npz").assumed)
+
+
+def test_a_frame_on_the_command_line_is_for_a_file_that_states_no_other(tmp_path: Path):
+    turned = np.tile([0.0, 0.0, 0.0, 1.0], (200, 1))
+    file = saved(tmp_path / "a.npz", quat=turned)
+    assert load_recording(file, force_frame="flange").force_frame == "flange"
+    stated = saved(tmp_path / "b.npz", quat=turned, force_frame=np.array("flange"))
+    assert load_recording(stated, force_frame="flange").force_frame == "flange"
+    with pytest.raises(RecordingError, match=r"--force-frame base does not fit b\.npz: it states flange"):
+        load_recording(stated, force_frame="base")
+    of_base = saved(tmp_path / "c.npz", quat=turned, force_base=np.zeros((200, 3)))
+    with pytest.raises(RecordingError, match=r"--force-frame flange does not fit .* force_base is read"):
+        load_recording(of_base, force_frame="flange")
+    with pytest.raises(RecordingError, match="--force-frame is 'tool', expected one of base, flange"):
+        load_recording(file, force_frame="tool")
+    csv = tmp_path / "a.csv"
+    csv.write_text("t,px,py,pz\n" + "".join(f"{0.01 * i},{0.001 * i},0,0\n" for i in range(200)))
+    ignored = load_recording(csv, force_frame="flange").ignored
+    assert "--force-frame flange, because there is no force" in ignored

@@ -22,7 +22,7 @@ from caesura_protocol.formats.ros_types import (
     WRENCH,
     typestore,
 )
-from caesura_protocol.recording import Recording, RecordingError
+from caesura_protocol.recording import ASSUMED_FRAME, Recording, RecordingError
 from caesura_service.offline_segmentation import segment_recording
 from harness import ros
 from harness.demonstrations import guided
@@ -167,6 +167,11 @@ def test_joints_come_in_their_order_and_a_slower_wrench_is_held(demonstration, t
     assert found.signals["gripper"][:, 0].tolist() == [0.04] * 200
     assert found.signals["force"][4:8, 0].tolist() == [-4.0, -4.0, -6.0, -6.0]
     assert (found.wrench_source, found.force_frame) == ("flange_sensor", "flange")
+    with pytest.raises(RecordingError, match="Say force_frame in a mapping or --force-frame: base or flange"):
+        load_recording(bag, wrench_source=SENSOR, angle_unit="rad")
+    stated = load_recording(bag, wrench_source=SENSOR, angle_unit="rad", force_frame="flange")
+    assert stated.force_frame == "flange"
+    assert ASSUMED_FRAME not in stated.assumed
 
 
 def test_a_signal_that_pauses_leaves_a_gap_and_is_not_made_up(demonstration, tmp_path):

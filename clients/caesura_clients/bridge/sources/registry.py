@@ -43,6 +43,7 @@ class SourceOptions:
     ros: str | None = None  # the Zenoh endpoint of ROS 2
     config: Path | None = None  # of Zenoh there
     hand_on_robot: str | None = None
+    force_frame: str | None = None  # of a file, or of topics that do not state it
     time_unit: str | None = None
     angle_unit: str | None = None
     force_unit: str | None = None
@@ -56,7 +57,18 @@ def open_source(name: str, options: SourceOptions) -> Source:
     if options.gripper_name is not None and build is not _ur and build in OWN_SOURCES.values():
         raise SourceError(f"gripper is {options.gripper_name!r}, which the source ur takes, not {name}")
     source = build(options)
-    return source if build is _file else _with_declared_units(source, options)
+    if build is _file:
+        return source
+    _check_frame(source, options.force_frame)
+    return _with_declared_units(source, options)
+
+
+def _check_frame(source: Source, stated: str | None) -> None:
+    """Raise SourceError where the frame that was stated is another than that of a live source."""
+    if stated not in {None, source.force_frame}:
+        raise SourceError(
+            f"force_frame is {stated!r}, expected {source.force_frame!r}, which the source states itself"
+        )
 
 
 def _with_declared_units(source: Source, options: SourceOptions) -> Source:
@@ -85,6 +97,7 @@ def _file(options: SourceOptions) -> Source:
         options.file,
         wrench_source=options.wrench_source,
         hand_on_robot=options.hand_on_robot,
+        force_frame=options.force_frame,
         length_unit=options.length_unit,
         time_unit=options.time_unit,
         angle_unit=options.angle_unit,
@@ -213,7 +226,13 @@ def _ros2(options: SourceOptions) -> Source:
     mapped = None if options.mapping is None else load_mapping(options.mapping)
     endpoint = endpoint_of(options.ros, options.config)
     return open_ros2(
-        endpoint, options.config, mapped, options.mapping, options.wrench_source, options.hand_on_robot
+        endpoint,
+        options.config,
+        mapped,
+        options.mapping,
+        options.wrench_source,
+        options.hand_on_robot,
+        options.force_frame,
     )
 
 

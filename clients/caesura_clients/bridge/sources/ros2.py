@@ -25,6 +25,7 @@ import numpy as np
 from caesura_clients.bridge.sources import Chunk, Mark
 from caesura_protocol.errors import SourceError
 from caesura_protocol.formats.column_mapping import ColumnMapping
+from caesura_protocol.formats.raw_recording import WrenchStatement
 from caesura_protocol.formats.ros_messages import TopicRule, definitions_of, stamp_of, topic_rules
 from caesura_protocol.formats.ros_types import FRANKA_STATE, READ, CannotDecode, decoder
 from caesura_protocol.formats.signal_aligner import Row, SignalAligner
@@ -102,6 +103,7 @@ class Ros2Source:
         mapped: ColumnMapping | None = None,
         *,
         wrench_source: str | None = None,
+        force_frame: str | None = None,
         hand_on_robot: str | None = None,
         definitions: list[tuple[str, str]] | None = None,
         discover_s: float = DISCOVER_S,
@@ -120,7 +122,7 @@ class Ros2Source:
             for key in self._keys():
                 self._stack.enter_context(transport.subscribe(key, self._inbox))
             self._first_messages = self._discover(discover_s)
-            self._plan = self._selection(mapped, wrench_source)
+            self._plan = self._selection(mapped, WrenchStatement(wrench_source, force_frame))
         except BaseException:
             self._stack.close()
             raise
@@ -249,10 +251,10 @@ class Ros2Source:
             )
         return received
 
-    def _selection(self, mapped: ColumnMapping | None, wrench_source: str | None) -> TopicSelection:
+    def _selection(self, mapped: ColumnMapping | None, stated: WrenchStatement) -> TopicSelection:
         with _as_source():
             pairs = [(one.topic, one.message) for one in self._first_messages if not one.topic.rule.mark]
-            return select_topics(pairs, mapped, wrench_source)
+            return select_topics(pairs, mapped, stated)
 
 
 def open_ros2(
@@ -262,6 +264,7 @@ def open_ros2(
     mapping: Path | None,
     wrench_source: str | None,
     hand_on_robot: str | None = None,
+    force_frame: str | None = None,
 ) -> Ros2Source:
     """A source with a connection of its own to the router of ROS 2. Raises SourceError, Unreachable."""
     with _as_source():
@@ -272,6 +275,7 @@ def open_ros2(
             transport,
             mapped,
             wrench_source=wrench_source,
+            force_frame=force_frame,
             hand_on_robot=hand_on_robot,
             definitions=definitions,
         )

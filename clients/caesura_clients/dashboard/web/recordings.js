@@ -101,8 +101,8 @@ export default {
           <label v-if="found.header && hasWrench">Whose force is it? <select class="force-of" v-model="form.force_of">
             <option value="environment">the environment's on the robot: up while it presses on a table</option>
             <option value="robot">the robot's on the environment: down while it presses on a table</option></select></label>
-          <label v-if="(found.header || found.bag) && hasWrench">Its frame <select class="frame" v-model="form.force_frame">
-            <option v-if="found.bag" value="">as in the bag</option>
+          <label v-if="(found.header || found.bag || !found.stated.force_frame) && hasWrench">Its frame <select class="frame" v-model="form.force_frame">
+            <option v-if="!found.header" value="">{{ found.bag ? "as in the bag" : "not stated: base is assumed" }}</option>
             <option v-for="one in frames" :key="one">{{ one }}</option></select></label>
           <label>Robot <select class="robot" v-model="form.robot"><option value="">another, or as in the file</option>
             <option v-for="one in robots" :key="one">{{ one }}</option></select></label>
@@ -190,7 +190,7 @@ export default {
         chosenUnits: { ...units, ...guess.units, ...old.units },
         declared: { ...Object.fromEntries(Object.keys(this.quantities).map((one) => [one, ""])), ...found.likely },
         form: {
-          wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || (found.bag ? "" : "base"),
+          wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || (found.header ? "base" : ""),
           force_of: "environment", robot: stated.robot || "", ...old.form,
           ...Object.fromEntries(STATED.filter((one) => stated[one]).map((one) => [one, stated[one]])), station: this.station, session: found.session, task: "", sure: false,
         },

@@ -18,7 +18,7 @@ from caesura_protocol.rotations import angle_between
 PULLS = "pulls on what it touches: its force points away from the tool"
 WHY_IT_PULLS = (
     ". Was the force recorded in the base frame, as the environment's on the robot? If not, state "
-    "force_frame in the recording, or negate the force"
+    "force_frame in the recording or --force-frame, or negate the force"
 )
 UNHELD = "carries, but nothing was grasped: an app 'grasp' must come before it"
 WHY_UNHELD = (

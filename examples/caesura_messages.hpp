@@ -71,7 +71,7 @@ template <class Packer>
 void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(16);
+    pk.pack_map(17);
     pk.pack(std::string("type"));
     pk.pack(std::string("open"));
     pk.pack(std::string("session"));
@@ -102,6 +102,8 @@ void pack_open(Packer& pk, const Opening& opening) {
     pack_text(pk, opening.robot);
     pk.pack(std::string("declared_units"));
     pk.pack_array(0);  // implausible values are refused
+    pk.pack(std::string("assumed"));
+    pk.pack_array(0);  // a robot states the frame of its force, and sends quaternions as x y z w
     pk.pack(std::string("description"));
     pack_description(pk, opening);
 }

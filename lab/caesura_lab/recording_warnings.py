@@ -8,6 +8,7 @@ while it is lifted does.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,11 +50,18 @@ def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
 
 
 def _of_assumptions(recording: Recording) -> Iterator[str]:
-    """What the reader assumed; where joints show the order of the quaternions, that order."""
+    """What the reader assumed; where joints show another order of the quaternions, that order."""
+    yield from without_confirmed(recording).assumed
     order = order_of_quaternions(recording)
-    yield from (one for one in recording.assumed if one != ASSUMED_ORDER or order is None)
     if order in WRONG_ORDERS:
         yield f"Warning: the quaternions agree with the joints in the order {WRONG_ORDERS[order]}"
+
+
+def without_confirmed(recording: Recording) -> Recording:
+    """The recording without the assumption on its quaternions where its joints show their order."""
+    if ASSUMED_ORDER not in recording.assumed or order_of_quaternions(recording) is None:
+        return recording
+    return replace(recording, assumed=tuple(one for one in recording.assumed if one != ASSUMED_ORDER))
 
 
 def order_of_quaternions(recording: Recording) -> str | None:

@@ -38,6 +38,7 @@ from caesura_protocol.messages import (
     HANDS_ON_ROBOT,
     LENGTH_UNITS,
     WRENCH_SOURCES,
+    Assumption,
     ForceFrame,
     HandOnRobot,
     LengthUnit,
@@ -169,10 +170,14 @@ class Recording:
         )
 
     @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Options that the recording leaves open, and that the reader assumes; `assumed` has the words."""
+        return tuple(key for key, words in ASSUMED.items() if words in self.assumed)
+
+    @property
     def stated_options(self) -> dict[str, str]:
         """Options by name, without those that the recording does not state."""
-        assumed = ("force_frame",) if ASSUMED_FRAME in self.assumed else ()
-        values = {key: getattr(self, key) for key in OPTIONS if key not in assumed}
+        values = {key: getattr(self, key) for key in OPTIONS if key not in self.assumptions}
         asked = {key: str(value) for key, value in self.setting._asdict().items() if value is not None}
         return {key: value for key, value in values.items() if value not in NOT_STATED} | asked
 
@@ -239,6 +244,7 @@ ASSUMED_FRAME = (
     "Frame of the force: base, assumed. State force_frame in the file, or --force-frame: base, or flange, "
     "which needs an orientation."
 )
+ASSUMED: Mapping[Assumption, str] = {"quaternion_order": ASSUMED_ORDER, "force_frame": ASSUMED_FRAME}
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

@@ -18,7 +18,7 @@ from caesura_protocol.codec import pack_samples, signals_of
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
-from caesura_protocol.recording import Recording, RecordingError
+from caesura_protocol.recording import ASSUMED, Recording, RecordingError
 from caesura_service.journal import Record
 from caesura_service.segmentation.pipeline import layout_of, make_pipeline
 from caesura_service.segmentation.view import PipelineView
@@ -41,6 +41,7 @@ def opening_of(recording: Recording, preset: str | None = None, setting: CellSet
         preset=preset,
         **setting.completed_by(recording.setting)._asdict(),
         declared_units=recording.declared_units,
+        assumed=recording.assumptions,
     )
 
 
@@ -109,6 +110,7 @@ def recording_of(records: Iterable[Record]) -> Recording:
         force_frame=opening.force_frame,
         length_unit=opening.length_unit,
         declared_units=opening.declared_units,
+        assumed=tuple(ASSUMED[key] for key in opening.assumed),
         setting=CellSettings(*(getattr(opening, name) for name in CellSettings._fields)),
         name=opening.session,
     )

@@ -24,7 +24,7 @@ from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import WRITERS
 from caesura_protocol.messages import Open, SampleBatch, Snapshot, WrenchReport
-from caesura_protocol.recording import Recording, RecordingError
+from caesura_protocol.recording import ASSUMED_FRAME, Recording, RecordingError
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -319,6 +319,33 @@ def test_a_command_refuses_a_frame_that_the_file_contradicts(tmp_path, command):
     done = caesura(command, *words, "--force-frame", "flange")
     assert done.exit_code == 1
     assert "--force-frame flange does not fit a.npz: it states base" in done.output
+
+
+def test_what_is_assumed_of_a_file_is_in_the_program_of_its_session(endpoint, tmp_path):
+    # The bridge said so on its own terminal: session, dashboard and check knew nothing of it.
+    file = without_frame(tmp_path / "a.npz")
+    assumed = load_recording(file).assumed
+    assert assumed == (ASSUMED_FRAME,)
+    notes = taught(endpoint, load_recording(file), "s-assumed").program.notes
+    assert [one for one in notes if one in assumed] == [ASSUMED_FRAME]
+    assert notes == segment_recording(load_recording(file)).notes, "as from the file"
+    stated = load_recording(file, force_frame="base")
+    assert ASSUMED_FRAME not in taught(endpoint, stated, "s-stated").program.notes
+
+
+def test_a_session_of_the_journal_does_not_state_what_was_assumed(tmp_path):
+    recording = load_recording(without_frame(tmp_path / "a.npz"))
+    opening = opening_of(recording)
+    assert opening.assumed == ("force_frame",)
+    records = [Record("cell-1", "file", 0.0, one) for one in (opening, batch_of(recording, "file"))]
+    assert recording_of(records).assumed == (ASSUMED_FRAME,)
+    assert "force_frame" not in recording_of(records).stated_options
+
+
+def test_an_assumption_of_another_name_is_refused(endpoint):
+    opening = opening_of(guided()).model_dump() | {"session": "s-wrong", "assumed": ["hand"]}
+    with Peer(endpoint) as peer, pytest.raises(ProtocolError, match="assumed"):
+        peer.command(Open.model_construct(**opening))
 
 
 def test_a_live_source_states_its_frame_itself():

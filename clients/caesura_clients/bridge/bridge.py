@@ -414,5 +414,6 @@ def _opening(
         bridge=new_bridge_name(),
         **setting.completed_by(getattr(source, "setting", UNSET))._asdict(),
         declared_units=getattr(source, "declared_units", ()),
+        assumed=getattr(source, "assumed", ()),
         description=description,
     )

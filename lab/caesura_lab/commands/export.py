@@ -13,6 +13,7 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_clients.cli.result_tables import ignored_line
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import segmented
+from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.read import load_recording
@@ -60,6 +61,7 @@ def export_recording(
 def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
     with import_extra("mcap", "writing .mcap"):
         written = import_module("caesura_lab.export.mcap_file")
+    recording = without_confirmed(recording)
     view = segmented(recording, preset)
     taught = import_module("caesura_lab.export.session_export").SessionExport(
         station=STATION,

@@ -27,7 +27,7 @@ from caesura_clients.cli.result_tables import (
     segments_table,
 )
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
-from caesura_lab.recording_warnings import recording_warnings
+from caesura_lab.recording_warnings import recording_warnings, without_confirmed
 from caesura_protocol.errors import ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
@@ -74,7 +74,7 @@ def segment(
             typer.echo(f"next time: caesura segment {file} {_as_options(answered)}", err=True)
         recording = load_recording(file, **reading._asdict(), mapping=mapping)
         recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
-        view = segmented(recording, preset, threshold)
+        view = segmented(without_confirmed(recording), preset, threshold)
         warnings = recording_warnings(recording, preset)
         if json_out is not None:
             _write(json_out, view, warnings)

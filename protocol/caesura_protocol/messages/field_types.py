@@ -12,6 +12,7 @@ from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MOST_SPEE
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]
+Assumption = Literal["quaternion_order", "force_frame"]  # of what a recording leaves open
 ForceFrame = Literal["base", "flange"]
 WrenchSource = Literal["flange_sensor", "flange_sensor_with_hand", "joint_torque_estimate", "none"]
 HandOnRobot = Literal["yes", "no", "unknown"]  # does a person guide this robot by hand?
@@ -41,6 +42,7 @@ BridgeState = Literal[
 ]
 
 LENGTH_UNITS: tuple[LengthUnit, ...] = get_args(LengthUnit)
+ASSUMPTIONS: tuple[Assumption, ...] = get_args(Assumption)
 FORCE_FRAMES: tuple[ForceFrame, ...] = get_args(ForceFrame)
 WRENCH_SOURCES: tuple[WrenchSource, ...] = get_args(WrenchSource)
 ESTIMATE: WrenchSource = "joint_torque_estimate"  # of a robot without a sensor
@@ -85,6 +87,7 @@ EditState = Literal["applied", "not_applied", "undone"]  # of a correction, or o
 T = TypeVar("T")
 Listed = Annotated[tuple[T, ...], Field(fail_fast=True)]  # of a million errors the first says enough
 Counted = Annotated[dict[ErrorCode, Count], Field(fail_fast=True)]
+Assumptions = Annotated[Listed[Assumption], Field(max_length=len(ASSUMPTIONS))]
 Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
 Vector = tuple[float, float, float]
 FiniteVector = tuple[Finite, Finite, Finite]

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from caesura_protocol.messages.field_types import (
+    Assumptions,
     Author,
     Columns,
     Count,
@@ -56,6 +57,7 @@ class Open(Message):
     path_tolerance_rad: Tolerance | None = None
     robot: Name | None = None  # which arm this is; None: not stated
     declared_units: Listed[Quantity] = ()  # whose unit a person declared: implausible values are believed
+    assumed: Assumptions = ()  # options that the recording leaves open: the program's notes say so
     description: Description | None = None  # as it begins; `Describe` changes it
 
 

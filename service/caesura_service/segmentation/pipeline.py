@@ -20,6 +20,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment, WrenchReport
 from caesura_protocol.plausibility import UNITS, FirstSecond
+from caesura_protocol.recording import ASSUMED
 from caesura_protocol.robots import RobotError
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
@@ -227,11 +228,13 @@ class SegmentationPipeline:
         )
         weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
         without = weighs and "gripper" not in opening.columns
+        of_file = (words for key, words in ASSUMED.items() if key in opening.assumed)
         assumed = opening.robot is None and layout.needs_robot
         self._standing_notes = (
             self._in_use.note,
             *([NO_GRIPPER] if without else []),
             *([ASSUMED_ROBOT] if assumed else []),
+            *of_file,
         )
         self._conditioner = Conditioner(layout)
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)

@@ -24,6 +24,7 @@ from caesura_protocol.messages import (
     Segment,
     WrenchReport,
 )
+from caesura_protocol.recording import ASSUMED
 from caesura_service.program.gaps import NOT_OBSERVED
 from caesura_service.segmentation.corrections import ResolvedEdit
 
@@ -67,9 +68,12 @@ class PipelineView(NamedTuple):
 
 
 def notes_beside_tables(view: PipelineView) -> tuple[str, ...]:
-    """Return the notes that tables of a recording state besides those on its wrench and its gaps."""
+    """Return the notes that tables of a recording state besides those on recording, wrench and gaps."""
+    stated = (view.wrench.note, *ASSUMED.values())
     return tuple(
-        note for note in view.notes if note not in view.wrench.note and not note.startswith(NOT_OBSERVED)
+        note
+        for note in view.notes
+        if not any(note in one for one in stated) and not note.startswith(NOT_OBSERVED)
     )
 
 

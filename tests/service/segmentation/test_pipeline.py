@@ -164,6 +164,7 @@ def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught:
     assert after >= gap.tn - 0.05
     assert view.notes == (
         view.wrench.note.partition(" Tared")[0],
+        *taught.assumed,
         "Not observed: 5.00–5.60 s (the source paused). What was taught then is missing, and apps beside it "
         "are less sure.",
     )

@@ -34,6 +34,7 @@ class FileSource(PacedSource):
             force_frame=recording.force_frame,
             length_unit=recording.length_unit,
             declared_units=recording.declared_units,
+            assumed=recording.assumptions,
             setting=recording.setting,
             pace=pace,
             clock=clock,

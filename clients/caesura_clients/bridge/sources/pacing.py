@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from caesura_clients.bridge.sources import Chunk
-from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, Quantity, WrenchSource
+from caesura_protocol.messages import Assumption, ForceFrame, HandOnRobot, LengthUnit, Quantity, WrenchSource
 from caesura_protocol.programs.safety import UNSET, CellSettings
 
 FAST = float("inf")
@@ -31,6 +31,7 @@ class PacedSource:
         force_frame: ForceFrame = "base",
         length_unit: LengthUnit = "m",
         declared_units: tuple[Quantity, ...] = (),
+        assumed: tuple[Assumption, ...] = (),
         setting: CellSettings = UNSET,
         pace: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
@@ -44,6 +45,7 @@ class PacedSource:
         self.force_frame: ForceFrame = force_frame
         self.length_unit: LengthUnit = length_unit
         self.declared_units = declared_units
+        self.assumed = assumed
         self.setting = setting
         self._read = read
         self._pace = pace

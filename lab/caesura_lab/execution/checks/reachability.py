@@ -17,7 +17,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.checks.findings import Finding
-from caesura_protocol.programs.checks.workspace import EDGE_M, reasons_outside
+from caesura_protocol.programs.checks.workspace import EDGE_M, outside_reason
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.reproduced_path import Curve
@@ -110,7 +110,7 @@ class _ReachabilityChecker:
         if state.touching and (APP_KINDS[app.kind].in_contact or not self._has_left(after)):
             after = replace(after, touching=True)
         reasons = list(self._check_joints(app))
-        outside = any(reasons_outside(app.target, self._safety))  # which `workspace` finds
+        outside = outside_reason(app.target, self._safety) is not None  # which `workspace` finds
         joints = after.joints
         if app.target is not None and not reasons and not outside:
             joints, reason = self._joints_at_target(app, app.target, state)

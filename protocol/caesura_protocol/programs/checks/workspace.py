@@ -6,30 +6,62 @@ from collections.abc import Iterator, Sequence
 
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.plausibility import likely_length_unit
-from caesura_protocol.programs.checks.findings import Finding
+from caesura_protocol.programs.checks.findings import Finding, in_mm
 from caesura_protocol.programs.safety import Safety
 
 EDGE_M = 0.01  # from the edge of the workspace
+NEARLY_ALL, OF_AT_LEAST = 0.8, 2  # share of the targets outside, and targets, of which the frame is doubtful
 
 
 def workspace_findings(apps: Sequence[App], safety: Safety) -> list[Finding]:
-    """Find targets of the flange that are outside of the workspace, or at its edge."""
-    return [
-        Finding("error", index, app.kind, reason)
-        for index, app in enumerate(apps)
-        for reason in reasons_outside(app.target, safety)
-    ]
+    """Find targets of the flange that are outside of the workspace, or at its edge.
+
+    One finding for each app; one for the program where nearly all of its targets are outside.
+    """
+    placed = [(index, app, app.target) for index, app in enumerate(apps) if app.target is not None]
+    outside = [(index, app, reason) for index, app, at in placed if (reason := outside_reason(at, safety))]
+    if len(outside) >= OF_AT_LEAST and len(outside) >= NEARLY_ALL * len(placed):
+        first = outside[0][0]
+        return [_in_another_frame(len(outside), len(placed), first, apps[first].target, safety)]
+    return [Finding("error", index, app.kind, reason) for index, app, reason in outside]
 
 
-def reasons_outside(target: Vector | None, safety: Safety) -> Iterator[str]:
-    """Yield the axes on which a target [m] is outside of the workspace, with the limits."""
+def outside_reason(target: Vector | None, safety: Safety) -> str | None:
+    """Return the axes on which a target [m] is outside of the workspace, with the limits; None: on none."""
     if target is None:
-        return
+        return None
+    beyond = [
+        (f"{axis} {value:.3f} m", f", {least:g} to {most:g} m")
+        for axis, value, (least, most) in zip("xyz", target, _sides(safety), strict=True)
+        if not least + EDGE_M <= value <= most - EDGE_M
+    ]
+    if not beyond:
+        return None
     likely = likely_length_unit(target)
     guess = "" if likely is None else f": it is probably in {likely}"
-    for axis, value, least, most in zip(
-        "xyz", target, safety.workspace_low, safety.workspace_high, strict=True
-    ):
-        if not least + EDGE_M <= value <= most - EDGE_M:
-            limits = f"{least:g} to {most:g} m"
-            yield f"target {axis} {value:.3f} m is outside of the workspace, {limits}{guess}"
+    (first, limits), *others = beyond
+    more = "".join(f"; {place}{its_limits}" for place, its_limits in others)
+    return f"target {first} is outside of the workspace{limits}{more}{guess}"
+
+
+def _sides(safety: Safety) -> Iterator[tuple[float, float]]:
+    return zip(safety.workspace_low, safety.workspace_high, strict=True)
+
+
+def _in_another_frame(count: int, placed: int, first: int, target: Vector | None, safety: Safety) -> Finding:
+    """The finding for targets of which nearly all are outside; target: of app `first`."""
+    assert target is not None, "it is outside"
+    box = ", ".join(
+        f"{axis} {least:g} to {most:g} m" for axis, (least, most) in zip("xyz", _sides(safety), strict=True)
+    )
+    likely = likely_length_unit(target)
+    why = (
+        "Were they stated in another base frame? If not, state the workspace of the cell with --cell"
+        if likely is None
+        else f"They are probably in {likely}"
+    )
+    reason = (
+        f"{count} of {placed} targets are outside of the workspace, {box}, such as app {first + 1} at "
+        f"{in_mm(target)}. {why}"
+    )
+    return Finding("error", None, None, reason)

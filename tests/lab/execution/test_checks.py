@@ -287,6 +287,27 @@ def test_a_target_is_reached_by_joints_that_lead_there(robot: Robot) -> None:
         assert turn < 1e-2
 
 
+def test_joints_of_another_arm_are_one_finding_that_asks_for_it(robot: Robot) -> None:
+    # Each app of a recording of an iiwa read "one of them is wrong", on the Panda that was assumed.
+    elsewhere = (0.0, 0.6, 0.0, -2.2, 0.0, 2.8, 0.0)
+    apps = tuple(one.model_copy(update={"joints": elsewhere}) for one in pick_and_place() if one.target)
+    report = check(apps, robot=robot)
+    on_joints = [one for one in report.findings if "joints" in one.reason]
+    assert [(one.severity, one.index) for one in on_joints] == [("error", None)]
+    assert (
+        f"the joints of {len(apps)} of {len(apps)} apps are not those of the arm panda" in on_joints[0].reason
+    )
+    assert re.search(r"such as app 1: its joints lead \d+ mm away from its target", on_joints[0].reason)
+    assert "State it with --robot" in on_joints[0].reason
+
+
+def test_six_joints_on_an_arm_of_seven_are_one_finding(robot: Robot) -> None:
+    apps = tuple(one.model_copy(update={"joints": (0.0,) * 6}) for one in pick_and_place() if one.target)
+    (found,) = [one for one in check(apps, robot=robot).errors if "joints" in one.reason]
+    assert "has 6 joints, and its robot panda has 7" in found.reason
+    assert found.index is None
+
+
 @pytest.mark.parametrize("name", ["panda", None])
 def test_a_target_in_millimetres_is_named_as_such(name: str | None):
     """Without a robot too: a script writer refuses it there."""

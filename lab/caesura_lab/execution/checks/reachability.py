@@ -17,7 +17,7 @@ from caesura_lab.teacher.motion_profiles import Array
 from caesura_protocol.app_kinds import APP_KINDS, AppKind, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.checks.findings import Finding
-from caesura_protocol.programs.checks.workspace import EDGE_M, outside_reason
+from caesura_protocol.programs.checks.workspace import EDGE_M, NEARLY_ALL, OF_AT_LEAST, outside_reason
 from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import PLANNED_SHARE
 from caesura_protocol.reproduced_path import Curve
@@ -29,6 +29,7 @@ STEP_M = 0.02  # of a way that is looked at
 JOINT_MARGIN_RAD = 0.05  # from a joint's end, so that no guard has to stop the robot there
 BEGINS_M = 1e-6  # a way may begin there
 ASTRAY_M = 0.03  # between a target and where its joints lead
+ONE_IS_WRONG = ": one of them is wrong"
 DEPTH_M = 0.003  # below the top of an obstacle
 BESIDE_M = 0.03  # aside of where it touches, a movement may end in a contact or rise out of one
 SLOWED = 1.01  # factor of time from which on a movement is named as slowed down
@@ -90,7 +91,10 @@ def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Findin
         following = apps[index + 1].kind if index + 1 < len(apps) else None
         some, state = checker.check_app(index, app, following, state)
         found += some
-    return found
+    if (of_program := checker.other_arm(apps)) is None:
+        return found
+    wrong = checker.joint_reasons(apps)
+    return [of_program, *(one for one in found if one.index is None or one.reason != wrong.get(one.index))]
 
 
 class _ReachabilityChecker:
@@ -128,6 +132,26 @@ class _ReachabilityChecker:
         found += [] if path is None else self._slowdown(index, app, path, state.joints, joints)
         return found, replace(after, joints=joints)
 
+    def joint_reasons(self, apps: Sequence[App]) -> dict[int, str]:
+        """Return why joints are not those of an app's target, by the number of the app."""
+        reasons = ((index, next(self._check_joints(app), None)) for index, app in enumerate(apps))
+        return {index: reason for index, reason in reasons if reason is not None}
+
+    def other_arm(self, apps: Sequence[App]) -> Finding | None:
+        """Find that the joints of nearly all apps are not those of this arm at their targets."""
+        wrong, stated = self.joint_reasons(apps), sum(app.joints is not None for app in apps)
+        if len(wrong) < OF_AT_LEAST or len(wrong) < NEARLY_ALL * stated:
+            return None
+        first, name = min(wrong), self._robot.description.name
+        return Finding(
+            "error",
+            None,
+            None,
+            f"the joints of {len(wrong)} of {stated} apps are not those of the arm {name}, such as app "
+            f"{first + 1}: {wrong[first].removesuffix(ONE_IS_WRONG)}. Was it taught on another arm? State it "
+            "with --robot. If not, its poses are not those of the flange in the base frame",
+        )
+
     def _check_joints(self, app: App) -> Iterator[str]:
         if app.joints is None:
             return
@@ -145,7 +169,7 @@ class _ReachabilityChecker:
             if astray > ASTRAY_M:
                 yield (
                     f"its joints lead {1000 * astray:.0f} mm away from its target, "
-                    f"at most {1000 * ASTRAY_M:.0f} mm are expected: one of them is wrong"
+                    f"at most {1000 * ASTRAY_M:.0f} mm are expected{ONE_IS_WRONG}"
                 )
 
     def _joints_at_target(

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages.field_types import (
+    Amount,
     AppLabel,
     Author,
     ChangedField,
@@ -99,3 +100,6 @@ class App(Message):
     added: Count | None = None  # the number of the edit that added it; None: it was taught
     changes: Annotated[Listed[AppChange], Field(max_length=11)] = ()  # what people set, a field once
     target_name: AppLabel | None = None  # what people call its target
+    off_straight_m: Amount | None = (
+        None  # of a press without a path: how far off the way to its target it was
+    )

@@ -304,6 +304,8 @@ def _press(group: _Group) -> App:
         t0 = group.steps[0].segment.t0
         if group.paths is not None and group.paths.turning(t0, end.t):
             changes["path"] = group.paths.between(t0, end.t)
+        elif group.paths is not None:
+            changes["off_straight_m"] = group.paths.off_straight_m(t0, end.t)
     return group.app("apply_force", group.steps, **changes)
 
 

@@ -71,6 +71,14 @@ class Paths:
                 del self._kept[next(iter(self._kept))]
         return found
 
+    def off_straight_m(self, t0: float, tn: float) -> float | None:
+        """How far [m] it was off the straight line from one time to another [s]; None as `between`."""
+        if tn > self.settled_until:
+            return None
+        places = self.poses_between(t0, tn)[1][:, :3]
+        away, line = places - places[0], np.broadcast_to(places[-1] - places[0], places.shape)
+        return float(np.linalg.norm(_projected(away, line)[1], axis=1).max())
+
     def turning(self, t0: float, tn: float) -> tuple[float, float] | None:
         """When it turns in a rest [s]; None where it does by less than `TURN_RAD`, or nothing is known."""
         if tn > self.settled_until:

@@ -64,6 +64,16 @@ def test_the_time_of_lost_motion_begins_where_the_target_was_reached_and_not_whe
     assert [reason for index, reason in found(met, press, SECOND, THIRD) if index == 2] == [TAUGHT]
 
 
+@pytest.mark.parametrize(("off_m", "said"), [(None, []), (0.0048, []), (0.0073, ["7.3"])])
+def test_a_press_that_was_taught_off_the_straight_push_is_warned_of(off_m: float | None, said: list[str]):
+    # A real one wound 7 mm off it: the robot was to push straight, in silence.
+    force = {"force": (0.0, 0.0, -8.0), "force_taught": (0.0, 0.0, -8.0)}
+    met = FIRST.model_copy(update={"kind": "move_to_contact"})
+    press = app("apply_force", 1.0, 1.4, there(0.2), off_straight_m=off_m, **force)
+    shown = [reason for _, reason in found(met, press) if "off the straight way" in reason]
+    assert [reason.split(" mm")[0].removeprefix("was taught up to ") for reason in shown] == said
+
+
 @pytest.mark.parametrize(
     ("deviation_m", "tolerance_m", "warned"),
     [

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.programs.checks.preconditions import order_findings
-from caesura_service.program import GripperAction, Paths, ProgramSegment, task_program
+from caesura_service.program import GripperAction, Moment, Paths, ProgramSegment, task_program
 from service.program.segments import GRASP, RELEASE, drifted, held, kinds, moment_at, program, segment
 
 
@@ -106,3 +106,25 @@ def test_a_turn_in_the_second_of_two_rests_before_a_press_comes_before_the_conta
         paths=Paths(poses),
     )
     assert kinds(made) == ["cartesian_motion", "cartesian_motion", "apply_force"]
+
+
+def pushed_from_2_s(t: float) -> Moment:
+    return drifted(t, pushed_n=9.0 if t > 2.0 else 0.0)
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.0073])
+def test_a_press_states_how_far_it_was_taught_off_the_straight_way_to_its_target(aside_m: float) -> None:
+    """It has no path, so nothing of a program showed that it wound: the robot pushes straight."""
+
+    def poses(t0: float, tn: float) -> Any:
+        t = np.linspace(t0, tn, 60)
+        aside = aside_m * np.sin(np.pi * np.clip((t - 2.0) / 2.0, 0.0, 1.0))
+        return t, np.column_stack([aside, 0.0 * t, 0.4 - 0.005 * np.clip(t - 2.0, 0.0, 2.0)])
+
+    parts = (segment("motion", 0.0, 2.0), segment("contact", 2.0, 4.0, **held(9.0)))
+    steps = [ProgramSegment(i, one, 1.0) for i, one in enumerate(parts)]
+    for settled, known in ((np.inf, True), (3.0, False)):
+        paths = Paths(poses, settled_until=settled)
+        press = task_program(steps, (), pushed_from_2_s, paths=paths)[-1]
+        assert (press.kind, press.path) == ("apply_force", None)
+        assert press.off_straight_m == (pytest.approx(aside_m, abs=5e-4) if known else None)

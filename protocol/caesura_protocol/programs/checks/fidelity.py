@@ -33,7 +33,7 @@ SURE_SDS = 2.0  # deviations of a load from nothing, above which it is significa
 TAUGHT_APART = "a part was taught again"
 EDITED_APART = "the way between them was not taught"
 SWAYED_M = 0.005  # a press that is held sways by less: 98 of 100 simulated ones
-STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less
+STEPPED_M, STEPPED_RAD = 0.01, math.radians(3.0)  # a hand at rest drifts by less (docs/programs.md)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from caesura_protocol.extremes import unpack_points
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import ASSUMED_FRAME, Recording
 from caesura_protocol.sample_runs import SPEED
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
 
@@ -89,6 +89,7 @@ def read_recording(transport: Transport, update: Update) -> Recording:
         wrench_source=wrench.source if wrench.stated else None,
         hand_on_robot=wrench.hand_on_robot,
         force_frame=wrench.frame,
+        assumed=() if wrench.frame_stated else (ASSUMED_FRAME,),
         name=update.session,
     )
 

@@ -28,7 +28,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_protocol.recording import Recording
+from caesura_protocol.recording import ASSUMED_FRAME, Recording
 from caesura_protocol.session_clock import clock_from
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
 from caesura_protocol.transport.network import Transport
@@ -127,13 +127,14 @@ class Recorder:
         matrix = np.concatenate([unpack_samples(self.batches[seq]) for seq in alike])
         signals = signals_of(columns, matrix)
         if status is None:
-            return Recording(matrix[:, 0], signals, name=self.session)
+            return Recording(matrix[:, 0], signals, name=self.session, assumed=(ASSUMED_FRAME,))
         return Recording(
             matrix[:, 0],
             signals,
             wrench_source=status.wrench.source if status.wrench.stated else None,
             hand_on_robot=status.wrench.hand_on_robot,
             force_frame=status.wrench.frame,
+            assumed=() if status.wrench.frame_stated else (ASSUMED_FRAME,),
             length_unit=status.length_unit,
             name=self.session,
         )

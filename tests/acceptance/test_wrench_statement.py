@@ -17,8 +17,10 @@ from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.cli import build
+from caesura_clients.full_samples import read_recording
 from caesura_clients.query import snapshot
 from caesura_clients.recorder import Recorder
+from caesura_clients.results import Update
 from caesura_protocol.codec import decode, encoding_of, pack_samples
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording
@@ -340,6 +342,21 @@ def test_a_session_of_the_journal_does_not_state_what_was_assumed(tmp_path):
     records = [Record("cell-1", "file", 0.0, one) for one in (opening, batch_of(recording, "file"))]
     assert recording_of(records).assumed == (ASSUMED_FRAME,)
     assert "force_frame" not in recording_of(records).stated_options
+
+
+def test_a_recorded_session_does_not_state_a_frame_that_was_assumed(endpoint, tmp_path):
+    file = without_frame(tmp_path / "a.npz")
+    for frame, stated in ((None, False), ("flange", True)):
+        recording = load_recording(file, force_frame=frame)
+        name = f"s-frame-{frame}".lower()
+        found = taught(endpoint, recording, name)
+        assert found.status.wrench.frame_stated is stated
+        recorder = Recorder(name)
+        recorder.add_batch(batch_of(recording, name))
+        assert ("force_frame" in recorder.recording(found.status).stated_options) is stated
+        with ZenohTransport(endpoint, timeout_s=20.0) as transport:
+            update = Update(found.status, (), (), None, found.program)
+            assert ("force_frame" in read_recording(transport, update).stated_options) is stated
 
 
 def test_an_assumption_of_another_name_is_refused(endpoint):

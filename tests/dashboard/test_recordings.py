@@ -12,6 +12,7 @@ import tempfile
 import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,6 +26,7 @@ from caesura_clients.dashboard import playback, recordings
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.pages.recordings import received
 from caesura_clients.dashboard.recordings import RecordingDesk
+from caesura_protocol.recording import ASSUMED_FRAME
 from dashboard.conftest import ran
 from harness.demonstrations import guided
 
@@ -136,6 +138,18 @@ def test_answers_make_the_source_and_the_mapping_for_the_next_time(tmp_path: Pat
     assert source.recording.setting.robot == "panda"
     assert set(source.declared_units) == {"time", "length", "angle", "force"}
     assert 'px = { column = "x", unit = "cm" }' in json.loads(capsys.readouterr().out)["mapping"]
+
+
+def test_a_file_without_a_frame_of_its_force_takes_the_answer(tmp_path: Path):
+    recording = guided()
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (recording.t.size, 1))
+    signals = {**recording.signals, "quat": turned}
+    replace(recording, signals=signals, assumed=(ASSUMED_FRAME,)).save(tmp_path / "a.npz")
+    assert "force_frame" not in looked(tmp_path / "a.npz")["stated"], "the page asks for it"
+    for frame, stated in ((None, "base"), ("flange", "flange")):
+        answers = recordings.Answers(wrench_source="flange_sensor", force_frame=frame).model_dump()
+        source = playback.source_of({"file": str(tmp_path / "a.npz"), "answers": answers})
+        assert (source.force_frame, source.assumed) == (stated, () if frame else ("force_frame",))
 
 
 def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsys):

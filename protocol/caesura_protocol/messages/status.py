@@ -37,6 +37,7 @@ class WrenchReport(Message):
     tare: Vector | None  # [N] bias taken off; None while there has been no rest to take it from
     note: str
     frame: ForceFrame = "base"  # of the samples' forces; those of results are in the base frame
+    frame_stated: bool = True  # False: a recording that is played does not state it, and `frame` is assumed
 
 
 class Refusal(Message):

@@ -604,4 +604,5 @@ def _wrench_report(
         tare=tare,
         note=f"{worth.note} {tare_note}",
         frame=opening.force_frame,
+        frame_stated="force_frame" not in opening.assumed,
     )

@@ -91,7 +91,7 @@ def test_a_simulation_that_is_cancelled_ends_its_process_and_frees_the_simulator
         assert simulation._child.poll() is not None, "its process is gone"
         assert not simulator.is_busy
         monkeypatch.setattr(Simulator, "_command", command)
-        with pytest.raises(EditRefused, match="Not simulated: the program has no target"):
+        with pytest.raises(EditRefused, match=r"(?s)Not simulated: cell-1/.*has no apps.*\(robot not stated"):
             simulator.run(program(), "taught")
 
 

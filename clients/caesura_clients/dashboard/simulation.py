@@ -137,5 +137,7 @@ class Simulator:
         said, code = self._current.outcome([sys.executable, "-m", "caesura_clients", *words])
         lines = said.strip()
         if not made.exists():
-            raise EditRefused(f"Not simulated: {lines.removeprefix('error: ')}")
+            assumed, _, reason = lines.partition("error: ")
+            parts = (reason or assumed.strip(), f"({assumed.strip()})" if reason and assumed else "")
+            raise EditRefused(f"Not simulated: {' '.join(filter(None, parts))}")
         return lines, code == 0

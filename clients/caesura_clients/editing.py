@@ -114,10 +114,12 @@ def _ask(transport: Transport, station: str, made: Made) -> Ack:
         return decode(answers.replies[0].payload, answers.replies[0].encoding, Ack)
     if answers.refusals:
         raise answers.refusals[0]
+    if not (alive := query.services(transport)):
+        raise query.no_service(transport)
     seen = (
         f"; if its revision is still {made.revision}, nothing has changed" if isinstance(made, Edit) else ""
     )
     raise Unreachable(
-        f"no service answered the {made.type} of {station}/{made.session} in {EDIT_TIMEOUT_S:g} s, "
-        f"or it is forbidden{seen}"
+        f"no answer to the {made.type} of {station}/{made.session}, and {', '.join(alive)} is alive: "
+        f"the answer was lost, another instance takes the station over, or it is forbidden{seen}"
     )

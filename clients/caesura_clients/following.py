@@ -207,13 +207,15 @@ class _Follower:
     def _ask(
         self, station: str | None = None, session: str | None = None, *, complete: bool = False
     ) -> list[Snapshot] | None:
-        """The snapshots; None where the service had no time to answer, or went while it was asked."""
+        """The snapshots; None where the service had no time to answer, or went, or may not be asked."""
         station, session = station or self._station, session or self._session
         try:
             return snapshots(self._transport, station, session, complete=complete)
         except ProtocolError as error:
             if error.code != "overloaded":
                 raise
+            return None
+        except Unreachable:
             return None
 
     def _read(self, delivery: ReceivedSample) -> Published | None:

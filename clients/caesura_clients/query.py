@@ -1,6 +1,9 @@
-"""Queries to the service. No answer means absent, forbidden, or held back by the budget of the station.
+"""Queries to the service, which says of what is not there that it is not: `NotFound` stands for that alone.
 
-Liveliness and the service's status then show which.
+A query that ends without a word is asked again, since a busy network loses all of a long answer but its end.
+Where nothing comes still, liveliness and the service's status show why: no service is alive (`Unreachable`),
+the budget of the station holds queries back (`overloaded`), or access rules forbid it (`AccessDenied`). No
+answer within the time of the query is `overloaded` too, with that time as its limit.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 from caesura_protocol.codec import Encoded, decode
-from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
+from caesura_protocol.errors import AccessDenied, NotFound, ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import (
     INFERRED_PROGRAM,
@@ -34,12 +37,19 @@ from caesura_protocol.messages import (
     ServiceStatus,
     Snapshot,
 )
-from caesura_protocol.transport.network import QUERY_TIMEOUT_S, IncompleteAnswerError, QueryReplies, Transport
+from caesura_protocol.transport.network import (
+    NOTHING,
+    QUERY_TIMEOUT_S,
+    IncompleteAnswerError,
+    QueryReplies,
+    Transport,
+)
 
 M = TypeVar("M", bound=Message)
 Found = TypeVar("Found")
 
 QUERY_ATTEMPTS = 3  # times at most
+RETRY_S = 0.1  # after a query that ended without a word, times the number of the attempt
 HELD_ATTEMPTS = 5  # of a query that may have been held back
 HELD_WAIT_S = 0.3  # between them; the service renews its list of budgets more often
 SAMPLES_TIMEOUT_S = 20.0  # of a query for samples: the first one reads the whole session
@@ -72,7 +82,7 @@ def snapshots(
     """Query the snapshots of every matching session, one of the highest epoch each; none is no error.
 
     complete: also raise where only some of the live instances have answered; inferred: programs without the
-    edits of people.
+    edits of people. Raises ProtocolError or AccessDenied where a service is alive and does not answer.
     """
     newest: dict[tuple[str, str], Snapshot] = {}
     asked, parameters = session_key(station, session, "snapshot"), INFERRED_PROGRAM if inferred else ""
@@ -101,8 +111,8 @@ def snapshot(
 ) -> Snapshot:
     """Everything about one session; without a name the one that `program` speaks of, the newest.
 
-    inferred: its program without the edits of people. Raises NotFound, which names what there is, or
-    Unreachable.
+    inferred: its program without the edits of people. Raises NotFound, which names what there is,
+    Unreachable, or ProtocolError where no answer came.
     """
     name = session or _current_session(transport, station)
     found = _unless_held_back(
@@ -117,9 +127,9 @@ def snapshot(
 def program(transport: Transport, station: str) -> Program:
     """Query the current task program of a station.
 
-    Raises NotFound, which names what there is, or Unreachable.
+    Raises NotFound, which names what there is, Unreachable, or ProtocolError where no answer came.
     """
-    found = _unless_held_back(transport, station, lambda: find_program(transport, station))
+    found = _unless_held_back(transport, station, lambda: _program(transport, station))
     if found is None:
         raise _not_found(transport, f"station {station!r} has no program")
     return found
@@ -135,17 +145,16 @@ def samples(
 ) -> RecordedSamples:
     """The samples of a session in a range, of each bin the extremes of every column.
 
-    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Queries again where no answer
-    comes although a service holds the session: a busy network loses answers. Raises NotFound, which names
+    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises NotFound, which names
     what there is, Unreachable, or ProtocolError.
     """
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
-    for _ in range(QUERY_ATTEMPTS):
-        found = _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=timeout_s)
-        if found:
-            return max(found, key=lambda one: one.epoch)
-        if not _unless_held_back(transport, station, lambda: snapshots(transport, station, session)):
-            break
+
+    def ask() -> list[RecordedSamples]:
+        return _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=timeout_s)
+
+    if found := _unless_held_back(transport, station, ask):
+        return max(found, key=lambda one: one.epoch)
     raise _not_found(transport, f"no samples of session {station}/{session}")
 
 
@@ -157,7 +166,10 @@ def current_sessions(transport: Transport) -> dict[str, str]:
 
 
 def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
-    """Return all sessions that the service holds, by station and name. Raises Unreachable."""
+    """Return all sessions that the service holds, by station and name.
+
+    Raises Unreachable, AccessDenied, or ProtocolError where no answer came.
+    """
     found = snapshots(transport, station)
     if not found:
         _require_service(transport)
@@ -189,7 +201,9 @@ def services(transport: Transport) -> list[str]:
 
 
 def service_status(transport: Transport) -> list[ServiceStatus]:
-    """Query the status of every instance. Raises Unreachable where there is none."""
+    """Query the status of every instance. Raises Unreachable where there is none, AccessDenied, or
+    ProtocolError where no answer came.
+    """
     found = _query_all(transport, service_key("*", "status"), ServiceStatus)
     if not found:
         _require_service(transport)
@@ -207,6 +221,23 @@ def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, obje
 
 def find_program(transport: Transport, station: str) -> Program | None:
     """Query the current task program of a station; None where it has none, or where it is forbidden."""
+    with suppress(AccessDenied):
+        return _newest_program(transport, station)
+    return None
+
+
+def _program(transport: Transport, station: str) -> Program | None:
+    """The program of a station; None where every instance says that it has no session."""
+    try:
+        return _newest_program(transport, station)
+    except (AccessDenied, IncompleteAnswerError):
+        # Instances that share the stations do not listen to questions for one without bridge and session.
+        if snapshots(transport, station, complete=True):
+            raise
+    return None
+
+
+def _newest_program(transport: Transport, station: str) -> Program | None:
     found = _query_all(transport, station_key(station, "program"), Program)
     return max(found, key=lambda one: (one.epoch, one.version), default=None)
 
@@ -230,32 +261,66 @@ def _query_all(
     parameters: str = "",
     timeout_s: float = QUERY_TIMEOUT_S,
 ) -> list[M]:
-    """The answers to a query. Asks again, ASKED times in all, where pieces of a long answer were lost, or it
-    took longer than the query lasts. What the service itself refuses as `overloaded` is not asked again: that
-    would add to its load.
+    """The answers to a query; none where no service is alive, or all that are say that they have nothing.
+
+    Asks again, QUERY_ATTEMPTS times in all, where all or pieces of a long answer were lost, or it took longer
+    than the query lasts. What the service itself refuses as `overloaded` is not asked again: that would add
+    to its load. Raises ProtocolError, or AccessDenied where a service is alive and no word comes.
     """
-
-    def ask(within_s: float) -> list[M]:
-        replies = transport.query(key, parameters=parameters, timeout_s=within_s)
-        return decoded(replies, model, complete=complete)
-
     # Most answers take 0.1 s: one that was lost is not waited for as long as one that takes its time.
-    for within_s in (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (QUERY_ATTEMPTS - 2)):
-        with suppress(IncompleteAnswerError):
-            return ask(within_s)
-    return ask(timeout_s)
+    limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (QUERY_ATTEMPTS - 1))
+    for attempt, within_s in enumerate(limits, start=1):
+        answers = transport.query(key, parameters=parameters, timeout_s=within_s)
+        try:
+            found = decoded(answers, model, complete=complete)
+        except IncompleteAnswerError as error:
+            lost: IncompleteAnswerError | None = error
+            continue
+        if found and not complete:
+            return found
+        if not (missing := _missing(transport, answers, found)):
+            return found
+        lost = None
+        if attempt < QUERY_ATTEMPTS:
+            time.sleep(attempt * RETRY_S)
+    if lost is not None:
+        raise IncompleteAnswerError(
+            "overloaded", f"asked {QUERY_ATTEMPTS} times: {lost.message}", limit=lost.limit
+        )
+    raise _unanswered(key, missing, answers)
+
+
+def _missing(transport: Transport, answers: QueryReplies, found: Iterable[Message]) -> list[str]:
+    """The live instances that have answered neither with something nor that they have nothing."""
+    answered = {refusal.value for refusal in answers.refusals if refusal.code == NOTHING}
+    answered |= {one.status.instance for one in found if isinstance(one, Snapshot)}
+    return sorted(set(services(transport)) - answered)
+
+
+def _unanswered(key: str, missing: list[str], answers: QueryReplies) -> ProtocolError | AccessDenied:
+    """The error where these instances have not answered a query, and some others may have."""
+    who = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} alive"
+    if answers.replies or answers.refusals:
+        why = f"{who} and did not answer, asked {QUERY_ATTEMPTS} times: busy, or has just gone; ask again"
+        return IncompleteAnswerError("overloaded", why)
+    return AccessDenied(
+        f"{who}, and a query for {key} ends without an answer, asked {QUERY_ATTEMPTS} times: it is forbidden "
+        "for these credentials (use those of a dashboard or an operator), or its answers are lost"
+    )
 
 
 def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) -> list[M]:
     """The answers. What is wrong with one is raised only where there is no other; a newer protocol always.
 
-    complete: a refusal, or that pieces were lost, is raised wherever it is.
+    That an instance has nothing is no refusal. complete: a refusal, or that pieces were lost, is raised
+    wherever it is.
     """
     joining = Reassembler()
     replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
     whole = [reply for reply in replies if reply is not None]
-    if answers.refusals and (complete or not whole):
-        raise answers.refusals[0]
+    refusals = [refusal for refusal in answers.refusals if refusal.code != NOTHING]
+    if refusals and (complete or not whole):
+        raise refusals[0]
     if joining.unfinished and (complete or not whole):
         raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
     found, spoilt = [], None
@@ -275,14 +340,20 @@ def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Foun
     """Return what `ask` finds; ask again where it finds nothing while the station's queries are held back.
 
     Beyond a station's budget the service explains some refusals, and drops other queries without an answer.
-    Raises ProtocolError `overloaded` where it still holds them back.
+    Raises ProtocolError `overloaded` where it still holds them back, or as `ask` does.
     """
     before = held = 0
     for _ in range(HELD_ATTEMPTS):
-        if found := ask():
-            return found
+        unanswered = None
+        try:
+            if found := ask():
+                return found
+        except AccessDenied as error:
+            unanswered = error
         before, held = held, _held_back(transport, station)
         if held == before:
+            if unanswered is not None:
+                raise unanswered
             return found
         time.sleep(HELD_WAIT_S)
     raise ProtocolError(
@@ -295,23 +366,32 @@ def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Foun
 
 def _held_back(transport: Transport, station: str) -> int:
     """How many queries of a station the service has held back; 0 where it states none."""
-    stated = _query_all(transport, service_key("*", "status"), ServiceStatus)
-    budgets = (one.queries for status in stated for one in status.budgets if one.station == station)
-    return sum(budget.refused for budget in budgets if budget is not None)
+    with suppress(AccessDenied):
+        stated = _query_all(transport, service_key("*", "status"), ServiceStatus)
+        budgets = (one.queries for status in stated for one in status.budgets if one.station == station)
+        return sum(budget.refused for budget in budgets if budget is not None)
+    return 0
 
 
 def _require_service(transport: Transport) -> None:
     if not services(transport):
-        raise Unreachable(f"no service is alive at {transport.endpoint}")
+        raise no_service(transport)
+
+
+def no_service(transport: Transport) -> Unreachable:
+    """Return the error to raise where no instance is alive."""
+    return Unreachable(
+        f"no service is alive at {transport.endpoint}: it is not started, or has no link to the router"
+    )
 
 
 def _not_found(transport: Transport, what: str) -> NotFound:
     _require_service(transport)
-    known = {one.status.station for one in snapshots(transport)}
-    return NotFound(
-        f"{what}, or it is forbidden; stations with sessions: {_listed(known)}; "
-        f"with a bridge: {_listed(stations(transport))}"
-    )
+    try:
+        known = _listed({one.status.station for one in snapshots(transport)})
+    except (AccessDenied, ProtocolError):
+        known = "not known"  # a bridge may ask for its own station alone
+    return NotFound(f"{what}; stations with sessions: {known}; with a bridge: {_listed(stations(transport))}")
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -6,12 +6,12 @@ import threading
 from contextlib import ExitStack
 from typing import Self
 
-from caesura_protocol.codec import Encoded, encode
+from caesura_protocol.codec import Encoded, encode, encode_error
 from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
 from caesura_protocol.messages import Program, Result, Snapshot
 from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.network import Transport, nothing_found
 from clients.fake_service import eventually
 
 TICK_S = 0.02
@@ -20,11 +20,13 @@ TICK_S = 0.02
 class Answering:
     """`snapshots` go to whoever asks for them; `answers` and `refusals` are by key."""
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Transport, instance: str = "fake-1") -> None:
+        self._instance = instance
         self.snapshots: list[Snapshot] = []
         self.answers: dict[str, Encoded] = {}
         self.refusals: dict[str, Encoded] = {}
         self.refused = 0  # questions
+        self.is_silent = False  # are there no words where there is nothing?
         self._transport = transport
         self._inbox = Inbox()
         self._over = threading.Event()
@@ -42,8 +44,8 @@ class Answering:
             service_key("*", "status"),
         ):
             self._stack.enter_context(self._transport.declare_queryable(key, self._inbox))
-        self._stack.enter_context(self._transport.declare_token(service_key("fake-1", "alive")))
-        eventually(lambda: self._transport.list_tokens(service_key("fake-1", "alive")) != ())
+        self._stack.enter_context(self._transport.declare_token(service_key(self._instance, "alive")))
+        eventually(lambda: self._transport.list_tokens(service_key(self._instance, "alive")) != ())
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -68,14 +70,20 @@ class Answering:
                     self._answer(question)
 
     def _answer(self, question: IncomingQuery) -> None:
+        found = False
         for one in self.snapshots:
             key = session_key(one.status.station, one.status.session, "snapshot")
             if intersect(question.key, key):
                 question.reply(key, encode(one))
+                found = True
         for key, answer in self.answers.items():
             if intersect(question.key, key):
                 question.reply(key, answer)
+                found = True
         for key, refusal in self.refusals.items():
             if intersect(question.key, key):
                 question.refuse(refusal)
                 self.refused += 1
+                found = True
+        if not found and not self.is_silent:
+            question.refuse(encode_error(nothing_found(self._instance)))

@@ -132,7 +132,7 @@ class Lossy:
 @pytest.mark.parametrize("is_late", [False, True])
 def test_an_answer_that_lost_a_piece_or_comes_too_late_is_asked_for_again(losses: int, is_late: bool):
     parts = pieces_of(long := long_snapshot())
-    spoilt = QueryReplies((), (unanswered(),)) if is_late else QueryReplies(tuple(parts[1:]), ())
+    spoilt = QueryReplies((), (unanswered(2.0),)) if is_late else QueryReplies(tuple(parts[1:]), ())
     lossy = Lossy(parts, spoilt, losses)
     assert snapshots(lossy, "cell-1", "s1") == [long]
     assert lossy.asked == losses + 1

@@ -7,9 +7,9 @@ import pytest
 from caesura_clients.client import Caesura
 from caesura_clients.query import QUERY_ATTEMPTS, SAMPLES_TIMEOUT_S, current_sessions, samples
 from caesura_protocol.codec import encode, encode_error
-from caesura_protocol.errors import NotFound, ProtocolError, Unreachable
+from caesura_protocol.errors import AccessDenied, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
-from caesura_protocol.messages import Budget, Program, RecordedSamples, ServiceStatus, StationBudgets
+from caesura_protocol.messages import Budget, Program, RecordedSamples, ServiceStatus, StationBudgets, Undo
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, QueryReplies, unanswered
 from clients.answering import Answering
 from clients.examples import example, snapshot
@@ -111,7 +111,8 @@ def test_a_session_whose_queries_are_held_back_is_not_called_absent(caesura, ser
         return query(asked, *arguments, **options)
 
     monkeypatch.setattr(caesura.transport, "query", dropping)
-    expected = pytest.raises(ProtocolError, match="holds back queries of station cell-1, 5 since it started")
+    monkeypatch.setattr("caesura_clients.query.RETRY_S", 0.0)
+    expected = pytest.raises(ProtocolError, match="holds back queries of station cell-1, 15 since it started")
     with expected if dropped > QUERY_ATTEMPTS else nullcontext():
         assert caesura.snapshot("cell-1", known.status.session) == known
 
@@ -126,7 +127,7 @@ def test_a_lost_answer_with_samples_is_not_waited_for_as_long_as_a_slow_one(caes
     def losing(asked, *arguments, timeout_s, **options):
         waited.append(timeout_s)
         if len(waited) == 1:
-            return QueryReplies((), (unanswered(),))
+            return QueryReplies((), (unanswered(2.0),))
         return query(asked, *arguments, timeout_s=timeout_s, **options)
 
     monkeypatch.setattr(caesura.transport, "query", losing)
@@ -138,6 +139,7 @@ def test_a_lost_answer_with_samples_is_not_waited_for_as_long_as_a_slow_one(caes
 @pytest.mark.parametrize("lost", [1, QUERY_ATTEMPTS])
 def test_an_answer_with_samples_that_is_lost_is_asked_for_again(caesura, service, monkeypatch, lost):
     """A lost answer was reported as a session that is absent; the dashboard then answered 404."""
+    monkeypatch.setattr("caesura_clients.query.RETRY_S", 0.0)
     known, found = snapshot(0), example(RecordedSamples)
     service.snapshots = [known]
     key = session_key(known.status.station, known.status.session, "samples")
@@ -152,10 +154,71 @@ def test_an_answer_with_samples_that_is_lost_is_asked_for_again(caesura, service
         return answers
 
     monkeypatch.setattr(caesura.transport, "query", losing)
-    expected = pytest.raises(NotFound, match="no samples of") if lost == QUERY_ATTEMPTS else nullcontext()
+    expected = pytest.raises(AccessDenied, match="alive") if lost == QUERY_ATTEMPTS else nullcontext()
     with expected:
         wanted = SampleRange(0.0, 1.0, 5)
         assert samples(caesura.transport, known.status.station, known.status.session, wanted) == found
+
+
+WAYS = {
+    "program": lambda caesura: caesura.program("cell-1"),
+    "snapshot": lambda caesura: caesura.snapshot("cell-1", "s1"),
+    "sessions": lambda caesura: caesura.sessions(),
+    "samples": lambda caesura: samples(caesura.transport, "cell-1", "s1", SampleRange(0.0, 1.0, 5)),
+    "describe": lambda caesura: caesura.describe("cell-1", "s1", author="Ann", task="wipe"),
+    "edit": lambda caesura: caesura.undo("cell-1", "s1", author="Ann"),
+    "preview": lambda caesura: caesura.preview("cell-1", "s1", Undo()),
+}
+
+
+@pytest.mark.parametrize("asked", WAYS)
+def test_a_service_that_gives_no_answer_in_time_has_not_said_that_there_is_none(
+    caesura, service, monkeypatch, asked
+):
+    """It is busy, or hangs: the limit is named, and nothing is said of what it has."""
+    late = QueryReplies((), (unanswered(2.0),))
+    monkeypatch.setattr(caesura.transport, "query", lambda *_, **__: late)
+    with pytest.raises(ProtocolError, match=f"asked {QUERY_ATTEMPTS} times: no answer in 2 s") as raised:
+        WAYS[asked](caesura)
+    assert (raised.value.code, raised.value.limit) == ("overloaded", 2.0)
+
+
+@pytest.mark.parametrize("asked", WAYS)
+def test_where_a_live_service_never_says_a_word_the_query_is_forbidden(caesura, service, monkeypatch, asked):
+    """Access rules deny without a word. `program` said that the station has none."""
+    service.is_silent = True
+    monkeypatch.setattr("caesura_clients.query.RETRY_S", 0.0)
+    with pytest.raises(AccessDenied, match=r"fake-1 is alive, and a query for .* it is forbidden"):
+        WAYS[asked](caesura)
+
+
+@pytest.mark.parametrize("asked", ["program", "snapshot", "sessions"])
+def test_of_a_long_answer_all_may_be_lost_but_its_end(caesura, service, monkeypatch, asked):
+    """On a machine under load one query in 70 for a program of 2 MB: it was reported as absent."""
+    program = example(Program)
+    service.snapshots = [snapshot(9, "motion", session="s1")]
+    service.answers[station_key("cell-1", "program")] = encode(program)
+    expected, query, lost = WAYS[asked](caesura), caesura.transport.query, []
+
+    def losing(key, *arguments, **options):
+        answers = query(key, *arguments, **options)
+        if key not in lost:
+            lost.append(key)
+            return QueryReplies((), ())
+        return answers
+
+    monkeypatch.setattr(caesura.transport, "query", losing)
+    assert WAYS[asked](caesura) == expected
+    assert lost
+
+
+def test_one_of_two_instances_that_has_nothing_does_not_speak_for_the_other(caesura, service, network):
+    with network.transport().declare_token(service_key("frozen-2", "alive")):
+        for ask in (lambda: caesura.snapshot("cell-1", "s1"), caesura.sessions):
+            with pytest.raises(ProtocolError, match="frozen-2 is alive and did not answer"):
+                ask()
+    with pytest.raises(NotFound, match="no session s1"):
+        caesura.snapshot("cell-1", "s1")
 
 
 def test_no_session_is_no_error_but_no_service_is(network):

@@ -253,13 +253,14 @@ def test_a_service_that_goes_and_comes_back_is_reported(network):
 
 def test_what_a_restarted_service_no_longer_has_is_forgotten(network):
     # It once stayed in view for ever.
-    with Answering(network.transport()) as first:
+    instance = snapshot(0).status.instance
+    with Answering(network.transport(), instance) as first:
         first.snapshots = [snapshot(4, "motion", session="old")]
         happening = reported(network)
         assert next(happening).session == "old"
         assert next(happening) == ServiceAvailability("there")
     assert next(happening) == ServiceAvailability("gone")
-    with Answering(network.transport()) as second:
+    with Answering(network.transport(), instance) as second:
         second.snapshots = [snapshot(0, session="new")]
         seen = [next(happening) for _ in range(3)]
     assert ServiceAvailability("there") in seen

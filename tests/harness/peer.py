@@ -32,7 +32,7 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.transport.inbox import IncomingQuery, ReceivedSample
 from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork
-from caesura_protocol.transport.network import QueryReplies
+from caesura_protocol.transport.network import NOTHING, QueryReplies
 from caesura_protocol.transport.zenoh_transport import ZenohQuestion, direct
 from caesura_service.server.network import SETTINGS
 
@@ -115,10 +115,11 @@ class Client(ABC):
         return decode(reply.payload, reply.encoding, Ack)
 
     def ask(self, key: str, kind: type[M]) -> dict[str, M]:
-        """Every reply, by its key."""
+        """Every reply, by its key. That an instance has nothing is no refusal."""
         replies, refusals = self.get(key)
         for refusal in refusals:
-            raise refusal
+            if refusal.code != NOTHING:
+                raise refusal
         return {reply.key: decode(reply.payload, reply.encoding, kind) for reply in replies}
 
     def snapshot(self, session: str = "s1", station: str = "cell-1") -> Snapshot:

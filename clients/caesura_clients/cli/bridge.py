@@ -34,7 +34,7 @@ from caesura_clients.cli.watching import SAID_OF_SERVICE
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import Change, watch_services
-from caesura_protocol.errors import Unreachable
+from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
@@ -198,8 +198,16 @@ def bridge(
             for unmade in opened.unmarked:
                 typer.echo(f"no {unmade}", err=True)
             typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
-            for one in snapshots(caesura.transport, station, opened.session):
-                _print_outcome(one.status, clock_of(one.segments.segments))
+            _show_outcome(caesura, station, opened.session)
+
+
+def _show_outcome(caesura: Caesura, station: str, session: str) -> None:
+    """What became of a session that is stored; where the service does not say it, the reason."""
+    try:
+        for one in snapshots(caesura.transport, station, session):
+            _print_outcome(one.status, clock_of(one.segments.segments))
+    except (Unreachable, ProtocolError) as error:
+        typer.echo(f"its segments are not shown: {error}", err=True)
 
 
 def _check_standby(source: str, session: str | None, marker: bool, stated: DescriptionOptions) -> None:

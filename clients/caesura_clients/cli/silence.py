@@ -6,7 +6,7 @@ import typer
 
 from caesura_clients.client import Caesura
 from caesura_clients.query import services
-from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.errors import AccessDenied, CaesuraError, ProtocolError
 
 
 def say_why_silent(caesura: Caesura, station: str | None) -> None:
@@ -25,10 +25,9 @@ def why_silent(caesura: Caesura, station: str | None) -> str:
     if not services(caesura.transport):
         return "no service answers yet"
     try:
-        found = caesura.sessions()
-        if not found and not caesura.services():
-            return "a service is there, but answers nothing: are these a reader's credentials?"
-        known = {info.station for info in found} | set(caesura.stations())
+        known = {info.station for info in caesura.sessions()} | set(caesura.stations())
+    except AccessDenied:
+        return "a service is there, but answers nothing: are these a reader's credentials?"
     except (CaesuraError, ProtocolError):
         return ""  # it has no time to say, or has just gone
     if station is None or station in known:

@@ -24,7 +24,7 @@ from caesura_clients.client import Caesura
 from caesura_clients.following import events
 from caesura_clients.query import current_sessions, snapshots
 from caesura_clients.results import Update
-from caesura_protocol.errors import NotFound, ProtocolError
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.session_clock import clock_of
 
 
@@ -86,5 +86,5 @@ def _current_sessions(caesura: Caesura) -> dict[str, str]:
     """As the service has it; nothing where it has no time to say."""
     try:
         return current_sessions(caesura.transport)
-    except ProtocolError:
+    except (CaesuraError, ProtocolError):
         return {}

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from caesura_clients.parallel_sessions import ParallelSessions
-from caesura_clients.query import decoded, services, stations
+from caesura_clients.query import QUERY_ATTEMPTS, decoded, services, stations
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
@@ -27,7 +27,7 @@ from caesura_protocol.messages import (
     Snapshot,
 )
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
-from caesura_protocol.transport.network import Transport
+from caesura_protocol.transport.network import NOTHING, Transport
 
 MOST_BATCHES = 20_000  # that are kept while listening: 400 s of one station, 12 s of 32
 _ANY_MAJOR = service_key("*", "alive").replace(ROOT, f"{ROOT.partition('/')[0]}/*", 1)
@@ -102,17 +102,23 @@ def probe_network(transport: Transport, station: str = "*", *, seconds: float) -
 
 
 def _statuses(transport: Transport, probed: ProbeResult) -> list[TimedServiceStatus]:
-    asked = time.time()
-    answers = transport.query(service_key("*", "status"))
-    answered = time.time()
+    for _ in range(QUERY_ATTEMPTS):  # a busy network loses answers
+        asked = time.time()
+        answers = transport.query(service_key("*", "status"))
+        answered = time.time()
+        if answers.replies:
+            break
     probed.refusals += answers.refusals
     found = [decode(reply.payload, reply.encoding, ServiceStatus) for reply in answers.replies]
     return [TimedServiceStatus(one, asked, answered) for one in sorted(found, key=lambda one: one.instance)]
 
 
 def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[Snapshot]:
-    answers = transport.query(session_key(station, "*", "snapshot"))
-    probed.refusals += answers.refusals
+    for _ in range(QUERY_ATTEMPTS):
+        answers = transport.query(session_key(station, "*", "snapshot"))
+        if answers.replies or answers.refusals:
+            break
+    probed.refusals += (refusal for refusal in answers.refusals if refusal.code != NOTHING)
     try:
         return decoded(answers._replace(refusals=()), Snapshot)
     except ProtocolError as error:

@@ -102,7 +102,7 @@ class MemoryTransport:
         refusals = [refusal for question in questions for refusal in question.refusals]
         return QueryReplies(
             tuple(reply for question in questions for reply in question.replies),
-            (*refusals, *(unanswered() for _ in late)),
+            (*refusals, *(unanswered(timeout_s) for _ in late)),
         )
 
     def list_tokens(self, key: str) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from typing import Literal, NamedTuple, Protocol
 
 from caesura_protocol.codec import Encoded
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 
 QUERY_TIMEOUT_S = 2.0
@@ -14,7 +14,9 @@ Priority = Literal["data_high", "data", "data_low"]
 
 
 class QueryReplies(NamedTuple):
-    """Replies and refusals of a query. Both empty: no queryable is there, or the query is forbidden."""
+    """Replies and refusals of a query. Both empty: no queryable is there, the query is forbidden, or all of a
+    long answer was lost but its end. Who has nothing to reply says so: see `nothing_found`.
+    """
 
     replies: tuple[ReceivedSample, ...]
     refusals: tuple[ProtocolError, ...]
@@ -24,9 +26,21 @@ class IncompleteAnswerError(ProtocolError):
     """The answer to a query, or a part of it, did not arrive: the same query may succeed at once."""
 
 
-def unanswered() -> IncompleteAnswerError:
+def unanswered(timeout_s: float) -> IncompleteAnswerError:
     """Return the refusal of a query that a queryable received and did not answer in time."""
-    return IncompleteAnswerError("overloaded", "no answer within the time of the query: ask again")
+    return IncompleteAnswerError(
+        "overloaded",
+        f"no answer in {timeout_s:g} s: who was asked is busy, hangs or is cut off; ask again",
+        limit=timeout_s,
+    )
+
+
+NOTHING: ErrorCode = "unknown_session"
+
+
+def nothing_found(instance: str) -> ProtocolError:
+    """Return how an instance of the service says that it has nothing of what a query asks for."""
+    return ProtocolError(NOTHING, f"{instance} has nothing of what was asked for", value=instance)
 
 
 class Transport(Protocol):

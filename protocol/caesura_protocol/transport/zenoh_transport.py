@@ -128,7 +128,7 @@ class ZenohTransport:
                 payload=payload,
                 encoding=encoding,
             )
-            return _split_replies(replies)
+            return _split_replies(replies, timeout_s)
 
     def list_tokens(self, key: str) -> tuple[str, ...]:
         """Return the keys of the liveliness tokens that exist now, sorted.
@@ -237,22 +237,22 @@ def token_change(sample: zenoh.Sample) -> TokenChange:
     return TokenChange(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
 
-def _split_replies(replies: zenoh.handlers.Handler[zenoh.Reply]) -> QueryReplies:
+def _split_replies(replies: zenoh.handlers.Handler[zenoh.Reply], timeout_s: float) -> QueryReplies:
     good: list[ReceivedSample] = []
     refusals: list[ProtocolError] = []
     for reply in replies:
         if reply.ok is not None:
             good.append(_delivery(reply.ok))
         elif reply.err is not None:
-            refusals.append(_refusal(reply.err))
+            refusals.append(_refusal(reply.err, timeout_s))
     return QueryReplies(tuple(good), tuple(refusals))
 
 
-def _refusal(error: zenoh.ReplyError) -> ProtocolError:
+def _refusal(error: zenoh.ReplyError, timeout_s: float) -> ProtocolError:
     """The refusal in an error reply. One of the library itself carries plain text: a timeout, say."""
     payload = error.payload.to_bytes()
     if payload == TIMEOUT:
-        return unanswered()
+        return unanswered(timeout_s)
     try:
         return decode_error(payload, str(error.encoding))
     except ProtocolError as unreadable:

@@ -4,7 +4,8 @@ They are answered from immutable states in a thread of its own, so that queries 
 busy worker never delays an answer. One reply for each session or station that the query's key matches.
 Queries wait in a queue as the worker has one: whose turn it is follows from the measured time of the answers,
 with a lane for each station that a key names, one for all keys that name none, and one for the status. A long
-answer stops after each reply. What finds no room in the queue is refused as `overloaded`.
+answer stops after each reply. Where nothing matches, the reply says so: an answer of which a busy network
+lost all but the end looks like none. What finds no room in the queue is refused as `overloaded`.
 
 While a station, or the service, is overloaded its commands pass through here: what would open a new session
 is refused at once; every other command goes to the worker.
@@ -50,7 +51,13 @@ from caesura_service.server.inbound import (
     source_of_key,
     sources_of,
 )
-from caesura_service.server.result_publisher import reply_error, reply_message, with_load
+from caesura_service.server.result_publisher import (
+    answering,
+    reply_error,
+    reply_message,
+    reply_nothing,
+    with_load,
+)
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.token_bucket import LOG_RATE, Rate, RateLimit
 
@@ -72,9 +79,11 @@ class QueryServer(BackgroundThread):
         status: Callable[[], ServiceStatus],
         budgets: Budgets,
         stored: Callable[[IncomingQuery, str, StoredPage], bool],
+        instance: str,
     ) -> None:
         """work: the worker's queue; stored: takes a query for stored sessions, with its lane."""
         self._stored = stored
+        self._instance = instance
         self._log_rate = RateLimit(LOG_RATE)
         self._refusal_rate = RateLimit(REFUSAL_RATE)
         self.rejected_commands = 0  # commands that were refused because of an overload
@@ -207,7 +216,7 @@ class QueryServer(BackgroundThread):
 
         states = self._index_of(lane).all_states()
         keyed = ((session_key(one.station, one.session, "snapshot"), one) for one in states)
-        yield from _replies(query, keyed, snapshot)
+        yield from self._replies(query, keyed, snapshot)
 
     def _snapshot(self, state: SessionState, program: Program | None) -> Snapshot:
         snapshot = snapshot_of(state, program)
@@ -217,31 +226,34 @@ class QueryServer(BackgroundThread):
 
     def _answer_program(self, query: IncomingQuery, lane: str) -> Iterator[None]:
         states = self._index_of(lane).newest_states()
-        yield from _replies(query, ((station_key(one.station, "program"), one) for one in states), program_of)
+        keyed = ((station_key(one.station, "program"), one) for one in states)
+        yield from self._replies(query, keyed, program_of)
 
     def _answer_status(self, query: IncomingQuery) -> Iterator[None]:
-        with query:
+        with answering(query):
             status = self._status()
             reply_message(query, service_key(status.instance, "status"), status)
         yield from ()
 
+    def _replies(
+        self,
+        query: IncomingQuery,
+        states: Iterable[tuple[str, SessionState]],
+        message_of: Callable[[SessionState], Message],
+    ) -> Iterator[None]:
+        """Reply with a message of each state whose key matches; stop after each one but the last."""
+        with answering(query):
+            found = [(key, state) for key, state in states if query.matches(key)]
+            if not found:
+                reply_nothing(query, self._instance)
+            for remaining, (key, state) in zip(reversed(range(len(found))), found, strict=True):
+                reply_message(query, key, message_of(state))
+                if remaining:
+                    yield
+
     def _index_of(self, lane: str) -> SessionIndex:
         index = self._registry.index
         return index if lane == UNKNOWN else index.of_station(lane)
-
-
-def _replies(
-    query: IncomingQuery,
-    states: Iterable[tuple[str, SessionState]],
-    message_of: Callable[[SessionState], Message],
-) -> Iterator[None]:
-    """Reply with a message of each state whose key matches; stop after each one but the last."""
-    with query:
-        found = [(key, state) for key, state in states if query.matches(key)]
-        for remaining, (key, state) in zip(reversed(range(len(found))), found, strict=True):
-            reply_message(query, key, message_of(state))
-            if remaining:
-                yield
 
 
 def too_many_waiting(lane: str) -> ProtocolError:

@@ -7,7 +7,8 @@ because mixing them would reorder, and one publisher, which sends nothing as lon
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 
 from caesura_protocol.codec import Encoded, encode_error
@@ -26,6 +27,7 @@ from caesura_protocol.messages import (
     SessionStatus,
 )
 from caesura_protocol.transport.inbox import IncomingQuery
+from caesura_protocol.transport.network import nothing_found
 from caesura_service.publishing.events import Publish, RequestReplay
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
@@ -50,6 +52,8 @@ logger = logging.getLogger(__name__)
 REPLAYS = 8
 REPLAYS_OVERLOADED = 1  # while the queue is: their answers take the room of what comes live
 PUBLISHERS = 1024  # declared at once, those of 200 sessions
+
+FAILED = ProtocolError("internal", "the query failed: the service's log has the reason; try again")
 
 STREAMS: Mapping[type[Result], SessionPart] = {
     Changepoints: "changepoints",
@@ -209,6 +213,22 @@ def reply_message(query: IncomingQuery, key: str, message: Message) -> None:
             query.reply(key, encoded)
     except ProtocolError as error:
         reply_error(query, error)
+
+
+def reply_nothing(query: IncomingQuery, instance: str) -> None:
+    """Say that this instance has nothing of what is asked for: a query without an answer may have lost it."""
+    reply_error(query, nothing_found(instance))
+
+
+@contextmanager
+def answering(query: IncomingQuery) -> Iterator[None]:
+    """End a query with the context; an exception is a refusal for the asker, and is raised."""
+    with query:
+        try:
+            yield
+        except Exception:
+            reply_error(query, FAILED)
+            raise
 
 
 def reply_error(query: IncomingQuery, error: ProtocolError) -> None:

@@ -22,7 +22,7 @@ from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.result_publisher import reply_error, reply_message
+from caesura_service.server.result_publisher import FAILED, reply_error, reply_message, reply_nothing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.token_bucket import LOG_RATE, RateLimit
 
@@ -93,9 +93,15 @@ class SampleServer(BackgroundThread):
         """Answer a query, or read some more of the session that it is for, and let other stations go on."""
         owned = self._owned(station, session)
         if owned is None:
-            query.drop()
-            return  # another instance may have it
-        reply = self._reply(owned, query.parameters)
+            with query:
+                reply_nothing(query, self._owner.instance)  # another instance may have it
+            return
+        try:
+            reply = self._reply(owned, query.parameters)
+        except Exception:
+            with query:
+                reply_error(query, FAILED)
+            raise
         if reply is None and self._queue.put((query, station, session), station):
             return
         with query:

@@ -11,7 +11,7 @@ from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.journal import JournalError
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.result_publisher import reply_error, reply_message
+from caesura_service.server.result_publisher import answering, reply_error, reply_message, reply_nothing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.token_bucket import LOG_RATE, RateLimit
 
@@ -24,7 +24,8 @@ TICK_S = 0.1
 class StoredServer(BackgroundThread):
     """Answers while the context lasts."""
 
-    def __init__(self, stored: StoredSessions) -> None:
+    def __init__(self, stored: StoredSessions, instance: str) -> None:
+        self._instance = instance
         self._stored, self._log_rate = stored, RateLimit(LOG_RATE)
         self._queue: WorkQueue[tuple[IncomingQuery, StoredPage]] = WorkQueue(QueueSettings(capacity=QUERIES))
         super().__init__("caesura-stored", self._queue.wake)
@@ -46,11 +47,15 @@ class StoredServer(BackgroundThread):
             self._queue.charge(time.perf_counter() - began)
 
     def _answer(self, query: IncomingQuery, wanted: StoredPage) -> None:
-        with query:
+        with answering(query):
             try:
                 found = self._stored.page(lambda key: query.matches(session_key(*key, "snapshot")), wanted)
+                is_empty = True
                 for snapshot in found:
+                    is_empty = False
                     status = snapshot.status
                     reply_message(query, session_key(status.station, status.session, "snapshot"), snapshot)
+                if is_empty:
+                    reply_nothing(query, self._instance)
             except JournalError as error:
                 reply_error(query, ProtocolError("internal", str(error)))

@@ -94,8 +94,10 @@ class ZenohServer:
         rates = rates or RateLimits()
         self.budgets = Budgets(rates)
         self._log_rate = RateLimit(LOG_RATE)
-        self._stored = StoredServer(registry.stored)
-        self._queries = QueryServer(registry, self._queue, self.status, self.budgets, self._stored.take)
+        self._stored = StoredServer(registry.stored, owner.instance)
+        self._queries = QueryServer(
+            registry, self._queue, self.status, self.budgets, self._stored.take, owner.instance
+        )
         self._samples = SampleServer(samples, lambda: registry.index, owner)
         self._collector = BatchCollector(
             registry.awaited, self._enqueue_samples, self._enqueue_batches, clock

@@ -188,7 +188,8 @@ def test_the_command_line_works_with_the_generated_files(network, directory):
 def test_who_may_not_read_is_not_informed_that_there_is_nothing(network, directory):
     done = run(network, directory, "bridge.cell-1", "sessions", "list")
     assert done.exit_code == 1
-    assert "are these a reader's credentials?" in done.stderr
+    assert "is alive, and a query for caesura/v1/session/*/*/snapshot ends without an answer" in done.stderr
+    assert "it is forbidden for these credentials" in done.stderr
 
 
 def test_a_bridge_with_the_credentials_of_another_station_is_reported(network):

@@ -15,6 +15,7 @@ from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import Message, Program
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion, intersect
+from caesura_protocol.transport.network import NOTHING
 from caesura_service.app import Service
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server import query_server
@@ -103,7 +104,7 @@ def test_stored_sessions_are_asked_for_in_lanes_too(service, network, peer, monk
     assert after.ended.wait(DEADLINE_S), "the queries before it are enqueued or refused"
     gate.set()
     assert other.ended.wait(DEADLINE_S)
-    assert not other.refusals
+    assert [refusal.code for refusal in other.refusals] == [NOTHING]
 
 
 def test_the_queries_of_each_station_have_a_rate_of_their_own(config, network):

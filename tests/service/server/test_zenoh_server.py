@@ -19,6 +19,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_protocol.transport.network import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
@@ -82,9 +83,30 @@ def test_a_query_for_all_snapshots_lists_every_session_on_its_own_key(peer):
     }
 
 
-def test_what_is_not_there_is_not_answered(peer):
-    assert peer.ask(session_key("cell-1", "s1", "snapshot"), Snapshot) == {}
-    assert peer.ask(station_key("cell-1", "program"), Program) == {}
+@pytest.mark.parametrize(
+    ("key", "parameters"),
+    [
+        (session_key("cell-1", "s1", "snapshot"), ""),
+        (session_key("*", "*", "snapshot"), ""),
+        (session_key("*", "*", "snapshot"), "stored=16"),
+        (session_key("cell-1", "s1", "samples"), "from=0;to=1;bins=5"),
+        (station_key("cell-1", "program"), ""),
+    ],
+)
+def test_of_what_is_not_there_the_service_says_so(peer, key, parameters):
+    """A query that ended without a word was taken for that, and so was one whose long answer was lost."""
+    replies, refusals = peer.get(f"{key}?{parameters}" if parameters else key)
+    assert not list(replies)
+    assert [(refusal.code, refusal.value) for refusal in refusals] == [(NOTHING, "test-1")]
+
+
+def test_a_query_that_fails_is_refused_and_the_next_one_is_answered(service, peer, monkeypatch):
+    peer.command(opening())
+    with monkeypatch.context() as broken:
+        broken.setattr("caesura_service.server.query_server.program_of", lambda _: 1 / 0)
+        replies, refusals = peer.get(station_key("cell-1", "program"))
+    assert (list(replies), [refusal.code for refusal in refusals]) == ([], ["internal"])
+    assert peer.ask(station_key("cell-1", "program"), Program)
 
 
 def test_lost_batches_are_replayed_and_change_no_result(service, peer):

@@ -50,6 +50,7 @@ Found = TypeVar("Found")
 
 QUERY_ATTEMPTS = 3  # times at most
 RETRY_S = 0.1  # after a query that ended without a word, times the number of the attempt
+CONFIRM_S = 0.2  # until the next instance has noticed that one with a station has gone
 HELD_ATTEMPTS = 5  # of a query that may have been held back
 HELD_WAIT_S = 0.3  # between them; the service renews its list of budgets more often
 SAMPLES_TIMEOUT_S = 20.0  # of a query for samples: the first one reads the whole session
@@ -115,7 +116,7 @@ def snapshot(
     Unreachable, or ProtocolError where no answer came.
     """
     name = session or _current_session(transport, station)
-    found = _unless_held_back(
+    found = _confirmed(
         transport, station, lambda: snapshots(transport, station, name or "*", inferred=inferred)
     )
     if not found:
@@ -129,7 +130,7 @@ def program(transport: Transport, station: str) -> Program:
 
     Raises NotFound, which names what there is, Unreachable, or ProtocolError where no answer came.
     """
-    found = _unless_held_back(transport, station, lambda: _program(transport, station))
+    found = _confirmed(transport, station, lambda: _program(transport, station))
     if found is None:
         raise _not_found(transport, f"station {station!r} has no program")
     return found
@@ -153,7 +154,7 @@ def samples(
     def ask() -> list[RecordedSamples]:
         return _query_all(transport, key, RecordedSamples, parameters=parameters, timeout_s=timeout_s)
 
-    if found := _unless_held_back(transport, station, ask):
+    if found := _confirmed(transport, station, ask):
         return max(found, key=lambda one: one.epoch)
     raise _not_found(transport, f"no samples of session {station}/{session}")
 
@@ -334,6 +335,18 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     if spoilt is not None and not found:
         raise spoilt
     return found
+
+
+def _confirmed(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:
+    """Return what `ask` finds; ask twice before nothing is believed. Raises as `_unless_held_back`.
+
+    In the first moment after an instance has gone the others have nothing of its stations, and do not know
+    yet that they are to take them over.
+    """
+    if found := _unless_held_back(transport, station, ask):
+        return found
+    time.sleep(CONFIRM_S)
+    return _unless_held_back(transport, station, ask)
 
 
 def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:

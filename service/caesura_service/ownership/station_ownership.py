@@ -57,6 +57,10 @@ class StationOwnership:
         """Whether the station is being taken over."""
         return station in self._taking_over
 
+    def stations_in_takeover(self) -> tuple[str, ...]:
+        """Return the stations that are being taken over; any thread may ask."""
+        return tuple(self._taking_over)
+
     def rejection_reason(self, station: str) -> str | None:
         """Return why messages of the station are rejected now; None where they are accepted."""
         if self.served is not None and station not in self.served:

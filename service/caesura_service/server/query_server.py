@@ -54,6 +54,7 @@ from caesura_service.server.inbound import (
 from caesura_service.server.result_publisher import (
     answering,
     reply_error,
+    reply_in_takeover,
     reply_message,
     reply_nothing,
     with_load,
@@ -216,7 +217,7 @@ class QueryServer(BackgroundThread):
 
         states = self._index_of(lane).all_states()
         keyed = ((session_key(one.station, one.session, "snapshot"), one) for one in states)
-        yield from self._replies(query, keyed, snapshot)
+        yield from self._replies(query, keyed, snapshot, lambda name: session_key(name, "*", "snapshot"))
 
     def _snapshot(self, state: SessionState, program: Program | None) -> Snapshot:
         snapshot = snapshot_of(state, program)
@@ -227,7 +228,7 @@ class QueryServer(BackgroundThread):
     def _answer_program(self, query: IncomingQuery, lane: str) -> Iterator[None]:
         states = self._index_of(lane).newest_states()
         keyed = ((station_key(one.station, "program"), one) for one in states)
-        yield from self._replies(query, keyed, program_of)
+        yield from self._replies(query, keyed, program_of, lambda name: station_key(name, "program"))
 
     def _answer_status(self, query: IncomingQuery) -> Iterator[None]:
         with answering(query):
@@ -240,11 +241,20 @@ class QueryServer(BackgroundThread):
         query: IncomingQuery,
         states: Iterable[tuple[str, SessionState]],
         message_of: Callable[[SessionState], Message],
+        keys_of: Callable[[str], str],
     ) -> Iterator[None]:
-        """Reply with a message of each state whose key matches; stop after each one but the last."""
+        """Reply with a message of each state whose key matches; stop after each one but the last.
+
+        keys_of: the keys of a station's replies.
+        """
         with answering(query):
             found = [(key, state) for key, state in states if query.matches(key)]
-            if not found:
+            there = {state.station for _, state in found}
+            taking = [name for name in self._registry.ownership.stations_in_takeover() if name not in there]
+            taking = [name for name in taking if query.matches(keys_of(name))]
+            for name in taking:
+                reply_in_takeover(query, name, self._instance)
+            if not found and not taking:
                 reply_nothing(query, self._instance)
             for remaining, (key, state) in zip(reversed(range(len(found))), found, strict=True):
                 reply_message(query, key, message_of(state))

@@ -220,6 +220,12 @@ def reply_nothing(query: IncomingQuery, instance: str) -> None:
     reply_error(query, nothing_found(instance))
 
 
+def reply_in_takeover(query: IncomingQuery, station: str, instance: str) -> None:
+    """Say that what this instance has of a station is not known yet."""
+    why = f"{instance} is taking {station} over from another instance: ask again"
+    reply_error(query, ProtocolError("overloaded", why, value=station))
+
+
 @contextmanager
 def answering(query: IncomingQuery) -> Iterator[None]:
     """End a query with the context; an exception is a refusal for the asker, and is raised."""

@@ -22,7 +22,13 @@ from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.result_publisher import FAILED, reply_error, reply_message, reply_nothing
+from caesura_service.server.result_publisher import (
+    FAILED,
+    reply_error,
+    reply_in_takeover,
+    reply_message,
+    reply_nothing,
+)
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.token_bucket import LOG_RATE, RateLimit
 
@@ -36,9 +42,15 @@ LOOK_S = 1.0  # between two looks for sessions that have ended
 class SampleServer(BackgroundThread):
     """Answers while the context lasts."""
 
-    def __init__(self, reader: SampleReader, index: Callable[[], SessionIndex], owner: Owner) -> None:
-        """index: the sessions of this instance."""
-        self._owner = owner
+    def __init__(
+        self,
+        reader: SampleReader,
+        index: Callable[[], SessionIndex],
+        owner: Owner,
+        in_takeover: Callable[[str], bool],
+    ) -> None:
+        """index: the sessions of this instance; in_takeover: whether a station is being taken over."""
+        self._owner, self._in_takeover = owner, in_takeover
         self._reader, self._index, self._clock = reader, index, time.monotonic
         self._open: set[Key] = set()  # at the last look
         self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
@@ -94,7 +106,10 @@ class SampleServer(BackgroundThread):
         owned = self._owned(station, session)
         if owned is None:
             with query:
-                reply_nothing(query, self._owner.instance)  # another instance may have it
+                if self._in_takeover(station):
+                    reply_in_takeover(query, station, self._owner.instance)
+                else:
+                    reply_nothing(query, self._owner.instance)  # another instance may have it
             return
         try:
             reply = self._reply(owned, query.parameters)

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import station_key
+from caesura_protocol.keys import session_key, station_key
 from caesura_protocol.messages import Ack, Open, Posterior
+from caesura_protocol.transport.network import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.ownership.station_assignment import owner_of
@@ -20,6 +21,7 @@ from harness.peer import Peer
 from harness.processes import eventually
 from harness.sessions import batch, batches, closing, heartbeat, opening
 
+RANGE = "from=0;to=1;bins=5"
 BOTH = ("east", "west")
 EASTS = [name for name in (f"cell-{number}" for number in range(20)) if owner_of(name, BOTH) == "east"]
 WESTS = [name for name in (f"cell-{number}" for number in range(20)) if owner_of(name, BOTH) == "west"]
@@ -112,6 +114,24 @@ def test_a_second_instance_takes_its_share_and_gives_it_back_when_it_leaves(floo
             assert peer.command(closing(5), station).state == "closed"
             status = peer.snapshot(station=station).status
             assert (status.instance, status.samples) == ("east", 120)
+
+
+def test_a_station_that_is_being_taken_over_is_not_said_to_have_nothing(floor, peer):
+    """For a second after an instance froze, `program` and `sessions list` said that there was no session."""
+    station, keys = WESTS[0], (session_key(WESTS[0], "*", "snapshot"), station_key(WESTS[0], "program"))
+    with floor.serving("east") as east:
+        east.registry.ownership.begin_takeover(station)
+        keys = (*keys, session_key("*", "*", "snapshot"), f"{session_key(station, 's1', 'samples')}?{RANGE}")
+        for key in keys:
+            replies, (refusal,) = peer.get(key)
+            assert (list(replies), refusal.code) == ([], "overloaded"), key
+            assert f"east is taking {station} over" in refusal.message
+        _, (nothing,) = peer.get(session_key(EASTS[0], "*", "snapshot"))
+        assert nothing.code == NOTHING
+        opens(peer, EASTS[0])
+        replies, (refusal,) = peer.get(session_key("*", "*", "snapshot"))
+        assert len(list(replies)) == 1
+        assert refusal.code == "overloaded"
 
 
 def test_a_bridge_that_comes_is_served_by_the_one_whose_station_it_is(floor, peer):

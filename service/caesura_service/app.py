@@ -86,7 +86,11 @@ class Service:
         )
         self.ready = False  # joined and declared: it can be found
         self._observed = MetricsSource(
-            self.registry, self.status, lambda: self.ready, self._edge.budgets.budgets_of
+            self.registry,
+            self.status,
+            lambda: self.ready,
+            self._edge.budgets.budgets_of,
+            lambda: self._edge.is_linked,
         )
         self.web = (
             None if self.config.metrics is None else http_server_of(self.config.metrics, self._observed)

@@ -1,7 +1,8 @@
 """Answers of the probes: whether the service is alive and ready, with the reasons.
 
 Alive: its process answers, and the worker thread completes its loop. A replay at the start is no reason
-to kill it, so before it is ready it counts as alive. Ready: joined, declared, and not on its way out.
+to kill it, so before it is ready it counts as alive. Ready: joined, declared, and not on its way out,
+with a link to its router.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ def liveness(source: MetricsSource, clock: Callable[[], float] = time.monotonic)
 
 def readiness(source: MetricsSource) -> Health:
     """Return whether the service has joined the network."""
-    if source.is_ready():
+    if source.can_be_found:
         return Health(True)
+    if source.is_ready():
+        return Health(False, "the router is gone: trying until it is back")
     return Health(False, "not joined: replaying its journal, waiting for a router, or leaving")
 
 

@@ -38,6 +38,12 @@ class MetricsSource:
     status: Callable[[], ServiceStatus]
     is_ready: Callable[[], bool]  # has it joined the network, and can it be found?
     budgets: Callable[[str], StationBudgets]  # of a station
+    is_linked: Callable[[], bool] = lambda: True  # is there a link to the router that it has joined?
+
+    @property
+    def can_be_found(self) -> bool:
+        """Has it joined, and is its router there?"""
+        return self.is_ready() and self.is_linked()
 
 
 # (metric, help text, getter), of each station
@@ -119,7 +125,9 @@ class ServiceCollector(Collector):
         status, index = self._observed.status(), self._observed.registry.index
         yield _info(status)
         yield GaugeMetricFamily(
-            "caesura_ready", "1 once it has joined the network and can be found.", self._observed.is_ready()
+            "caesura_ready",
+            "1 while it has joined the network and can be found.",
+            self._observed.can_be_found,
         )
         for kind, name, help_text, of_status in OF_INSTANCE:
             yield kind(name, help_text, of_status(status))

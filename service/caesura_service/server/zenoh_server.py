@@ -82,6 +82,7 @@ class ZenohServer:
         """
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
+        self.is_linked = True  # to its router, once it has joined
         self._registry = registry
         self._owner = owner
         self._settings = network
@@ -192,6 +193,7 @@ class ZenohServer:
         self._queue.put_unbounded(Watching())
 
     def _handle_link(self, up: bool) -> None:
+        self.is_linked = up
         self._queue.put_unbounded(RouterLinkChanged(up))
 
     def _handle_command(self, query: IncomingQuery) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -17,7 +19,7 @@ from caesura_service.config import ServiceConfig
 from caesura_service.ownership.station_assignment import owner_of
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from clients.conftest import RouterNetwork
-from harness.peer import Peer
+from harness.peer import DEADLINE_S, Peer
 from harness.processes import eventually
 from harness.sessions import batch, batches, closing, heartbeat, opening
 
@@ -195,6 +197,31 @@ def test_who_listens_behind_a_router_that_came_back_receives_what_is_published_f
             assert opens(peer, station).next_seq == 3
             peer.send(batch(3), station)
             received.until(Posterior)
+
+
+def test_without_its_router_an_instance_is_alive_and_not_ready(floor, router):
+    """It was ready all the time: of a dead router on an idle floor no alert said a word."""
+    with floor.serving("east", metrics="127.0.0.1:0") as east:
+        answered(east, "readyz", 200)
+        router.stop()
+        answered(east, "readyz", 503)
+        answered(east, "healthz", 200)
+        assert "caesura_ready 0.0" in page(east, "metrics")[1]
+        router.start()
+        answered(east, "readyz", 200)
+
+
+def answered(service: Service, path: str, status: int) -> None:
+    eventually(lambda: page(service, path)[0] == status)
+
+
+def page(service: Service, path: str) -> tuple[int, str]:
+    assert service.web is not None
+    try:
+        with urllib.request.urlopen(f"{service.web.url}/{path}", timeout=DEADLINE_S) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, ""
 
 
 def test_when_the_router_goes_and_comes_back_every_instance_keeps_what_it_has(floor, router):

@@ -156,7 +156,12 @@ def examples() -> dict[str, Message]:
     gap = Gap(t0=5.0, tn=5.25, reason="evicted")
     refusal = Refusal(code="malformed", message="not a map")
     journal = JournalReport(
-        kind="sqlite", commit_s=0.0625, size=1048576, size_limit=10_000_000_000, waiting=4096
+        kind="sqlite",
+        commit_s=0.0625,
+        size=1048576,
+        size_limit=10_000_000_000,
+        waiting=4096,
+        disk_free=5_000_000_000,
     )
     budgets = StationBudgets(
         station="cell-1",

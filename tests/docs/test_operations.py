@@ -27,7 +27,18 @@ def test_the_alerts_are_rules():
     (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     (group,) = yaml.safe_load(block)["groups"]
     assert len(group["rules"]) > 5
-    assert all({"alert", "expr"} <= rule.keys() <= {"alert", "expr", "for"} for rule in group["rules"])
+    keys = {"alert", "expr", "for", "annotations"}
+    assert all({"alert", "expr"} <= rule.keys() <= keys for rule in group["rules"])
+
+
+def test_every_alert_says_what_to_do_and_names_a_section_that_exists():
+    """Who is woken has the text of the alert alone; none had any."""
+    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    headings = set(re.findall(r"^\*\*(.+?)\.?\*\*", PAGE, re.MULTILINE))
+    for rule in yaml.safe_load(block)["groups"][0]["rules"]:
+        named = re.findall(r"[Ss]ee '(.+?)'", said := rule["annotations"]["summary"])
+        assert set(named) <= headings, rule["alert"]
+        assert "{{ $labels." in said
 
 
 def test_every_code_of_a_refusal_has_its_advice():

@@ -62,6 +62,8 @@ def _journal(report: JournalReport | None) -> str:
     if report is None:
         return "–"
     size = f"{report.kind}, {report.size / 1e6:.1f} MB of {report.size_limit / 1e9:.3g} GB"
+    if report.disk_free is not None:
+        size += f", {report.disk_free / 1e9:.3g} GB left on its disk"
     return f"{size}; {report.trouble}" if report.trouble else size
 
 

@@ -16,6 +16,7 @@ CLOCK_LIMIT_S = 0.05
 QUEUE_SHARE = 0.5  # of its capacity; a queue that is half full is behind
 JOURNAL_SHARE = 0.9  # of the size past which closed sessions go
 MB = 10**6
+DISK_FREE = 10**9  # [bytes] an hour of a robot at 1 kHz with all columns in double precision
 SAME_RELEASE = "install the same release on both"
 
 
@@ -125,7 +126,14 @@ def _check_journal(status: ServiceStatus) -> CheckResult:
     full = journal.size > JOURNAL_SHARE * journal.size_limit
     remedy = "closed sessions go, oldest first: export them, or raise --journal-gb"
     every = "" if full else f", written every {journal.commit_s:g} s"
-    return graded("journal", f"{found}{every}", (full, "warn", remedy))
+    crowded = journal.disk_free is not None and journal.disk_free < DISK_FREE
+    if crowded and journal.disk_free is not None:
+        found += f"; its disk has {journal.disk_free / MB:.0f} MB left"
+    room = (
+        "make room before it is full (`caesura sessions delete NAME` on its machine, another disk), or lower "
+        "--journal-gb: once it is full, samples are refused, and lost after two minutes"
+    )
+    return graded("journal", f"{found}{every}", (crowded, "warn", room), (full, "warn", remedy))
 
 
 def _check_budgets(status: ServiceStatus) -> Iterator[CheckResult]:

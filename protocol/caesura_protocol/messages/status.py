@@ -112,6 +112,7 @@ class JournalReport(Message):
     size: Count  # [bytes] of all sessions
     size_limit: Count  # [bytes] past which closed sessions are dropped, oldest first
     waiting: Count = 0  # [bytes] not yet written
+    disk_free: Count | None = None  # [bytes] that its disk has left; None: in memory, or not known
     trouble: str | None = None  # why nothing can be written now
 
 

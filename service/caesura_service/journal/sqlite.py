@@ -14,6 +14,7 @@ their size, and for their age only once they were not written to for so long.
 from __future__ import annotations
 
 import logging
+import shutil
 import threading
 import time
 from collections import Counter
@@ -424,6 +425,7 @@ class SqliteJournal:
             size=self._size,
             size_limit=self.settings.size_bytes,
             waiting=self._waiting_bytes,
+            disk_free=_disk_free(self.path),
             trouble=str(self._error) if self._error else None,
         )
 
@@ -551,3 +553,11 @@ class SqliteJournal:
                 return
             for row in page:
                 yield record_of(session.key, row)
+
+
+def _disk_free(path: Path) -> int | None:
+    """What the disk of a file has left [bytes]; None where that is not known."""
+    try:
+        return shutil.disk_usage(path.parent).free
+    except OSError:
+        return None

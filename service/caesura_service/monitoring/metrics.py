@@ -104,6 +104,7 @@ OF_INSTANCE: tuple[tuple[type[Family], str, str, Callable[[ServiceStatus], float
     ),
 )
 
+DISK_FREE = "What the disk of the journal has left; none where it is in memory."
 OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
     ("caesura_journal_bytes", "Size of all sessions in the journal.", lambda one: one.size),
     ("caesura_journal_limit_bytes", "Size past which closed sessions go.", lambda one: one.size_limit),
@@ -134,6 +135,7 @@ class ServiceCollector(Collector):
         if status.journal is not None:
             for name, help_text, of_journal in OF_JOURNAL:
                 yield GaugeMetricFamily(name, help_text, of_journal(status.journal))
+            yield _disk_free(status.journal)
         yield _refused(status)
         yield from _sessions(status, index)
         yield from self._stations(index)
@@ -206,6 +208,13 @@ def _info(status: ServiceStatus) -> Metric:
         "journal": status.journal.kind if status.journal else "none",
     }
     return InfoMetricFamily("caesura", "What this is.", labels)
+
+
+def _disk_free(journal: JournalReport) -> Metric:
+    family = GaugeMetricFamily("caesura_journal_disk_free_bytes", DISK_FREE)
+    if journal.disk_free is not None:
+        family.add_metric([], journal.disk_free)
+    return family
 
 
 def _refused(status: ServiceStatus) -> Metric:

@@ -55,6 +55,7 @@ def test_a_journal_in_trouble_in_memory_or_full_is_said():
         ({"trouble": "no space left on /var"}, "bad", "no space left on /var"),
         ({"kind": "memory"}, "warn", "--journal DIR"),
         ({"size": 95, "size_limit": 100}, "warn", "--journal-gb"),
+        ({"disk_free": 640_000_000}, "warn", "its disk has 640 MB left"),
     ):
         found = list(judge(well(reported=[service(journal=whole.model_copy(update=update))])))
         assert grades(found, "journal") == [grade]

@@ -42,6 +42,7 @@ from caesura_service.journal.journal import (
     StoredOutcome,
 )
 from caesura_service.journal.peer_journals import open_for_reading
+from caesura_service.journal.reserve import Reserve
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.row_writer import write_rows
 from caesura_service.journal.rows import (
@@ -117,6 +118,7 @@ class SqliteJournal:
         self._version = -1  # of the file, as far as other processes have changed it
         self._next_look_s = 0.0  # [s]
         self._skipped_looks = 0  # looks, since the last one
+        self._reserve = Reserve(path)
         self._has_deleted = False  # has anything been dropped by this one?
         self._wake, self._stopped = threading.Event(), threading.Event()
         self._stack = ExitStack()
@@ -343,9 +345,12 @@ class SqliteJournal:
         with self._writing:
             with suppress(JournalError):
                 self.commit()
-            with map_sqlite_errors(self.path), transaction(self._database):
-                for key in keys:
-                    mark_deleted(self._database, key)
+            try:
+                self._mark_deleted(keys)
+            except JournalError as error:
+                if not self._reserve.release(error):
+                    raise
+                self._mark_deleted(keys)
             with self._guard:
                 for key in keys:
                     self._outcomes.pop(key, None)
@@ -354,6 +359,11 @@ class SqliteJournal:
         self._known -= keys
         self._has_deleted = True
         self._wake.set()
+
+    def _mark_deleted(self, keys: Set[Key]) -> None:
+        with map_sqlite_errors(self.path), transaction(self._database):
+            for key in keys:
+                mark_deleted(self._database, key)
 
     def enforce_retention(self, now: float) -> Mapping[Key, str]:
         """Delete some sessions past the limits; return them and those that another process deleted.
@@ -515,11 +525,14 @@ class SqliteJournal:
                 self.flush()
             try:
                 more = self._delete_batch()
-            except JournalError:  # another process is writing
+            except JournalError as error:  # another process is writing, or the disk is full
                 more = True
-                self._stopped.wait(RETRY_S)
+                if not self._reserve.release(error):
+                    self._stopped.wait(RETRY_S)
             if more:
                 self._wake.set()
+            elif self._alone and self._error is None:
+                self._reserve.keep()
 
     def _delete_batch(self) -> bool:
         """Continue deletions, of this process or of another."""

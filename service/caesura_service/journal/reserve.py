@@ -1,0 +1,59 @@
+"""Room on the journal's disk that is kept for deletions, which a full disk leaves none for.
+
+A deletion is written to SQLite's log before it frees a page of the file. On a disk without a byte of room
+it fails as every other write does, and what an operator deletes makes no room. So a file beside the journal
+keeps some, and is removed where a deletion finds the disk full. It is made again once there is room for many.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from caesura_service.journal.journal import JournalError
+
+SUFFIX = ".reserve"
+SIZE = (
+    8 << 20
+)  # [bytes] twice SQLite's log: what it has yet to move into the file, and a portion of a deletion
+SHARE = 16  # part of what is free, at most, that a reserve may be
+LOOK_S = 10.0  # between two looks whether there is room for one
+
+
+class Reserve:
+    """The file that keeps room for the deletions of one journal."""
+
+    def __init__(self, journal: Path) -> None:
+        self._path = journal.with_name(journal.name + SUFFIX)
+        self._looks_at = 0.0  # [s]
+
+    def keep(self) -> None:
+        """Make the file where it is missing and the disk has room for it. Cheap to call often."""
+        if time.monotonic() < self._looks_at:
+            return
+        self._looks_at = time.monotonic() + LOOK_S
+        with suppress(OSError):
+            if self._path.exists() or shutil.disk_usage(self._path.parent).free < SHARE * SIZE:
+                return
+            descriptor = os.open(self._path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+            try:
+                os.posix_fallocate(descriptor, 0, SIZE)
+            except OSError:
+                self._path.unlink()
+            finally:
+                os.close(descriptor)
+
+    def release(self, error: JournalError) -> bool:
+        """Return whether this is the error of a full disk that had a reserve, which is given back."""
+        if getattr(error.__cause__, "sqlite_errorcode", None) != sqlite3.SQLITE_FULL:
+            return False
+        try:
+            self._path.unlink()
+        except OSError:
+            return False
+        self._looks_at = time.monotonic() + LOOK_S
+        return True

@@ -1,0 +1,94 @@
+"""On a full disk a deletion makes room, by a reserve: what the runbook advises works."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
+from caesura_service.journal.reserve import SHARE, SIZE, SUFFIX, Reserve
+from harness.processes import eventually
+from harness.sessions import STATION
+from service.journal.test_deletion import record, taught
+
+DISK = SHARE * SIZE + (8 << 20)  # [bytes] room for a reserve, and little more
+
+
+def full() -> JournalError:
+    error = JournalError("full")
+    error.__cause__ = sqlite3.OperationalError("database or disk is full")
+    error.__cause__.sqlite_errorcode = sqlite3.SQLITE_FULL
+    return error
+
+
+def test_room_is_kept_and_given_back_for_a_full_disk_alone(tmp_path):
+    reserve, file = Reserve(tmp_path / "one.sqlite"), tmp_path / f"one.sqlite{SUFFIX}"
+    reserve.keep()
+    assert file.stat().st_size == SIZE
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert not reserve.release(JournalError("in use by another process"))
+    assert file.exists()
+    assert reserve.release(full())
+    assert not file.exists()
+    assert not reserve.release(full()), "there is none any more"
+    reserve.keep()
+    assert not file.exists(), "not at once again"
+
+
+def test_a_small_disk_is_left_to_the_journal(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=SHARE * SIZE - 1))
+    Reserve(tmp_path / "one.sqlite").keep()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of its own, where mounting is permitted."""
+    where = tmp_path / "disk"
+    where.mkdir()
+    mounting = ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "tmpfs", str(where)]
+    if subprocess.run(mounting, check=False, capture_output=True).returncode:
+        pytest.skip("mounting is not permitted")
+    try:
+        yield where
+    finally:
+        subprocess.run(["umount", where], check=True)
+
+
+def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk):
+    """`caesura sessions delete` said "deleted", and the service could not write for ever after."""
+    path = disk / "caesura-1.sqlite"
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        for name in ("old", "older"):
+            taught(journal, 4000, name)
+        eventually((disk / f"{path.name}{SUFFIX}").exists)
+        fill(disk)
+        with pytest.raises(JournalError, match="no room left"):
+            taught(journal, 40_000, "new")
+        eventually(lambda: journal.report().trouble is not None)
+        for name in ("old", "older"):
+            with SqliteJournal(path, alone=False) as another:
+                another.delete(STATION, name)
+        eventually(lambda: journal.report().trouble is None)
+        eventually(lambda: count(path) == 1)
+        assert [one.session for one in journal.copies()] == ["new"]
+        journal.append(record(0, "newest"), now=True)
+
+
+def count(path: Path) -> int:
+    with closing(sqlite3.connect(path)) as reader:
+        (found,) = reader.execute("SELECT count(*) FROM sessions").fetchone()
+    return int(found)
+
+
+def fill(disk: Path) -> None:
+    """Take all the room that there is."""
+    with (disk / "others").open("wb", buffering=0) as ballast, suppress(OSError):
+        while ballast.write(bytes(4096)):
+            pass

@@ -166,12 +166,13 @@ def current_sessions(transport: Transport) -> dict[str, str]:
     return {one.station: one.session for one in ranked}
 
 
-def sessions(transport: Transport, station: str = "*") -> list[SessionInfo]:
+def sessions(transport: Transport, station: str = "*", *, complete: bool = False) -> list[SessionInfo]:
     """Return all sessions that the service holds, by station and name.
 
-    Raises Unreachable, AccessDenied, or ProtocolError where no answer came.
+    complete: also raise where only some of the live instances have answered. Raises Unreachable,
+    AccessDenied, or ProtocolError where no answer came.
     """
-    found = snapshots(transport, station)
+    found = snapshots(transport, station, complete=complete)
     if not found:
         _require_service(transport)
     return [
@@ -231,9 +232,10 @@ def _program(transport: Transport, station: str) -> Program | None:
     """The program of a station; None where every instance says that it has no session."""
     try:
         return _newest_program(transport, station)
-    except (AccessDenied, IncompleteAnswerError):
+    except (AccessDenied, IncompleteAnswerError) as error:
         # Instances that share the stations do not listen to questions for one without bridge and session.
-        if snapshots(transport, station, complete=True):
+        was_late = isinstance(error, IncompleteAnswerError) and error.limit is not None
+        if was_late or snapshots(transport, station, complete=True):
             raise
     return None
 

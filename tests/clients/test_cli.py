@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli import build
-from caesura_clients.cli.bridge import _teller, reporting_pose, reporting_storage
+from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
@@ -24,7 +24,7 @@ from caesura_clients.query import SessionInfo
 from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import station_key
+from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.messages import Phase, Program, Refusal, Snapshot
 from caesura_protocol.recording import RecordingError
 from clients.answering import Answering
@@ -115,6 +115,41 @@ def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeyp
         opened.stuck_s = 0.0
         eventually(lambda: printed("the service stores again"))
     assert "".join(said).count("cannot store") == 1
+
+
+def test_a_list_without_the_sessions_of_a_silent_instance_says_so(caesura, router, monkeypatch):
+    """One of two instances hung, and the sessions of its stations were missing without a word."""
+    monkeypatch.setattr("caesura_clients.query.RETRY_S", 0.0)
+    known = snapshot(0, "motion")
+    with Answering(router.transport(), known.status.instance) as service:
+        service.snapshots = [known]
+        assert caesura("sessions", "list").stderr == ""
+        with router.transport().declare_token(service_key("frozen-2", "alive")):
+            done = caesura("sessions", "list")
+    assert done.exit_code == 0
+    assert known.status.session in done.stdout
+    assert "not all sessions are listed: frozen-2 is alive and did not answer" in done.stderr
+
+
+def test_of_a_service_that_is_gone_the_bridge_does_not_say_that_it_stores_again(monkeypatch, capsys):
+    # Its disk was full, the router was restarted, and the bridge's certificate was no longer let in.
+    monkeypatch.setattr("caesura_clients.cli.bridge.LOOK_S", 0.01)
+
+    class Opened:
+        settings = BridgeSettings()
+        looks = 0
+
+        @property
+        def stuck_s(self) -> float:
+            self.looks += 1
+            return 3.1 if self.looks == 1 else 0.0  # it no longer asks
+
+    opened, gone = Opened(), [True]
+    with reporting_storage(opened, lambda: gone[0]):
+        eventually(lambda: opened.looks > 5)
+        assert "stores again" not in capsys.readouterr().err
+        gone[0] = False
+        eventually(lambda: "the service stores again" in capsys.readouterr().err)
 
 
 def test_bridge_says_once_that_the_pose_is_read_seldom(monkeypatch, capsys):
@@ -223,7 +258,7 @@ def test_bridge_names_what_of_a_file_it_does_not_read(caesura, router, tmp_path)
 
 
 def test_bridge_says_when_the_service_goes_and_comes_back(router, capsys):
-    seen, say = [], _teller()
+    seen, say = [], _Availability()
 
     def note(change):
         say(change)

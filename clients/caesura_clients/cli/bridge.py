@@ -187,9 +187,10 @@ def bridge(
             ) as opened,
         ):
             typer.echo(f"{station}/{opened.session} through {endpoint_of(endpoint, config)}", err=True)
+            service = _Availability()
             with (
-                watch_services(caesura.transport, _teller()),
-                reporting_storage(opened),
+                watch_services(caesura.transport, service),
+                reporting_storage(opened, lambda: service.is_gone),
                 nullcontext() if samples.can_wait else reporting_pose(opened),  # a file names it at once
                 marking(opened) if marker else nullcontext(),
                 ended_by_sigterm(),
@@ -261,22 +262,24 @@ def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:
         raise typer.Exit(1)
 
 
-def _teller() -> Callable[[Change], None]:
+class _Availability:
     """Says when the service goes and comes back; that it was there to begin with is no news."""
-    gone = False
 
-    def say(change: Change) -> None:
-        nonlocal gone
-        if change == "gone" or gone:
+    def __init__(self) -> None:
+        self.is_gone = False
+
+    def __call__(self, change: Change) -> None:
+        if change == "gone" or self.is_gone:
             typer.echo(SAID_OF_SERVICE[change], err=True)
-        gone = change == "gone"
-
-    return say
+        self.is_gone = change == "gone"
 
 
 @contextmanager
-def reporting_storage(opened: Bridge) -> Iterator[None]:
-    """Says when the service cannot store what comes, and when it can again."""
+def reporting_storage(opened: Bridge, is_gone: Callable[[], bool] = lambda: False) -> Iterator[None]:
+    """Says when the service cannot store what comes, and when it can again.
+
+    is_gone: whether no service is there, of which nothing is said here.
+    """
     over, is_stuck = threading.Event(), False
     kept = f"the newest {opened.settings.ring_span_s:g} s are kept here"
 
@@ -288,7 +291,7 @@ def reporting_storage(opened: Bridge) -> Iterator[None]:
                 typer.echo(
                     f"the service cannot store what comes; {kept}. `caesura doctor` says why", err=True
                 )
-            elif is_stuck and not opened.stuck_s:
+            elif is_stuck and not opened.stuck_s and not is_gone():
                 is_stuck = False
                 typer.echo("the service stores again", err=True)
 

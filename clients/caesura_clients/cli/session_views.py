@@ -21,6 +21,8 @@ from caesura_clients.cli.result_tables import (
     segments_view,
 )
 from caesura_clients.cli.session_table import print_sessions
+from caesura_clients.query import sessions
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.session_clock import clock_of
 
 
@@ -32,7 +34,13 @@ def list_sessions(
 ) -> None:
     """List the sessions of the service; `opened` is in local time."""
     with reported(), connected(endpoint, config) as caesura:
-        found = caesura.sessions(station or "*")
+        try:
+            found = sessions(caesura.transport, station or "*", complete=True)
+        except ProtocolError as error:
+            if error.code != "overloaded":
+                raise
+            found = caesura.sessions(station or "*")
+            typer.echo(f"not all sessions are listed: {error.message}", err=True)
     if as_json:
         typer.echo(json.dumps([asdict(info) for info in found], indent=2))
     else:

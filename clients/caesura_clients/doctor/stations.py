@@ -139,8 +139,9 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
             (True, "ok", f"not connected, and {last}", ""),
         )
     again = (
-        f"start it again with --station {station.name} --session {status.session} --epoch N, N above the "
-        "last one (0 at first); or leave it open: it takes no samples and harms nothing"
+        "look at its machine first: while its process lives, it sends what is missing by itself, up to two "
+        f"minutes; if it has ended, start it again with --station {station.name} --session {status.session} "
+        "--epoch N, N above the last one (0 at first), or leave the session open: it harms nothing"
     )
     return first_of(
         "bridge",

@@ -273,6 +273,7 @@ def _query_all(
     # Most answers take 0.1 s: one that was lost is not waited for as long as one that takes its time.
     limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (QUERY_ATTEMPTS - 1))
     for attempt, within_s in enumerate(limits, start=1):
+        before = services(transport) if complete else []  # one that goes meanwhile has not answered
         answers = transport.query(key, parameters=parameters, timeout_s=within_s)
         try:
             found = decoded(answers, model, complete=complete)
@@ -281,7 +282,7 @@ def _query_all(
             continue
         if found and not complete:
             return found
-        if not (missing := _missing(transport, answers, found)):
+        if not (missing := _missing([*before, *services(transport)], answers, found)):
             return found
         lost = None
         if attempt < QUERY_ATTEMPTS:
@@ -293,11 +294,11 @@ def _query_all(
     raise _unanswered(key, missing, answers)
 
 
-def _missing(transport: Transport, answers: QueryReplies, found: Iterable[Message]) -> list[str]:
+def _missing(alive: Iterable[str], answers: QueryReplies, found: Iterable[Message]) -> list[str]:
     """The live instances that have answered neither with something nor that they have nothing."""
     answered = {refusal.value for refusal in answers.refusals if refusal.code == NOTHING}
     answered |= {one.status.instance for one in found if isinstance(one, Snapshot)}
-    return sorted(set(services(transport)) - answered)
+    return sorted(set(alive) - answered)
 
 
 def _unanswered(key: str, missing: list[str], answers: QueryReplies) -> ProtocolError | AccessDenied:

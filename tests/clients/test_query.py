@@ -1,11 +1,18 @@
 """Asking: what comes back, and what is said where nothing does."""
 
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 
 import pytest
 
 from caesura_clients.client import Caesura
-from caesura_clients.query import QUERY_ATTEMPTS, SAMPLES_TIMEOUT_S, current_sessions, samples
+from caesura_clients.query import (
+    QUERY_ATTEMPTS,
+    SAMPLES_TIMEOUT_S,
+    current_sessions,
+    samples,
+    services,
+    sessions,
+)
 from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import AccessDenied, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
@@ -13,6 +20,7 @@ from caesura_protocol.messages import Budget, Program, RecordedSamples, ServiceS
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, QueryReplies, unanswered
 from clients.answering import Answering
 from clients.examples import example, snapshot
+from clients.fake_service import eventually
 
 
 @pytest.fixture
@@ -219,6 +227,28 @@ def test_one_of_two_instances_that_has_nothing_does_not_speak_for_the_other(caes
                 ask()
     with pytest.raises(NotFound, match="no session s1"):
         caesura.snapshot("cell-1", "s1")
+
+
+def test_an_instance_that_goes_while_it_is_asked_has_not_answered(network, monkeypatch):
+    """Its sessions were missing from a list that counted as complete."""
+    monkeypatch.setattr("caesura_clients.query.RETRY_S", 0.0)
+    known, caesura = snapshot(0), Caesura(network.transport())
+    query, gone, asked = caesura.transport.query, ExitStack(), []
+    gone.enter_context(network.transport().declare_token(service_key("frozen-2", "alive")))
+
+    def freezing(key, *arguments, **options):
+        answers = query(key, *arguments, **options)
+        asked.append(key)
+        gone.close()
+        eventually(lambda: "frozen-2" not in services(caesura.transport))
+        return answers
+
+    with Answering(network.transport(), known.status.instance) as service:
+        service.snapshots = [known]
+        eventually(lambda: "frozen-2" in services(caesura.transport))
+        monkeypatch.setattr(caesura.transport, "query", freezing)
+        assert sessions(caesura.transport, complete=True, station=known.status.station)
+    assert len(asked) == 2
 
 
 def test_no_session_is_no_error_but_no_service_is(network):

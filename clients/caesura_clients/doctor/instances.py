@@ -11,12 +11,14 @@ from caesura_clients.doctor.probes import ProbeResult, TimedServiceStatus
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import ServiceStatus, SessionStatus
+from caesura_protocol.transport.network import IncompleteAnswerError
 
 CLOCK_LIMIT_S = 0.05
 QUEUE_SHARE = 0.5  # of its capacity; a queue that is half full is behind
 JOURNAL_SHARE = 0.9  # of the size past which closed sessions go
 MB = 10**6
 DISK_FREE = 10**9  # [bytes] an hour of a robot at 1 kHz with all columns in double precision
+SILENT = "it is frozen, hangs, or has too much to do: see its log, and restart it within two minutes"
 SAME_RELEASE = "install the same release on both"
 
 
@@ -26,19 +28,23 @@ def check_services(probed: ProbeResult) -> Iterator[CheckResult]:
         found = f"{key} speaks {'/'.join(key.split('/')[:2])}, we speak {ROOT}"
         yield CheckResult("bad", "service", found, SAME_RELEASE)
     if not probed.alive:
-        remedy = "start `caesura serve`, with --connect where the router is another process"
+        remedy = (
+            "start `caesura serve`, with --connect where the router is another process; where it runs, it is "
+            "frozen or has no link to this router: see its log, and `/readyz`"
+        )
         yield CheckResult("bad", "service", "none is alive behind this router", remedy)
     own, versions = installed_version(), {one.status.instance: one.status.version for one in probed.reported}
     for instance in probed.alive:
         version = versions.get(instance)
         found, other = f"{instance} is alive", version not in {None, own}
-        silent = version is None and probed.reported  # others answered, so it is not forbidden
+        # Others answered, or it did not in time: so it is not forbidden.
+        silent = version is None and (probed.reported or _was_late(probed))
         if other:
             found = f"{instance} is version {version}, this is {own}"
         elif version or silent:
             found += " and does not answer" if silent else f": version {version} as here, {ROOT}"
         remedy = f"both speak {ROOT}; {SAME_RELEASE}"
-        yield graded("service", found, (silent, "bad", "see its log; restart it"), (other, "warn", remedy))
+        yield graded("service", found, (silent, "bad", SILENT), (other, "warn", remedy))
 
 
 def check_credentials(probed: ProbeResult) -> Iterator[CheckResult]:
@@ -48,15 +54,23 @@ def check_credentials(probed: ProbeResult) -> Iterator[CheckResult]:
     known = sum(one.status.sessions_open + one.status.sessions_closed for one in probed.reported)
     hidden = known and not probed.snapshots and not probed.others
     found, remedy = "status and snapshots may be asked for", "use the certificate or password of a dashboard"
+    if not probed.reported and _was_late(probed):
+        return  # of what may be asked a service that hangs says nothing
     if not probed.reported:
         found = "the service's status is not for these credentials"
         remedy += " (`caesura certs DIR --dashboard NAME`)"
     elif hidden:
         found = f"{known} sessions are known and none was shown"
     yield graded("credentials", found, (not probed.reported or hidden, "warn", remedy))
-    for refusal, times in Counter(map(str, probed.refusals)).items():
+    said = (str(one) for one in probed.refusals if not isinstance(one, IncompleteAnswerError))
+    for refusal, times in Counter(said).items():
         found = f"{times} questions refused: {refusal}"
         yield CheckResult("warn", "credentials", found, "see the service's log")
+
+
+def _was_late(probed: ProbeResult) -> bool:
+    """Whether a query was received, and not answered within its time."""
+    return any(isinstance(one, IncompleteAnswerError) for one in probed.refusals)
 
 
 def check_owners(probed: ProbeResult) -> Iterator[CheckResult]:

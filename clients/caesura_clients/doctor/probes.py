@@ -80,6 +80,8 @@ def probe_network(transport: Transport, station: str = "*", *, seconds: float) -
         key for key in transport.list_tokens(_ANY_MAJOR) if not key.startswith(f"{ROOT}/")
     ]
     probed.reported = _statuses(transport, probed)
+    if not probed.reported:
+        probed.alive = services(transport)  # one that was frozen has gone while it was asked
     with ExitStack() as stack:
         inbox = Inbox(MOST_BATCHES)
         listened = [station_key(station, part) for part in ("samples", "bridge_status")]

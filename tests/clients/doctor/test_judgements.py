@@ -10,6 +10,7 @@ from caesura_clients.doctor.probes import ReceivedStatus
 from caesura_clients.doctor.run_checks import judge
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import BridgeStatus, Gap, Refusal, ServiceStatus
+from caesura_protocol.transport.network import unanswered
 from clients.doctor.judged import NOW, batch_of, grades, received, said, service, status, well
 from clients.examples import example
 
@@ -208,6 +209,16 @@ def test_two_owners_of_one_session_and_who_has_what_are_reported():
     assert f"{one.status.instance}: none" in said(found, "owner")
     assert f"other: {one.status.station}" in said(found, "owner")
     assert "other is alive and does not answer" in said(found, "service")
+
+
+def test_a_service_that_hangs_is_no_matter_of_credentials():
+    """Of one that was frozen it said that its status is not for these credentials."""
+    late = unanswered(2.0)
+    found = list(judge(replace(well(), reported=[], snapshots=[], statuses={}, refusals=[late, late])))
+    assert grades(found, "service") == ["bad"]
+    assert "is alive and does not answer" in said(found, "service")
+    assert "restart it within two minutes" in said(found, "service")
+    assert grades(found, "credentials") == []
 
 
 def test_an_open_session_whose_bridge_is_gone_is_bad():

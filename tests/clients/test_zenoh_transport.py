@@ -108,7 +108,7 @@ def test_a_query_that_is_received_and_not_answered_in_time_is_refused_as_overloa
             lambda: refusals.extend(network.transport().query(KEY, timeout_s=0.2).refusals) or refusals
         )
     assert {(one.code, one.message.partition(":")[0]) for one in refusals} == {
-        ("overloaded", "no answer within the time of the query")
+        ("overloaded", "no answer in 0.2 s")
     }
 
 

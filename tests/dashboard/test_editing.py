@@ -163,5 +163,5 @@ def outline(t0, tn, kind):
 
 def test_without_an_answer_that_is_said(memory, monkeypatch):
     monkeypatch.setattr(editing, "SILENCE_S", 0.3)
-    with pytest.raises(EditRefused, match="no service answered the edit of cell-1/s1"):
+    with pytest.raises(EditRefused, match="Not done: no service is alive at memory"):
         correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})

@@ -17,9 +17,8 @@ from pathlib import Path
 from caesura_service.journal.journal import JournalError
 
 SUFFIX = ".reserve"
-SIZE = (
-    8 << 20
-)  # [bytes] twice SQLite's log: what it has yet to move into the file, and a portion of a deletion
+# [bytes] twice SQLite's log: what it has yet to move into the file, and a portion of a deletion
+SIZE = 8 << 20
 SHARE = 16  # part of what is free, at most, that a reserve may be
 LOOK_S = 10.0  # between two looks whether there is room for one
 

@@ -175,3 +175,15 @@ def test_while_no_service_answers_nothing_is_said_of_trouble(world):
     found = glances(ready, {}, NOW, 0.0)
     assert summary(ready, found) == "1 station, none in trouble"
     assert summary(replace(ready, alive=frozenset()), found) == "1 station, no service answers"
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"alive": frozenset()}, "is not known: no service answers"),
+        ({"troubles": {"results": "the router is gone"}}, "is not known: the router is gone"),
+        ({}, "and it has no session"),
+    ],
+)
+def test_of_an_unknown_station_no_session_is_denied_while_the_service_does_not_answer(world, changes, why):
+    assert why in controls(replace(world, **changes), "cell-9", may_operate=True)["why"]

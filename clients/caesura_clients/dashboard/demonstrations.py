@@ -117,6 +117,9 @@ def _why_not_start(
 
 def _unknown(world: DashboardState, station: str) -> str:
     known = ", ".join(world.stations()) or "none yet"
+    if world.trouble or not world.alive:
+        why = world.trouble or "no service answers"
+        return f"No bridge is connected at {station}, and what sessions it has is not known: {why}."
     return f"No bridge is connected at {station}, and it has no session. Stations: {known}."
 
 

@@ -49,6 +49,7 @@ M = TypeVar("M", bound=Message)
 Found = TypeVar("Found")
 
 QUERY_ATTEMPTS = 3  # times at most
+PIECES_ATTEMPTS = 6  # where pieces of an answer came: the service is well, and a busy network loses some
 RETRY_S = 0.1  # after a query that ended without a word, times the number of the attempt
 CONFIRM_S = 0.2  # until the next instance has noticed that one with a station has gone
 HELD_ATTEMPTS = 5  # of a query that may have been held back
@@ -266,12 +267,13 @@ def _query_all(
 ) -> list[M]:
     """The answers to a query; none where no service is alive, or all that are say that they have nothing.
 
-    Asks again, QUERY_ATTEMPTS times in all, where all or pieces of a long answer were lost, or it took longer
-    than the query lasts. What the service itself refuses as `overloaded` is not asked again: that would add
-    to its load. Raises ProtocolError, or AccessDenied where a service is alive and no word comes.
+    Asks again, QUERY_ATTEMPTS times in all, where all of a long answer was lost, or it took longer than the
+    query lasts; PIECES_ATTEMPTS times where pieces of it came. What the service itself refuses as
+    `overloaded` is not asked again: that would add to its load. Raises ProtocolError, or AccessDenied where
+    a service is alive and no word comes.
     """
     # Most answers take 0.1 s: one that was lost is not waited for as long as one that takes its time.
-    limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (QUERY_ATTEMPTS - 1))
+    limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (PIECES_ATTEMPTS - 1))
     for attempt, within_s in enumerate(limits, start=1):
         before = services(transport) if complete else []  # one that goes meanwhile has not answered
         answers = transport.query(key, parameters=parameters, timeout_s=within_s)
@@ -279,18 +281,19 @@ def _query_all(
             found = decoded(answers, model, complete=complete)
         except IncompleteAnswerError as error:
             lost: IncompleteAnswerError | None = error
+            if attempt >= QUERY_ATTEMPTS and error.limit is not None:  # no pieces came
+                break
             continue
         if found and not complete:
             return found
         if not (missing := _missing([*before, *services(transport)], answers, found)):
             return found
         lost = None
-        if attempt < QUERY_ATTEMPTS:
-            time.sleep(attempt * RETRY_S)
+        if attempt >= QUERY_ATTEMPTS:
+            break
+        time.sleep(attempt * RETRY_S)
     if lost is not None:
-        raise IncompleteAnswerError(
-            "overloaded", f"asked {QUERY_ATTEMPTS} times: {lost.message}", limit=lost.limit
-        )
+        raise IncompleteAnswerError("overloaded", f"asked {attempt} times: {lost.message}", limit=lost.limit)
     raise _unanswered(key, missing, answers)
 
 
@@ -323,6 +326,9 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
     whole = [reply for reply in replies if reply is not None]
     refusals = [refusal for refusal in answers.refusals if refusal.code != NOTHING]
+    others = [refusal for refusal in refusals if not isinstance(refusal, IncompleteAnswerError)]
+    if joining.unfinished and not others and (complete or not whole):
+        raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
     if refusals and (complete or not whole):
         raise refusals[0]
     if joining.unfinished and (complete or not whole):

@@ -7,6 +7,7 @@ import pytest
 from caesura_clients import editing
 from caesura_clients.dashboard.editing import EditRefused, correct, corrector, parse, preview, said
 from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.keys import service_key
 from caesura_protocol.messages import Ack, AppOutline, EditEffect, Preview, Remove, SegmentOutline
 from caesura_protocol.session_clock import SessionClock
 
@@ -164,4 +165,10 @@ def outline(t0, tn, kind):
 def test_without_an_answer_that_is_said(memory, monkeypatch):
     monkeypatch.setattr(editing, "SILENCE_S", 0.3)
     with pytest.raises(EditRefused, match="Not done: no service is alive at memory"):
+        correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})
+    words = r"no answer to the edit of cell-1/s1, and a is alive: .*, or it is forbidden"
+    with (
+        memory.transport().declare_token(service_key("a", "alive")),
+        pytest.raises(EditRefused, match=words),
+    ):
         correct(corrector(memory.transport()), "cell-1", {**ASKED, "do": "undo"})

@@ -1,7 +1,7 @@
 """How a session of a bridge ends: acknowledged, refused, without an answer, by a source that fails."""
 
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
@@ -14,20 +14,28 @@ from clients.bridging import QUICK, Losing
 from clients.examples import LiveSource, samples
 from clients.fake_service import FakeService, eventually
 
+IMPATIENT = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
 
-def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
-    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
-    with FakeService(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
+
+@contextmanager
+def two_batches_sent(memory, kind):
+    """A service of a kind, and a bridge whose two batches it has acknowledged."""
+    with kind(memory.transport()) as service, ExitStack() as stack:
+        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=IMPATIENT))
         bridge.wait_open(30.0)
         bridge.send(samples(40))
         eventually(lambda: service.next_seq == 2)
+        yield service, bridge
+
+
+def test_an_end_that_is_not_acknowledged_says_how_far_it_came(memory):
+    with two_batches_sent(memory, FakeService) as (service, bridge):
         service.hold = True
         bridge.send(samples(40, t0=0.04))
         with pytest.raises(Unreachable, match="2 of 4 batches"):
             bridge.finish()
         assert (bridge.acknowledged, bridge.sent) == (2, 4)
-    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
+    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=IMPATIENT) as bridge:
         bridge.send(samples(40))
         with pytest.raises(Unreachable, match="0 of 2 batches"):
             bridge.finish()
@@ -43,12 +51,7 @@ class Ahead(FakeService):
 
 
 def test_an_end_that_the_service_refuses_for_good_says_why(memory):
-    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
-    with Ahead(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(40))
-        eventually(lambda: service.next_seq == 2)
+    with two_batches_sent(memory, Ahead) as (service, bridge):
         service.batches += service.batches
         with pytest.raises(ProtocolError, match="the session has other batches"):
             bridge.finish()
@@ -62,14 +65,9 @@ class Forbidding(FakeService):
 
 
 def test_a_refused_end_says_why_though_the_service_has_everything(memory):
-    settings = BridgeSettings(retry_s=0.01, close_timeout_s=0.1)
-    with Forbidding(memory.transport()) as service, ExitStack() as stack:
-        bridge = stack.enter_context(Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings))
-        bridge.wait_open(30.0)
-        bridge.send(samples(40))
-        eventually(lambda: service.next_seq == 2)
-        with pytest.raises(ProtocolError, match="this operator may not close"):
-            bridge.finish()
+    refused = pytest.raises(ProtocolError, match="this operator may not close")
+    with two_batches_sent(memory, Forbidding) as (_, bridge), refused:
+        bridge.finish()
 
 
 def test_a_close_waits_until_the_service_has_everything(memory):

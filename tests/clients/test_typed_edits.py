@@ -81,7 +81,7 @@ def test_a_value_that_is_none_is_named_with_what_is_expected(words: str, found: 
 
 
 def test_while_a_session_is_rebuilt_the_service_is_asked_again(monkeypatch):
-    refusals = iter([ProtocolError("overloaded", "try again"), Unreachable("nobody"), None])
+    refusals = iter([ProtocolError("overloaded", "try again"), Unreachable("no service"), None])
     asked = []
 
     def ask(*given):
@@ -97,7 +97,7 @@ def test_while_a_session_is_rebuilt_the_service_is_asked_again(monkeypatch):
     assert len(asked) == 3
 
 
-@pytest.mark.parametrize("refusal", [ProtocolError("overloaded", "no room"), Unreachable("nobody")])
+@pytest.mark.parametrize("refusal", [ProtocolError("overloaded", "no room"), Unreachable("no service")])
 def test_patience_ends(monkeypatch, refusal: Exception):
     def ask(*_):
         raise refusal

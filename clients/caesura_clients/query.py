@@ -279,22 +279,21 @@ def _query_all(
         answers = transport.query(key, parameters=parameters, timeout_s=within_s)
         try:
             found = decoded(answers, model, complete=complete)
-        except IncompleteAnswerError as error:
-            lost: IncompleteAnswerError | None = error
-            if attempt >= QUERY_ATTEMPTS and error.limit is not None:  # no pieces came
+        except IncompleteAnswerError as lost:
+            said = f"asked {attempt} times: {lost.message}"
+            error: Exception = IncompleteAnswerError("overloaded", said, limit=lost.limit)
+            if attempt >= QUERY_ATTEMPTS and lost.limit is not None:  # no pieces came
                 break
             continue
         if found and not complete:
             return found
         if not (missing := _missing([*before, *services(transport)], answers, found)):
             return found
-        lost = None
+        error = _unanswered(key, missing, answers)
         if attempt >= QUERY_ATTEMPTS:
             break
         time.sleep(attempt * RETRY_S)
-    if lost is not None:
-        raise IncompleteAnswerError("overloaded", f"asked {attempt} times: {lost.message}", limit=lost.limit)
-    raise _unanswered(key, missing, answers)
+    raise error
 
 
 def _missing(alive: Iterable[str], answers: QueryReplies, found: Iterable[Message]) -> list[str]:
@@ -331,8 +330,6 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
         raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
     if refusals and (complete or not whole):
         raise refusals[0]
-    if joining.unfinished and (complete or not whole):
-        raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
     found, spoilt = [], None
     for reply in whole:
         try:

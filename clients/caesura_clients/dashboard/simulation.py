@@ -137,7 +137,7 @@ class Simulator:
         said, code = self._current.outcome([sys.executable, "-m", "caesura_clients", *words])
         lines = said.strip()
         if not made.exists():
-            assumed, _, reason = lines.partition("error: ")
-            parts = (reason or assumed.strip(), f"({assumed.strip()})" if reason and assumed else "")
-            raise EditRefused(f"Not simulated: {' '.join(filter(None, parts))}")
+            assumed, _, error = lines.partition("error: ")
+            reason = f"{error} ({assumed.strip()})" if assumed and error else error or assumed
+            raise EditRefused(f"Not simulated: {reason}")
         return lines, code == 0

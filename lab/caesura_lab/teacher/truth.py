@@ -65,8 +65,8 @@ GUIDED_RULE = (
     " motion from 4 mm/s on. Where it is below 5 mm/s for 0.3 s, a pause is optional, and a start or stop is"
     " accepted at either end. A pause below 0.3 s, a rest that is never below 5 mm/s for 0.3 s, a corner with"
     " less than 10 mm beside it, one within 0.25 s of a start or stop, and one whose two readings do not both"
-    " exceed 50 deg are optional. A gradual edge has a wider tol, up to 0.4 s. A"
-    " release that lasts is accepted at either end."
+    " exceed 50 deg are optional. A gradual edge has a wider tol, up to 0.4 s."
+    " A release that lasts is accepted at either end."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
 HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement

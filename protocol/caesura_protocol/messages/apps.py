@@ -100,6 +100,4 @@ class App(Message):
     added: Count | None = None  # the number of the edit that added it; None: it was taught
     changes: Annotated[Listed[AppChange], Field(max_length=11)] = ()  # what people set, a field once
     target_name: AppLabel | None = None  # what people call its target
-    off_straight_m: Amount | None = (
-        None  # of a press without a path: how far off the way to its target it was
-    )
+    off_straight_m: Amount | None = None  # of a press without a path: off the way to its target

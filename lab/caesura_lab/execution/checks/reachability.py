@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -91,9 +91,9 @@ def reach_findings(apps: Sequence[App], cell: Cell, robot: Robot) -> list[Findin
         following = apps[index + 1].kind if index + 1 < len(apps) else None
         some, state = checker.check_app(index, app, following, state)
         found += some
-    if (of_program := checker.other_arm(apps)) is None:
-        return found
     wrong = checker.joint_reasons(apps)
+    if (of_program := checker.other_arm(apps, wrong)) is None:
+        return found
     return [of_program, *(one for one in found if one.index is None or one.reason != wrong.get(one.index))]
 
 
@@ -137,9 +137,12 @@ class _ReachabilityChecker:
         reasons = ((index, next(self._check_joints(app), None)) for index, app in enumerate(apps))
         return {index: reason for index, reason in reasons if reason is not None}
 
-    def other_arm(self, apps: Sequence[App]) -> Finding | None:
-        """Find that the joints of nearly all apps are not those of this arm at their targets."""
-        wrong, stated = self.joint_reasons(apps), sum(app.joints is not None for app in apps)
+    def other_arm(self, apps: Sequence[App], wrong: Mapping[int, str]) -> Finding | None:
+        """Find that the joints of nearly all apps are not those of this arm at their targets.
+
+        wrong: of `joint_reasons`.
+        """
+        stated = sum(app.joints is not None for app in apps)
         if len(wrong) < OF_AT_LEAST or len(wrong) < NEARLY_ALL * stated:
             return None
         first, name = min(wrong), self._robot.description.name

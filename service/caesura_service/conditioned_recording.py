@@ -14,7 +14,8 @@ from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import Preset
 from caesura_service.offline_segmentation import opening_of
-from caesura_service.segmentation.pipeline import layout_of, observed
+from caesura_service.segmentation.opening_layout import layout_of
+from caesura_service.segmentation.pipeline import observed
 from caesura_service.segmentation.segmenter import filter_of
 from caesura_service.signals import Conditioner, ConditioningParameters, Observation, SampleLayout
 

@@ -20,7 +20,8 @@ from caesura_protocol.messages import Open, SampleBatch
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import ASSUMED, Recording, RecordingError
 from caesura_service.journal import Record
-from caesura_service.segmentation.pipeline import layout_of, make_pipeline
+from caesura_service.segmentation.opening_layout import layout_of
+from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.sessions.batch_validation import validated_samples
 from caesura_service.sessions.limits import Limits

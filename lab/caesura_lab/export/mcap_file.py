@@ -19,7 +19,7 @@ from caesura_protocol.formats.mcap_write import (
 )
 from caesura_protocol.formats.mcap_write import entries as entries_of
 from caesura_protocol.formats.mcap_write import write_mcap as write
-from caesura_service.segmentation.pipeline import layout_of
+from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.signals import SampleLayout
 from caesura_service.signals.flange import columns_of, flange_rows
 

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol import messages
-from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
 from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment, WrenchReport
-from caesura_protocol.plausibility import UNITS, FirstSecond
+from caesura_protocol.plausibility import FirstSecond
 from caesura_protocol.recording import ASSUMED
 from caesura_protocol.robots import RobotError
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
@@ -35,7 +34,7 @@ from caesura_service.coaching import (
     SignalCoach,
     all_hints,
 )
-from caesura_service.constants import JOINTS, TARED_BIAS_N
+from caesura_service.constants import TARED_BIAS_N
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.program import (
@@ -49,7 +48,6 @@ from caesura_service.program import (
     ProgramSegment,
     left_out_note,
 )
-from caesura_service.robot import Robot, load_robot
 from caesura_service.segmentation.corrections import (
     EditContext,
     FilterConstraints,
@@ -61,6 +59,7 @@ from caesura_service.segmentation.corrections import (
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
 from caesura_service.segmentation.observation_store import ObservationStore, force_scale, holding
+from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.segmentation.view import ASSUMED_ROBOT, NO_GRIPPER, Pipeline, PipelineView
@@ -109,55 +108,13 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
             expected=["yes", "unknown"],
         )
     try:
-        robot = _robot_of(opening)
-        return SegmentationPipeline(_layout(opening, robot), preset, opening, arm=_arm_of(opening, robot))
+        robot = robot_of(opening)
+        return SegmentationPipeline(
+            sample_layout(opening, robot), preset, opening, arm=arm_of(opening, robot)
+        )
     except ValueError as error:
         value = opening.robot if isinstance(error, RobotError) else list(opening.columns)
         raise ProtocolError("malformed", str(error), value=value) from error
-
-
-def layout_of(opening: Open) -> SampleLayout:
-    """How the samples of a session are read.
-
-    Seven joints of a robot that is not stated are read as those of a Panda. Raises ValueError for a robot
-    that is not known, and for columns that cannot be segmented.
-    """
-    return _layout(opening, _robot_of(opening))
-
-
-def _joints_of(opening: Open) -> int:
-    return len(signal_columns(opening.columns).get("q", ()))
-
-
-def _robot_of(opening: Open) -> Robot | None:
-    """The arm that an opening states, or a Panda for seven joints. Raises ValueError as `layout_of`."""
-    joints = _joints_of(opening)
-    name = opening.robot or ("panda" if joints == JOINTS else None)
-    robot = None if name is None else load_robot(name)
-    if robot is not None and joints not in {0, robot.joints}:
-        stated = f"robot is {name!r}, which has {robot.joints} joints"
-        raise RobotError(f"{stated}; the columns have {joints}: q1 to q{joints}")
-    return robot
-
-
-def _arm_of(opening: Open, robot: Robot | None) -> ArmLimits | None:
-    """What hints compare the joints with; None where the arm is assumed, or no joints are reported."""
-    if robot is None or opening.robot is None or not _joints_of(opening):
-        return None
-    return ArmLimits(robot.lower_limits, robot.upper_limits, robot.flange_jacobian)
-
-
-def _layout(opening: Open, robot: Robot | None) -> SampleLayout:
-    return SampleLayout(
-        columns=opening.columns,
-        wrench_source=opening.wrench_source,
-        hand_on_robot=opening.hand_on_robot,
-        force_frame=opening.force_frame,
-        metres_per_unit=UNITS["length"][opening.length_unit],
-        pose_of_joints=None if robot is None else robot.flange_poses,
-        wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
-        joints=_joints_of(opening) or JOINTS,
-    )
 
 
 def observed(observation: Observation) -> ModelInput:

@@ -13,6 +13,7 @@ import sqlite3
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeGuard
 
 from caesura_service.journal.journal import JournalError
 
@@ -21,6 +22,12 @@ SUFFIX = ".reserve"
 SIZE = 8 << 20
 SHARE = 16  # part of what is free, at most, that a reserve may be
 LOOK_S = 10.0  # between two looks whether there is room for one
+
+
+def is_disk_full(error: BaseException | None) -> TypeGuard[BaseException]:
+    """Return whether an error comes from a disk without room."""
+    cause = None if error is None else error.__cause__
+    return getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
 
 
 class Reserve:
@@ -48,7 +55,7 @@ class Reserve:
 
     def release(self, error: JournalError) -> bool:
         """Return whether this is the error of a full disk that had a reserve, which is given back."""
-        if getattr(error.__cause__, "sqlite_errorcode", None) != sqlite3.SQLITE_FULL:
+        if not is_disk_full(error):
             return False
         try:
             self._path.unlink()

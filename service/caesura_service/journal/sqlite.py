@@ -42,7 +42,7 @@ from caesura_service.journal.journal import (
     StoredOutcome,
 )
 from caesura_service.journal.peer_journals import open_for_reading
-from caesura_service.journal.reserve import Reserve
+from caesura_service.journal.reserve import Reserve, is_disk_full
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.row_writer import write_rows
 from caesura_service.journal.rows import (
@@ -89,6 +89,7 @@ DROPS = 32  # sessions at one look
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
+COMMIT_PART = 1 << 20  # [bytes] of records in one transaction: as much room, and more, it needs on the disk
 OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
 
 
@@ -119,6 +120,7 @@ class SqliteJournal:
         self._next_look_s = 0.0  # [s]
         self._skipped_looks = 0  # looks, since the last one
         self._reserve = Reserve(path)
+        self._makes_room = False  # do deletions go on, which on a full disk come before what waits?
         self._has_deleted = False  # has anything been dropped by this one?
         self._wake, self._stopped = threading.Event(), threading.Event()
         self._stack = ExitStack()
@@ -181,21 +183,25 @@ class SqliteJournal:
                 self._wake.set()
 
     def commit(self) -> None:
-        """Write the waiting records. Raises JournalError."""
+        """Write the waiting records, in portions that fit in little room. Raises JournalError."""
         with self._writing:
             with self._guard:
                 rows = self._waiting[:]
             if not rows and self._error is None:
                 return
-            try:
-                with map_sqlite_errors(self.path), transaction(self._database):
-                    write_rows(self._database, rows)
-            except Exception as error:
-                why = f"journal {self.path} cannot be written: {type(error).__name__}: {error}"
-                failure = error if isinstance(error, JournalError) else JournalError(why)
-                self._fail(failure)
-                raise failure from error
-            self._succeed(rows)
+            if self._makes_room and is_disk_full(self._error):
+                raise self._error
+            for portion in _portions(rows):
+                try:
+                    with map_sqlite_errors(self.path), transaction(self._database):
+                        write_rows(self._database, portion)
+                except JournalError as error:
+                    raise self._fail(error) from error.__cause__
+                except Exception as error:
+                    why = f"journal {self.path} cannot be written: {type(error).__name__}: {error}"
+                    raise self._fail(JournalError(why)) from error
+                self._forget(portion)
+            self._succeed()
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """Return the records of a session as they are now. Raises JournalError, perhaps on the way."""
@@ -348,9 +354,7 @@ class SqliteJournal:
             try:
                 self._mark_deleted(keys)
             except JournalError as error:
-                if not self._reserve.release(error):
-                    raise
-                self._mark_deleted(keys)
+                self._mark_deleted(keys, error)
             with self._guard:
                 for key in keys:
                     self._outcomes.pop(key, None)
@@ -360,8 +364,11 @@ class SqliteJournal:
         self._has_deleted = True
         self._wake.set()
 
-    def _mark_deleted(self, keys: Set[Key]) -> None:
+    def _mark_deleted(self, keys: Set[Key], refused: JournalError | None = None) -> None:
+        """Hide sessions; where a full disk refused that, from its reserve, while no other process writes."""
         with map_sqlite_errors(self.path), transaction(self._database):
+            if refused and not self._reserve.release(refused):
+                raise refused
             for key in keys:
                 mark_deleted(self._database, key)
 
@@ -495,44 +502,60 @@ class SqliteJournal:
                 self.commit()
             except JournalError:
                 with self._guard:
-                    self._waiting.pop()
+                    if not any(row is waiting for waiting in self._waiting):
+                        return  # it was written, and a later one was not
+                    self._waiting = [waiting for waiting in self._waiting if waiting is not row]
                     self._waiting_bytes -= row.size
                 raise
 
-    def _fail(self, error: JournalError) -> None:
+    def _fail(self, error: JournalError) -> JournalError:
         if self._error is None:
             logger.error("%s", error)
         self._error = error
         self._wake.set()
+        return error
 
-    def _succeed(self, rows: list[RecordRow]) -> None:
+    def _forget(self, rows: Sequence[RecordRow]) -> None:
+        """Take the first rows, which are on disk, from those that wait."""
         size, keys = sum(row.size for row in rows), {row[:2] for row in rows}
         with self._guard:  # for which the worker waits
             del self._waiting[: len(rows)]
             self._waiting_bytes -= size
             self._known |= keys
+
+    def _succeed(self) -> None:
+        with self._guard:
             if self._error is not None:
                 logger.warning("journal %s is written again", self.path)
             self._error = None
 
     def _run(self) -> None:
-        """Write what waits in a loop; after an error at longer intervals."""
+        """Write what waits in a loop; after an error at longer intervals.
+
+        On a full disk deletions come first: otherwise what waits takes the room that they need.
+        """
         while not self._stopped.is_set():
             self._wake.wait()
             self._wake.clear()
-            self._stopped.wait(self.settings.commit_s if self._error is None else RETRY_S)
+            self._stopped.wait(self._pause_s())
+            try:
+                more = self._makes_room = self._delete_batch()
+            except JournalError as error:  # another process is writing, or the disk is full
+                more, self._makes_room = True, self._reserve.release(error)
+                if not self._makes_room:
+                    self._stopped.wait(RETRY_S)
             with suppress(JournalError):  # said when it began; it has woken this thread for another attempt
                 self.flush()
-            try:
-                more = self._delete_batch()
-            except JournalError as error:  # another process is writing, or the disk is full
-                more = True
-                if not self._reserve.release(error):
-                    self._stopped.wait(RETRY_S)
             if more:
                 self._wake.set()
             elif self._alone and self._error is None:
                 self._reserve.keep()
+        self._makes_room = False
+
+    def _pause_s(self) -> float:
+        if self._error is None:
+            return self.settings.commit_s
+        return PAUSE_S if self._makes_room else RETRY_S
 
     def _delete_batch(self) -> bool:
         """Continue deletions, of this process or of another."""
@@ -566,6 +589,17 @@ class SqliteJournal:
                 return
             for row in page:
                 yield record_of(session.key, row)
+
+
+def _portions(rows: Sequence[RecordRow]) -> Iterator[Sequence[RecordRow]]:
+    """Split rows, in order, where they take COMMIT_PART; yield at least one portion, empty without rows."""
+    first, size = 0, 0
+    for place, row in enumerate(rows):
+        if size >= COMMIT_PART:
+            yield rows[first:place]
+            first, size = place, 0
+        size += row.size
+    yield rows[first:]
 
 
 def _disk_free(path: Path) -> int | None:

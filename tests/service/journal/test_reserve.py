@@ -17,7 +17,7 @@ from harness.processes import eventually
 from harness.sessions import STATION
 from service.journal.test_deletion import record, taught
 
-DISK = SHARE * SIZE + (8 << 20)  # [bytes] room for a reserve, and little more
+DISK = SHARE * SIZE + (32 << 20)  # [bytes] room for a reserve, and for what the tests write before
 
 
 def full() -> JournalError:
@@ -61,16 +61,20 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(["umount", where], check=True)
 
 
-def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk):
-    """`caesura sessions delete` said "deleted", and the service could not write for ever after."""
+@pytest.mark.parametrize("commit_s", [0.01, 0.5], ids=["little waits", "more waits than the reserve holds"])
+def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, commit_s):
+    """`caesura sessions delete` said "deleted", and the service could not write for ever after.
+
+    What waits took the room that was given back for the deletion, or needed all its room at once.
+    """
     path = disk / "caesura-1.sqlite"
-    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+    with SqliteJournal(path, JournalSettings(commit_s=commit_s)) as journal:
         for name in ("old", "older"):
-            taught(journal, 4000, name)
+            taught(journal, 12_000, name)
         eventually((disk / f"{path.name}{SUFFIX}").exists)
         fill(disk)
         with pytest.raises(JournalError, match="no room left"):
-            taught(journal, 40_000, "new")
+            taught(journal, 20_000, "new")
         eventually(lambda: journal.report().trouble is not None)
         for name in ("old", "older"):
             with SqliteJournal(path, alone=False) as another:

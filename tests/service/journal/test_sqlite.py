@@ -133,7 +133,7 @@ def until_refused(journal: SqliteJournal, seqs: range, *, now: bool = False) -> 
 def test_a_record_is_on_disk_within_the_bounded_delay_without_a_flush(path):
     with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
         written = threading.Event()
-        journal._succeed, succeed = lambda rows: (succeed(rows), written.set()), journal._succeed
+        journal._succeed, succeed = lambda: (succeed(), written.set()), journal._succeed
         journal.append(record(0))
         assert written.wait(DEADLINE_S)
         assert on_disk(path) == [0]
@@ -334,7 +334,7 @@ def test_after_a_commit_that_failed_appends_are_refused_until_it_is_made_up_for(
         said = until_refused(journal, range(1, 1_000_000))
         assert "no room left" in said.reason
         recovered = threading.Event()
-        journal._succeed, succeed = lambda rows: (succeed(rows), recovered.set()), journal._succeed
+        journal._succeed, succeed = lambda: (succeed(), recovered.set()), journal._succeed
         grow_again(journal)
         assert recovered.wait(DEADLINE_S)
         journal.append(record(said.seq), now=True)

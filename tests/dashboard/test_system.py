@@ -28,10 +28,10 @@ def test_an_instance_that_is_new_has_no_rate(before, after, seconds):
 
 
 def test_a_station_has_its_owner(update):
-    one = update("motion", station="cell-3", instance="west", epoch=4)
+    one = update("motion", station="cell-3", instance="west", epoch=4500)
     found = system(DashboardState(updates={("cell-3", one.session): one}))
     (row,) = found.stations
-    assert (row["station"], row["owner"], row["epoch"], row["bridge"]) == ("cell-3", "west", "4", "gone")
+    assert (row["station"], row["owner"], row["since"], row["bridge"]) == ("cell-3", "west", 4.5, "gone")
 
 
 @pytest.mark.parametrize(("state", "words"), [("open", "gone"), ("closed", "not connected")])

@@ -47,7 +47,7 @@ def _instance(status: ServiceStatus, known: Mapping[str, float], alive: bool) ->
     return {
         "instance": status.instance,
         "state": "overloaded" if status.overloaded else "alive" if alive else "gone",
-        "epoch": str(status.epoch),
+        "since": _time_of(status.epoch),
         "version": status.version,
         "sessions": f"{status.sessions_open} open, {status.sessions_closed} closed",
         "rate": f"{known[status.instance]:.0f}/s" if status.instance in known else "–",
@@ -67,6 +67,11 @@ def _journal(report: JournalReport | None) -> str:
     return f"{size}; {report.trouble}" if report.trouble else size
 
 
+def _time_of(epoch: int) -> float:
+    """When [s] an epoch of the service began: it is the clock's time then [ms], or a later number."""
+    return epoch / 1000.0
+
+
 def _stations(world: DashboardState) -> Table:
     rows: Table = []
     for station in world.stations():
@@ -76,7 +81,7 @@ def _stations(world: DashboardState) -> Table:
             {
                 "station": station,
                 "owner": status.instance if status else "–",
-                "epoch": str(status.epoch) if status else "–",
+                "since": _time_of(status.epoch) if status else None,
                 "bridge": _bridge(world, station, update),
                 "session": f"{status.session} ({status.state})" if status else "–",
                 "samples": str(status.samples) if status else "0",

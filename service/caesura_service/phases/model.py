@@ -5,7 +5,8 @@ contact state; a run of others inside it is an interruption: the tool lifts off 
 segment of a phase of kind k emits
 
 - its contact state (free, contact, transport), by `PhaseKind.own` or, in an interruption, `aside`,
-- its duration, log-normal (`own_s`, `aside_s`); of a segment that still grows, that it lasts so long,
+- its duration, log-normal (`own_s`, `aside_s`); of a segment that still grows, that it lasts so long, or is a
+  rest with which the demonstration has ended: until an operator stops it, that lasts any time,
 - whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began.
   A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
 - where a phase is resumed after an interruption: near an end of one of its strokes with probability
@@ -94,15 +95,16 @@ class Parameters:
     """All that a model of phases assumes.
 
     wrong: of a segment's class probabilities, the share that is spread evenly. priors: prior weight of each
-    contact state in these probabilities. cut: the share of segments that are pieces, of any length. near_m,
-    far_m [m]: standard deviation a axis of where a stroke is repeated, and of where the tool goes else.
-    memory: segments of a phase that its next one may repeat.
+    contact state in these probabilities. cut: the share of segments that are pieces, of any length. last:
+    the share that ends a demonstration. near_m, far_m [m]: standard deviation a axis of where a stroke is
+    repeated, and of where the tool goes else. memory: segments of a phase that its next one may repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
     wrong: float = 0.01
     priors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     cut: float = 0.0
+    last: float = 0.0
     near_m: float = 0.04
     far_m: float = 0.20
     memory: int = 10
@@ -208,7 +210,10 @@ class Chain:
         """(states,) density of a segment's contact state and duration, over the highest; at least LEAST."""
         share = np.log(self._states @ segment.likelihood)
         seconds = [
-            [self._log_lasts(one.own_s, segment), self._log_lasts(one.aside_s, segment)]
+            [
+                self._log_lasts(one.own_s, one.bounds * one.ends, segment),
+                self._log_lasts(one.aside_s, one.bounds * (1.0 - one.resumed), segment),
+            ]
             for one in self.parameters.kinds
         ]
         steps = [[_log_step(one, segment)] for one in self.parameters.kinds]
@@ -217,11 +222,18 @@ class Chain:
         found: Array = each[self.kind, self.aside]
         return found
 
-    def _log_lasts(self, duration: LogNormal, segment: SegmentFeatures) -> float:
-        """Log density [1/s] of a duration, whole or cut; where the segment grows, that it lasts so long."""
+    def _log_lasts(self, duration: LogNormal, end: float, segment: SegmentFeatures) -> float:
+        """Log density [1/s] of a duration, whole or cut; where the segment grows, that it lasts so long.
+
+        end: probability that a demonstration which ends with this segment ends in such a state.
+        """
         of = LogNormal.survival if segment.grows else LogNormal.density
         whole, piece, cut = of(duration, segment.seconds), of(PIECE_S, segment.seconds), self.parameters.cut
-        return math.log(max((1.0 - cut) * whole + cut * piece, LEAST))
+        lasts = (1.0 - cut) * whole + cut * piece
+        if segment.grows and not segment.moves:
+            over = self.parameters.last * end
+            lasts = (1.0 - over) * lasts + over
+        return math.log(max(lasts, LEAST))
 
     def resumed(self, segment: SegmentFeatures, before: Sequence[SegmentFeatures]) -> Array:
         """(states,) weight, by the state before, of where a phase is resumed, over resuming it anywhere.

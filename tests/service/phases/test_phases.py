@@ -110,6 +110,8 @@ def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, par
         classes, law = (kind.aside, kind.aside_s) if aside else (kind.own, kind.own_s)
         whole, piece = (log_normal(each, one.seconds, one.grows) for each in (law, PIECE_S))
         lasts = (1.0 - parameters.cut) * whole + parameters.cut * piece
+        over = parameters.last * kind.bounds * (1.0 - kind.resumed if aside else kind.ends)
+        lasts += over * (1.0 - lasts) if one.grows and not one.moves else 0.0
         total *= float(np.dot(classes, one.likelihood)) * lasts
         moving = kind.moving
         total *= moving * normal(one.end - one.start, np.zeros(3), kind.step_m) if one.moves else 1 - moving
@@ -149,7 +151,7 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
     every = [
         one.model_copy(update={"motion": "steady"}) if i in (5, 7) else one for i, one in enumerate(wiping())
     ]
-    for segments in (every[:4], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
+    for segments in (every[:4], every[2:6], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
         shown = [seen(one, parameters, grows=not ended and one is segments[-1]) for one in segments]
         steps = [first_step(chain, shown[0])]
         for i in range(1, len(shown)):
@@ -195,6 +197,20 @@ def test_presses_at_places_apart_are_phases_of_their_own() -> None:
         ("contact", 1.0, LEFT), ("free", 1.5, AWAY),
     )  # fmt: skip
     assert shown(grouped(back)) == [("free", 0, 0, 1), ("contact", 1, 4, 2), ("free", 5, 5, 1)]
+
+
+def test_a_hand_that_waits_after_its_retreat_is_in_contact_no_more() -> None:
+    """A page showed "contact" for as long as nobody pressed Stop."""
+    pressed = demonstration(
+        ("free", 1.2, LEFT),
+        ("contact", 1.3, LEFT),
+        ("free", 0.2, LEFT),
+        ("free", 1.1, AWAY),
+        ("free", 13.0, AWAY),
+    )
+    rests = {"motion": "steady", "kind": "steady"}
+    pressed = [one.model_copy(update=rests if i in (2, 4) else {}) for i, one in enumerate(pressed)]
+    assert [one.kind for one in grouped(pressed, finished=False)] == ["free", "contact", "free"]
 
 
 def test_circles_in_free_space_are_a_phase_of_their_own() -> None:

@@ -18,12 +18,12 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.keys import check_name
 
 INSTANCES = (
-    ("instance", "instance"), ("state", "state"), ("epoch", "epoch"), ("sessions", "sessions"),
+    ("instance", "instance"), ("state", "state"), ("since", "started"), ("sessions", "sessions"),
     ("rate", "messages"), ("queue", "queue"), ("dropped", "dropped"), ("refused", "refused"),
     ("journal", "journal"), ("version", "version"),
 )  # fmt: skip
 STATIONS = (
-    ("station", "station"), ("owner", "owner"), ("epoch", "epoch"), ("bridge", "bridge"),
+    ("station", "station"), ("owner", "owner"), ("since", "owned since"), ("bridge", "bridge"),
     ("session", "session"), ("samples", "samples"), ("gaps", "gaps"), ("lost", "batches lost"),
     ("dropped", "dropped"), ("hypotheses", "hypotheses"),
 )  # fmt: skip

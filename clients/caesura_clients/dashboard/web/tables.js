@@ -1,4 +1,5 @@
 import { live } from "caesura-dashboard/live.js";
+import { dayAndTime } from "caesura-dashboard/numbers.js";
 
 export default {
   mixins: [live],
@@ -10,9 +11,9 @@ export default {
         <h2>{{ table.title }}</h2>
         <p v-if="table.rows.length === 0" class="empty">{{ table.empty }}</p>
         <div v-else class="scroll" tabindex="0" role="region" :aria-label="table.title">
-          <table><thead><tr><th v-for="[key, title] in table.columns" :key="key" scope="col">{{ title }}</th></tr></thead>
+          <table class="facts"><thead><tr><th v-for="[key, title] in table.columns" :key="key" scope="col">{{ title }}</th></tr></thead>
           <tbody><tr v-for="(row, i) in table.rows" :key="i">
-            <td v-for="[key] in table.columns" :key="key" :class="{ alarm: alarming(key, row[key]) }">{{ row[key] }}</td>
+            <td v-for="[key, title] in table.columns" :key="key" :data-title="title" :class="{ alarm: alarming(key, row[key]) }">{{ shown(key, row[key]) }}</td>
           </tr></tbody></table>
         </div>
       </section>
@@ -21,6 +22,9 @@ export default {
     apply(payload) {
       this.warnings = payload.warnings;
       this.tables = payload.tables;
+    },
+    shown(key, value) {
+      return key === "since" && value !== null ? dayAndTime(value) : value ?? "–";
     },
     alarming(key, value) {
       return ["overloaded", "gone", "stale"].includes(value) || (["gaps", "lost", "dropped"].includes(key) && value !== "0");

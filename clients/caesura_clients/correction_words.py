@@ -11,6 +11,7 @@ from caesura_protocol.messages import (
     AppOutline,
     Correction,
     EditEffect,
+    Insert,
     LimitForce,
     Move,
     PhaseOutline,
@@ -74,6 +75,14 @@ def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:
     left = {one.t0 for one in effect.segments_after}
     gone = [one.t0 for one in effect.segments_before[1:] if one.t0 not in left]
     return min(gone, key=lambda place: abs(place - action.t), default=action.t)
+
+
+def changepoint_made(action: Insert | Move, effect: EditEffect) -> float:
+    """Where the changepoint is [s] that a correction makes: where an observation begins, beside its time."""
+    wanted = action.to if isinstance(action, Move) else action.t
+    there = {one.t0 for one in effect.segments_before}
+    made = [one.t0 for one in effect.segments_after if one.t0 not in there]
+    return min(made, key=lambda place: abs(place - wanted), default=wanted)
 
 
 def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[str]:

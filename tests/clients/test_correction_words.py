@@ -7,7 +7,13 @@ from typing import Any
 import pytest
 
 from caesura_clients.cli.edit import _print_corrections
-from caesura_clients.correction_words import changepoint_meant, described, effect_words, in_words
+from caesura_clients.correction_words import (
+    changepoint_made,
+    changepoint_meant,
+    described,
+    effect_words,
+    in_words,
+)
 from caesura_protocol.messages import (
     Action,
     AppOutline,
@@ -129,6 +135,13 @@ def test_a_changepoint_is_named_where_it_was():
     assert changepoint_meant(Remove(t=1.3), found) == 1.0
     assert changepoint_meant(Move(t=1.8, to=1.5), found) == 2.0
     assert changepoint_meant(Remove(t=1.3), effect()) == 1.3
+
+
+def test_a_changepoint_is_named_where_it_is_made():
+    found = effect(segments_before=outlines("motion"), segments_after=outlines("motion", "hold", "motion"))
+    assert changepoint_made(Insert(t=1.1), found) == 1.0
+    assert changepoint_made(Move(t=0.4, to=1.9), found) == 2.0
+    assert changepoint_made(Insert(t=1.1), effect()) == 1.1, "there is one"
 
 
 def test_a_session_whose_corrections_are_not_listed_is_not_called_uncorrected(

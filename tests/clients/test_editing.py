@@ -199,7 +199,8 @@ def test_times_before_the_zero_of_a_clock_are_typed_as_they_are_shown(endpoint: 
 def test_the_command_line_corrects(endpoint: str, caesura: Caesura):
     session = taught(caesura, "cell-5")
     done = typed(endpoint, "cell-5", session, "insert", "3.2", "--author", "Bob")
-    said = f"inserted a changepoint at 3.20 s; cell-5/{session} is at revision 1\n"
+    place = min((one[0] for one in segments_of(caesura, "cell-5")), key=lambda t: abs(t - 3.2))
+    said = f"inserted a changepoint at 3.20 s (it is at {place:.2f} s); cell-5/{session} is at revision 1\n"
     assert (done.exit_code, done.stdout.startswith(said)) == (0, True)
     assert caesura.program("cell-5").author == "Bob"
     assert typed(endpoint, "cell-5", session, "undo").exit_code == 0
@@ -262,6 +263,10 @@ def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint
     ((t0, tn, kind),) = segments
     assert f"become {kind} {t0:.2f} to {tn:.2f} s." in effect[0]
     assert "Ann removed the changepoint at 4.30 s" in typed(endpoint, "cell-17", session).stdout
+    made = typed(endpoint, "cell-17", session, "insert", "3.02").stdout
+    ((place, _, _),) = [one for one in segments_of(caesura, "cell-17") if abs(one[0] - 3.02) < 0.1]
+    assert made.startswith(f"inserted a changepoint at 3.02 s (it is at {place:.2f} s); ")
+    assert typed(endpoint, "cell-17", session, "undo").exit_code == 0
     undone = typed(endpoint, "cell-17", session, "undo")
     assert undone.stdout.startswith("took back: Ann removed the changepoint at 4.30 s; ")
     refused = typed(endpoint, "cell-17", session, "remove", "99", "--preview")

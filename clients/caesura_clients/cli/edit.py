@@ -19,6 +19,7 @@ from caesura_clients.cli.result_tables import PLAIN, clock_lines
 from caesura_clients.cli.typed_actions import validated, wrong
 from caesura_clients.client import Caesura
 from caesura_clients.correction_words import (
+    changepoint_made,
     changepoint_meant,
     described,
     effect_words,
@@ -31,6 +32,7 @@ from caesura_protocol.messages import (
     Action,
     Correction,
     EditEffect,
+    Insert,
     LimitForce,
     Move,
     Remove,
@@ -142,11 +144,17 @@ def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
 
 
 def _beside(action: Action, effect: EditEffect, clock: SessionClock) -> str:
-    """Where the changepoint was that a correction names by a time beside it."""
-    if not isinstance(action, Remove | Move):
-        return ""
-    typed, was = (clock.shown(one) for one in (action.t, changepoint_meant(action, effect)))
-    return "" if typed == was else f" (it was at {was} s)"
+    """Where a changepoint was, and where it is now, that a correction names by a time beside it."""
+    said = []
+    if isinstance(action, Remove | Move):
+        said += [("was", action.t, changepoint_meant(action, effect))]
+    if isinstance(action, Insert | Move):
+        wanted = action.to if isinstance(action, Move) else action.t
+        said += [("is", wanted, changepoint_made(action, effect))]
+    off = [
+        (verb, clock.shown(there)) for verb, typed, there in said if clock.shown(typed) != clock.shown(there)
+    ]
+    return f" (it {', and '.join(f'{verb} at {there} s' for verb, there in off)})" if off else ""
 
 
 def _print_corrections(found: Snapshot) -> None:

@@ -126,7 +126,7 @@ def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage:
         assert corrected() == [pytest.approx(inserted)]
     for path in ("/station/cell-day", "/"):
         page.goto(f"{stage.dashboard.url}{path}")
-        expect(page.locator("body")).to_contain_text("demonstration over")
+        expect(page.locator("body")).to_contain_text("demonstration over", ignore_case=True)
         assert times_of_day(page) == []
     assert visitor.errors == []
     visitor.close()

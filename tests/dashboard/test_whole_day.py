@@ -105,7 +105,7 @@ def teach(stage: Stage, visitor: Visitor) -> str:
     desk.locator(".task").press("Enter")
     expect(desk).to_contain_text("Teaching")
     expect(start).to_be_disabled()
-    expect(desk).to_contain_text("A demonstration is being taught.")
+    expect(desk).to_contain_text("Stop ends this demonstration; then the next one can start.")
     expect(page.get_by_text("move to contact").first).to_be_visible()
     looks_right(visitor, "day-teaching")
     shown = page.locator(".scrub output")

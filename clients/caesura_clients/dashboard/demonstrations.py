@@ -97,7 +97,7 @@ def _why_not_start(
     """Why a demonstration cannot be started now; empty where it can."""
     waits = {
         "starting": "A demonstration is just starting.",
-        "teaching": "A demonstration is being taught.",
+        "teaching": "Stop ends this demonstration; then the next one can start.",
         "stopping": f"The last demonstration is being stored. {status.problem or ''}" if status else "",
         "failed": f"The robot is not ready: {status.problem}." if status else "",
     }

@@ -209,11 +209,12 @@ class SessionPage:
 
 
 def line_of(seen: StationSummary, update: Update | None) -> str:
-    """How the station is, in a line."""
+    """What there is to say of a station's session beside its state, which stands above Start and Stop."""
     if update is None:
         return f"{seen.said}."
-    parts = [seen.said, f"session {update.session}", f"{lasted(update):.0f} s", _gaps(seen.gaps)]
-    parts.append(_wrench(update.status))
+    parts = [f"session {update.session}", _gaps(seen.gaps), _wrench(update.status)]
+    if update.closed:
+        parts.insert(1, f"{lasted(update):.0f} s")
     if seen.age_s is not None and seen.age_s >= 1.0:
         parts.append(f"last sample {seen.age_s:.0f} s ago")
     if seen.overloaded:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 GRAVITY = 9.81  # [m/s²], as the thesis has it
+LOAD_KG = 3.0  # of the heaviest load, and tool: what a Panda carries
 JOINTS = 7  # of a Panda
 JOINTS_MOST = 8  # of any arm
 # [N] scale of what free space reads after a tare: in real recordings the bias wanders so far with the pose

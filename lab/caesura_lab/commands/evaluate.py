@@ -111,7 +111,7 @@ def evaluate(
     data: Annotated[
         Path,
         typer.Option(
-            help="Real, sensors, tempo, realism and coaching: the directory of the recordings.",
+            help="Real, sensors, tempo, windows, realism and coaching: the directory of the recordings.",
             envvar=DATA_VARIABLE,
             show_default="data/real",
         ),

@@ -27,6 +27,7 @@ from caesura_lab.annotations import (
 from caesura_lab.evaluation.declared import with_declarations
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
 from caesura_lab.evaluation.tempo import TEMPI, in_tempo
+from caesura_lab.evaluation.windows import WINDOWS, in_window
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import BASIC, SKILLS
 from caesura_protocol.formats.column_mapping import load_mapping
@@ -222,6 +223,13 @@ class OtherTempoCase(ChangedCase):
         return in_tempo(recording, truth, self.condition)
 
 
+class WindowCase(ChangedCase):
+    """A case of which a part is left, as of one of WINDOWS."""
+
+    def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
+        return in_window(recording, truth, self.condition)
+
+
 @dataclass(frozen=True)
 class SuiteOptions:
     """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
@@ -313,6 +321,12 @@ def tempo(extent: SuiteOptions) -> list[Case]:
     return [OtherTempoCase(case, name) for name in TEMPI for case in cases]
 
 
+def windows(extent: SuiteOptions) -> list[Case]:
+    """Return every one of WINDOWS of the recordings of `real`. Raises TruthError as `real`."""
+    cases = real(extent)
+    return [WindowCase(case, name) for name in WINDOWS for case in cases]
+
+
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
     """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
 
@@ -366,4 +380,5 @@ SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "real": real,
     "sensors": sensors,
     "tempo": tempo,
+    "windows": windows,
 }

@@ -40,7 +40,7 @@ from caesura_service.changepoint.thesis_presets import thesis_force_library
 from caesura_service.changepoint.traced_motion import TracedMotion
 from caesura_service.changepoint.turn_in_place import TurnInPlace
 from caesura_service.changepoint.turn_rate import TurnRate
-from caesura_service.constants import CREEP_M_PER_S, HANDS_BREADTH_M, REST_M_PER_S, TURN_SHARE
+from caesura_service.constants import CREEP_M_PER_S, HANDS_BREADTH_M, LOAD_KG, REST_M_PER_S, TURN_SHARE
 
 
 def correlation(time_s: float) -> float:
@@ -63,7 +63,6 @@ HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a
 # How far the point leaves its circle is known to 7 %, 1/√(2 nu0). If it is known less well, one turn also
 # explains two turns and the rest between them: it keeps to its circle more closely for a while.
 TURN_NU0 = 100.0
-LOAD_KG = 3.0  # of the heaviest load: what a Panda carries
 FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 1 N in real recordings
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 PAUSE_S = 0.3  # shorter rests are part of a movement

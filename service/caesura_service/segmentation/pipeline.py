@@ -533,6 +533,8 @@ class SegmentationPipeline:
     def _notes(self) -> tuple[str, ...]:
         """The wrench source in use and what it cannot show, the gaps, and corrections resolved anew."""
         notes = [*self._standing_notes]
+        if (doubt := self._conditioner.tare_doubt) and self._in_use.contact_models:
+            notes.append(doubt)
         if self._gaps.all:
             notes.append(self._gaps.note(self._began))
         if anew := self._heeded.anew:

@@ -175,6 +175,12 @@ class Conditioner:
         return "Not tared yet: the tare window is not complete." if tare is None else tare.note
 
     @property
+    def tare_doubt(self) -> str:
+        """Why what was tared may have been a contact; "" where nothing speaks for one."""
+        tare = self._state.tare.tare
+        return "" if tare is None else tare.doubt
+
+    @property
     def samples(self) -> int:
         """Samples pushed so far."""
         return self._samples

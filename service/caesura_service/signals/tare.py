@@ -5,18 +5,24 @@ that scatters gives a touch away.
 
 Once the demonstration runs, rest in free space and rest in contact look alike in the force, so a later tare
 would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
-window is taken for bias: a demonstration begins free. The bias of the force is taken off in the base frame,
-where the weight of a tool is constant; what wanders with the pose afterwards is left to the segment models.
-The bias of the torque is taken off in the flange's axes (`torque`).
+window is taken for bias: a demonstration begins free. One that begins in motion, with more force than a bias
+and a weight explain, was cut from a longer one and begins in contact: it has no tare.
+
+The bias of the force is taken off in the base frame, where the weight of a tool is constant; what wanders
+with the pose afterwards is left to the segment models. The bias of the torque is taken off in the flange's
+axes (`torque`).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from caesura_service.constants import GRAVITY, LOAD_KG, REST_M_PER_S
 
 Array = NDArray[np.float64]
 
@@ -25,6 +31,8 @@ UNTARED = (
     "taken off, begin the recording at rest in free space."
 )
 UNTARED_BIAS_N = 5.0  # scale of what free space reads without a tare: real sensors read 1–5 N
+# What neither a bias nor the weight of a tool explains, and a hand can press: steady presses have up to 35 N.
+TOUCHED_N, PRESSED_N = 2.0 * UNTARED_BIAS_N, 50.0
 
 
 @dataclass(frozen=True)
@@ -40,11 +48,13 @@ class Tare:
     """What is taken off every force. bias: (fx, fy, fz) [N] base frame; None: nothing is taken off.
 
     torque_bias: (3,) [Nm] likewise, axes as of `torque.in_flange`; None without a tare or a torque.
+    doubt: why the force may have been a contact, "" where nothing speaks for one.
     """
 
     bias: tuple[float, float, float] | None
     note: str
     torque_bias: tuple[float, float, float] | None = None
+    doubt: str = ""
 
 
 def baseline(forces: Array) -> tuple[Array, Array]:
@@ -70,13 +80,34 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
     if worst > criterion.scatter_limit_n:
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return _untared(f"the force varied by {worst:.2f} N at the start ({limit})")
+    if float(np.median(speeds)) > REST_M_PER_S and TOUCHED_N < _without_weight(mean) < PRESSED_N:
+        return _untared(
+            f"the robot moved at the start with a force of {_rounded(mean)} N, which no bias below "
+            f"{TOUCHED_N:g} N and no weight explains: it touched something"
+        )
     x, y, z = mean.tolist()
-    taken = f"{_rounded(mean)} N"
-    if torques is None or not len(torques):
-        return Tare((x, y, z), f"Tared at the start: {taken} are taken off.")
-    a, b, c = torques.mean(axis=0).tolist()
-    taken += f" and {_rounded(torques.mean(axis=0))} Nm"
-    return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", (a, b, c))
+    taken, torque_bias = f"{_rounded(mean)} N", None
+    if torques is not None and len(torques):
+        a, b, c = torques.mean(axis=0).tolist()
+        taken, torque_bias = f"{taken} and {_rounded(torques.mean(axis=0))} Nm", (a, b, c)
+    return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", torque_bias, _doubt(mean))
+
+
+def _doubt(mean: Array) -> str:
+    """Why a force (3,) [N] that is taken for bias may be a contact."""
+    size = math.hypot(*mean.tolist())
+    if not TOUCHED_N < size < PRESSED_N:
+        return ""
+    return (
+        f"Force at the start: {size:.1f} N, taken for the bias of the sensor, which is 1 to 5 N on most "
+        "robots. If the tool touched something, contact and free space are exchanged: begin in free space."
+    )
+
+
+def _without_weight(force: Array) -> float:
+    """[N] What the weight of a tool or a load leaves of a force (3,) [N]."""
+    x, y, z = force.tolist()
+    return math.hypot(x, y, z + min(max(-z, 0.0), LOAD_KG * GRAVITY))
 
 
 def _untared(why: str) -> Tare:

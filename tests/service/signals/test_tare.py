@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from caesura_service.signals import WRENCH_SOURCES, Conditioner, SampleLayout, baseline, wrench_capabilities
-from caesura_service.signals.tare import RestCriterion, tare_of
+from caesura_service.signals.tare import RestCriterion, Tare, tare_of
 from caesura_service.signals.wrench import HANDS_ON_ROBOT
 from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, condition, times, together
 
@@ -57,6 +57,43 @@ def test_a_sensor_below_the_hand_is_tared_in_free_motion_too() -> None:
     conditioner, force = demonstration(speed_m_per_s=0.1)
     assert conditioner.tare == pytest.approx(tuple(BIAS), abs=0.05)
     assert_allclose(force, 0.0, atol=0.15)
+
+
+def start_of(force: tuple[float, float, float], speed_m_per_s: float) -> Tare:
+    below_the_hand = RestCriterion(
+        wrench_capabilities("flange_sensor", "unknown", stated=True).tare_speed_m_per_s, 0.5
+    )
+    return tare_of(np.tile(np.array(force), (41, 1)), np.full(41, speed_m_per_s), below_the_hand)
+
+
+@pytest.mark.parametrize("force", [(0.0, 0.0, 17.9), (-12.0, 3.0, -25.0), (0.0, 40.0, 0.0)])
+def test_a_force_in_motion_that_nothing_but_a_contact_explains_is_not_tared(
+    force: tuple[float, float, float],
+) -> None:
+    """Of a recording cut from a longer one contact and free space were exchanged, in all that it has."""
+    cut = start_of(force, 0.05)
+    assert cut.bias is None
+    assert "it touched something" in cut.note
+
+
+@pytest.mark.parametrize(
+    ("force", "speed_m_per_s", "is_doubted"),
+    [
+        ((6.0, 0.0, 5.0), 0.05, False),  # a bias
+        ((0.0, 0.0, -18.0), 0.05, True),  # the weight of a tool
+        ((4.0, -6.0, -180.0), 0.05, False),  # no hand presses so
+        ((0.0, 0.0, 17.9), 0.0, True),  # at rest
+        ((0.0, 0.0, 3.0), 0.0, False),
+    ],
+)
+def test_any_other_force_at_the_start_is_tared_and_a_large_one_is_stated(
+    force: tuple[float, float, float], speed_m_per_s: float, is_doubted: bool
+) -> None:
+    tared = start_of(force, speed_m_per_s)
+    assert tared.bias == pytest.approx(force)
+    assert bool(tared.doubt) == is_doubted
+    if is_doubted:
+        assert f"{np.linalg.norm(force):.1f} N, taken for the bias" in tared.doubt
 
 
 def test_the_bias_is_the_mean_of_the_window_itself() -> None:

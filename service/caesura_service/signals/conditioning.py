@@ -339,11 +339,14 @@ class Conditioner:
 
     def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:
         """Hand out the waiting rows as observations once the tare is known."""
-        tare = state.tare.tare
+        tares, tare = state.tare, state.tare.tare
         if tare is None or not state.waiting:
             return state, ()
         turned, bias, recent, observations = state.turned, state.bias, state.recent, []
         for filtered in state.waiting:
+            after_s = filtered.number / self.parameters.segmentation_hz
+            tares = tares.checked(filtered.measured_n, filtered.speed, after_s)
+            tare = tares.tare or tare
             row = tared_row(filtered.row, self._columns, tare, self._arithmetic)
             if self._columns.orientation is not None:
                 turned = turned_to(turned, row[self._columns.orientation])
@@ -363,4 +366,5 @@ class Conditioner:
             observations.append(
                 observation_of(filtered, row, self._columns, tare, turned, force, scale, boundary)
             )
-        return state._replace(waiting=(), turned=turned, bias=bias, recent=recent), tuple(observations)
+        state = state._replace(waiting=(), tare=tares, turned=turned, bias=bias, recent=recent)
+        return state, tuple(observations)

@@ -6,7 +6,8 @@ that scatters gives a touch away.
 Once the demonstration runs, rest in free space and rest in contact look alike in the force, so a later tare
 would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
 window is taken for bias: a demonstration begins free. One that begins in motion, with more force than a bias
-and a weight explain, was cut from a longer one and begins in contact: it has no tare.
+and a weight explain, was cut from a longer one and begins in contact: it has no tare. One that begins at rest
+with so much has a tare until a fast free movement shows that it was a contact.
 
 The bias of the force is taken off in the base frame, where the weight of a tool is constant; what wanders
 with the pose afterwards is left to the segment models. The bias of the torque is taken off in the flange's
@@ -35,6 +36,11 @@ UNTARED_BIAS_N = 5.0  # scale of what free space reads without a tare: real sens
 TOUCHED_N, PRESSED_N = 2.0 * UNTARED_BIAS_N, 50.0
 
 
+# For so many observations a fast movement has a force that a bias explains: it is free space without a tare.
+FREE_OBSERVATIONS, FREE_M_PER_S = 4, 0.1
+ORIGIN = (0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class RestCriterion:
     """When the force at the start of a demonstration is bias and nothing else."""
@@ -55,6 +61,21 @@ class Tare:
     note: str
     torque_bias: tuple[float, float, float] | None = None
     doubt: str = ""
+
+    @property
+    def may_be_contact(self) -> bool:
+        """Return whether a press of a hand explains what is taken off, and neither bias nor weight does."""
+        return self.bias is not None and TOUCHED_N < _without_weight(self.bias) < PRESSED_N
+
+    def withdrawn(self, after_s: float) -> Tare:
+        """Return what is left of a tare that was a contact, so long after the start [s]: nothing."""
+        doubt = (
+            f"The {math.hypot(*(self.bias or ORIGIN)):.1f} N that the tare took off were a contact: "
+            f"{after_s:.1f} s after the start the arm moves with a force near zero, and nothing is taken off "
+            "any more. Before that, contact and free space are exchanged: begin in free space."
+        )
+        torque_bias = None if self.torque_bias is None else ORIGIN
+        return Tare(ORIGIN, "The tare of the start was a contact, and is withdrawn.", torque_bias, doubt)
 
 
 def baseline(forces: Array) -> tuple[Array, Array]:
@@ -80,12 +101,12 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
     if worst > criterion.scatter_limit_n:
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return _untared(f"the force varied by {worst:.2f} N at the start ({limit})")
-    if float(np.median(speeds)) > REST_M_PER_S and TOUCHED_N < _without_weight(mean) < PRESSED_N:
+    x, y, z = mean.tolist()
+    if float(np.median(speeds)) > REST_M_PER_S and TOUCHED_N < _without_weight((x, y, z)) < PRESSED_N:
         return _untared(
             f"the robot moved at the start with a force of {_rounded(mean)} N, which no bias below "
             f"{TOUCHED_N:g} N and no weight explains: it touched something"
         )
-    x, y, z = mean.tolist()
     taken, torque_bias = f"{_rounded(mean)} N", None
     if torques is not None and len(torques):
         a, b, c = torques.mean(axis=0).tolist()
@@ -104,9 +125,9 @@ def _doubt(mean: Array) -> str:
     )
 
 
-def _without_weight(force: Array) -> float:
-    """[N] What the weight of a tool or a load leaves of a force (3,) [N]."""
-    x, y, z = force.tolist()
+def _without_weight(force: tuple[float, float, float]) -> float:
+    """[N] What the weight of a tool or a load leaves of a force [N]."""
+    x, y, z = force
     return math.hypot(x, y, z + min(max(-z, 0.0), LOAD_KG * GRAVITY))
 
 
@@ -121,12 +142,29 @@ def _rounded(vector: Array) -> str:
 
 
 class TareState(NamedTuple):
-    """The window so far. Once the tare is known, the window is not needed any more."""
+    """The window so far. Once the tare is known, the window is not needed any more.
+
+    free: observations up to now that are free space without this tare, where it may be a contact.
+    """
 
     tare: Tare | None = None
     forces: Array = np.empty((0, 3))
     speeds: Array = np.empty(0)
     torques: Array = np.empty((0, 3))  # none where there is no torque
+    free: int = 0
+
+    def checked(self, measured_n: float | None, speed_m_per_s: float, after_s: float) -> TareState:
+        """Return the state after an observation: a tare that was a contact is withdrawn.
+
+        measured_n: length of its force, not tared [N], None without a wrench; after_s: since the start [s].
+        """
+        if self.tare is None or measured_n is None or not self.tare.may_be_contact:
+            return self
+        is_free = speed_m_per_s > FREE_M_PER_S and measured_n < UNTARED_BIAS_N
+        free = self.free + 1 if is_free else 0
+        if free < FREE_OBSERVATIONS:
+            return self._replace(free=free)
+        return TareState(self.tare.withdrawn(after_s))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from caesura_service.signals import WRENCH_SOURCES, Conditioner, SampleLayout, baseline, wrench_capabilities
 from caesura_service.signals.tare import RestCriterion, Tare, tare_of
 from caesura_service.signals.wrench import HANDS_ON_ROBOT
-from service.signals.samples import FORCE, POSITION, QUATERNION, along, column, condition, times, together
+from service.signals.samples import (
+    FORCE,
+    POSITION,
+    QUATERNION,
+    TORQUE,
+    along,
+    column,
+    condition,
+    times,
+    together,
+)
 
 Array = NDArray[np.float64]
 
@@ -94,6 +104,53 @@ def test_any_other_force_at_the_start_is_tared_and_a_large_one_is_stated(
     assert bool(tared.doubt) == is_doubted
     if is_doubted:
         assert f"{np.linalg.norm(force):.1f} N, taken for the bias" in tared.doubt
+
+
+def released(
+    pressed: tuple[float, float, float], speed_m_per_s: float, torque: bool = False, pieces: int = 1
+) -> tuple[Conditioner, Array]:
+    """A press at rest for 1 s, then free space, with a movement from 1.5 s on; the sensor has no bias."""
+    t = times(500.0, 4.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.1, (len(t), 3))
+    force = noise + along(pressed, (t < 1.0).astype(float))
+    place = along((speed_m_per_s, 0.0, 0.0), np.maximum(t - 1.5, 0.0))
+    torques, names = ([0.1 * noise], TORQUE) if torque else ([], ())
+    conditioner = Conditioner(SampleLayout((*COLUMNS, *names), wrench_source="flange_sensor"))
+    samples = np.column_stack([t, place, force, *torques])
+    found = together(conditioner, np.array_split(samples, pieces)).observations
+    return conditioner, column(found, "force_base")
+
+
+@pytest.mark.parametrize("torque", [False, True])
+def test_a_tare_that_was_a_contact_is_withdrawn_once_free_motion_shows_it(torque: bool) -> None:
+    """All that came after it had contact and free space exchanged, for as long as the session lasted."""
+    conditioner, force = released((3.0, 0.0, 16.0), 0.3, torque)
+    assert_allclose(force[:9], 0.0, atol=0.2)
+    assert_allclose(force[11:15], [[-3.0, 0.0, -16.0]] * 4, atol=0.2)
+    assert_allclose(force[20:], 0.0, atol=0.2)
+    assert conditioner.tare == (0.0, 0.0, 0.0)
+    assert "withdrawn" in conditioner.tare_note
+    doubt = conditioner.tare_doubt
+    assert "The 16.3 N that the tare took off were a contact: 1.7 s after the start" in doubt
+
+
+def test_a_tare_is_withdrawn_at_the_same_observation_however_samples_come() -> None:
+    _, whole = released((3.0, 0.0, 16.0), 0.3)
+    for pieces in (7, 400):
+        assert_array_equal(released((3.0, 0.0, 16.0), 0.3, pieces=pieces)[1], whole)
+
+
+@pytest.mark.parametrize(
+    ("pressed", "speed_m_per_s"),
+    [((0.0, 0.0, -18.0), 0.3), ((4.0, -6.0, -180.0), 0.3), ((3.0, 0.0, 16.0), 0.05), ((0.0, 7.0, 5.0), 0.3)],
+    ids=["a weight", "more than a hand presses", "too slow to be free", "a bias"],
+)
+def test_a_tare_that_may_be_none_else_stays(
+    pressed: tuple[float, float, float], speed_m_per_s: float
+) -> None:
+    conditioner, _ = released(pressed, speed_m_per_s)
+    assert conditioner.tare == pytest.approx(pressed, abs=0.05)
+    assert "Tared at the start" in conditioner.tare_note
 
 
 def test_the_bias_is_the_mean_of_the_window_itself() -> None:

@@ -82,13 +82,16 @@ class Bridges:
         self.service, self.folder = service, folder
         self._bridges: dict[str, subprocess.Popen[str] | Forked] = {}
 
-    def teach(self, station: str, recording: Recording, *, session: str = "s1", pace: str = "real") -> None:
-        """A bridge in a process of its own."""
+    def teach(
+        self, station: str, recording: Recording, *options: str, session: str = "s1", pace: str = "real"
+    ) -> None:
+        """A bridge in a process of its own, with further options."""
         file = self.folder / f"{station}-{session}.npz"
         recording.save(file)
         command = [
             *CAESURA, "bridge", "--connect", self.service.endpoint, "--station", station,
             "--session", session, "--source", "file", "--file", str(file), "--pace", pace,
+            *options,
         ]  # fmt: skip
         self._bridges[station] = start(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
+from caesura_protocol.formats.read import load_recording
 from dashboard.browser import PATIENCE_MS, TABLET, THEMES, Visitor, needs_chromium
 from dashboard.stage import KINDS, Dashboard, Stage, patient, staged
 from harness.demonstrations import guided
@@ -30,6 +32,7 @@ PAGES = {
     "compare": ("/compare?first=cell-2/done-1&second=cell-3/done-2", "apps differ"),
     "unknown": ("/station/cell-99", "it has no session. Stations: cell-1"),
 }
+PICK_AND_PLACE = Path(__file__).parents[2] / "data" / "pick_and_place.npz"
 PHONE = {"width": 390, "height": 844}
 TYPE = {"15px", "21px"}  # of text, and of titles
 MEGABYTE = 1_000_000
@@ -199,6 +202,20 @@ def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stag
         409,
         "no dataset was written: no session cell-2/none is known",
     )
+
+
+def test_the_gripper_of_a_station_is_stated_once(stage: Stage, visitor: Visitor):
+    """A page that was loaded again exported for no gripper."""
+    taught = load_recording(PICK_AND_PLACE)
+    signals = {name: values for name, values in taught.signals.items() if name not in {"q", "tau"}}
+    carried = replace(taught, signals=signals)
+    stage.teach("cell-8", carried, "--robot", "ur5e", session="carried", pace="fast")
+    stage.wait("cell-8")
+    page = goto(stage, visitor, "/sessions/cell-8/carried")
+    page.locator("select.gripper").select_option("robotiq_2f_85")
+    page.reload()
+    expect(page.locator("select.gripper")).to_have_value("robotiq_2f_85")
+    expect(page.locator(".exports a").first).to_have_attribute("href", re.compile(r"gripper=robotiq_2f_85$"))
 
 
 def test_what_was_chosen_of_light_and_dark_is_kept(stage: Stage, visitor: Visitor):

@@ -5,6 +5,7 @@ import ProgramPath from "caesura-dashboard/program_path.js";
 
 const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
+const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; // of the station, which has one gripper
 
 export default {
   mixins: [live],
@@ -14,7 +15,7 @@ export default {
   provide() {
     return { appsShown: () => this.program.apps };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: "", asked: null, draft: "" }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "" }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -62,6 +63,11 @@ export default {
       return `, ${this.program.changed} by ${this.program.author}${at}`;
     },
   },
+  watch: {
+    gripper(name) {
+      localStorage.setItem(gripperKey(), name);
+    },
+  },
   methods: {
     key: (app) => Object.values(app.reference).slice(0, 2).concat(app.reference.added).join(),
     apply(payload) { // what changed: values by their names, rows from a number on
@@ -87,7 +93,7 @@ export default {
       if (list) list.scrollTo(list.scrollWidth, list.scrollHeight);
     },
     exported(href) {
-      return this.gripper && this.program.grippers.length ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;
+      return this.program.grippers.some(([name]) => name === this.gripper) ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;
     },
     simulated(found) {
       this.$refs.path?.simulated(found);

@@ -29,7 +29,7 @@ def test_a_gripper_that_never_moved_is_named():
 @pytest.mark.parametrize(
     ("preset", "on", "found"),
     [
-        ("default", (True, True), "contact and load are on. "),
+        ("default", (True, True), "contact and load are on, for a base whose z axis points up. "),
         ("force", (True, False), "contact is on, load is off: preset force has no model of load. "),
         (
             "constant_velocity",

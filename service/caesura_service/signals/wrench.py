@@ -51,6 +51,8 @@ class WrenchCapabilities:
             for state, names in states.items()
             if names
         )
+        if self.transport_models:
+            found += ", for a base whose z axis points up"
         if self.limiting_preset:
             found += f": preset {self.limiting_preset} has no model of {' or '.join(states['off'])}"
         return f"{self.reason}; {found}. {self.advice}".rstrip()

@@ -3,6 +3,7 @@
 A deletion is written to SQLite's log before it frees a page of the file. On a disk without a byte of room
 it fails as every other write does, and what an operator deletes makes no room. So a file beside the journal
 keeps some, and is removed where a deletion finds the disk full. It is made again once there is room for many.
+To open a journal takes some room too, for SQLite's index of its log: a small part of the same file.
 """
 
 from __future__ import annotations
@@ -21,13 +22,15 @@ SUFFIX = ".reserve"
 # [bytes] twice SQLite's log: what it has yet to move into the file, and a portion of a deletion
 SIZE = 8 << 20
 SHARE = 16  # part of what is free, at most, that a reserve may be
+OPENING = 256 << 10  # [bytes] of it that are given back to open a journal
 LOOK_S = 10.0  # between two looks whether there is room for one
+_FULL = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_SHMSIZE}  # the latter: none for the index of the log
 
 
 def is_disk_full(error: BaseException | None) -> TypeGuard[BaseException]:
     """Return whether an error comes from a disk without room."""
     cause = None if error is None else error.__cause__
-    return getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    return getattr(cause, "sqlite_errorcode", None) in _FULL
 
 
 class Reserve:
@@ -62,4 +65,14 @@ class Reserve:
         except OSError:
             return False
         self._looks_at = time.monotonic() + LOOK_S
+        return True
+
+    def lend(self, error: JournalError) -> bool:
+        """Return whether this is the error of a full disk, for which the end of a reserve is given back."""
+        if not is_disk_full(error):
+            return False
+        try:
+            os.truncate(self._path, max(self._path.stat().st_size - OPENING, 0))
+        except OSError:
+            return False
         return True

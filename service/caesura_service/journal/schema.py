@@ -231,6 +231,7 @@ REMEDIES: Mapping[str, str] = {
     "SQLITE_BUSY": "is in use by another process: end that one, or name another --instance or --journal",
     "SQLITE_NOTADB": "is no journal: move it away, or name another --journal",
     "SQLITE_CORRUPT": "is damaged: move it away, or name another --journal",
+    "SQLITE_IOERR_SHMSIZE": "cannot be opened, there is no room left: free some, or name another --journal",
     "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
 }
 KINDS = {"SQLITE_BUSY": JournalBusyError, "SQLITE_CORRUPT": JournalDamagedError}
@@ -242,7 +243,9 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, OSError, UnicodeDecodeError) as error:  # the last: a message about damage, damaged
-        name = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
+        name = getattr(error, "sqlite_errorname", "")
+        if name not in REMEDIES:
+            name = "_".join(name.split("_")[:2])
         if not isinstance(error, sqlite3.Error):
             name = "SQLITE_IOERR" if isinstance(error, OSError) else "SQLITE_CORRUPT"
         remedy = REMEDIES.get(name, "cannot be used")
@@ -308,6 +311,7 @@ def acquire_lock(path: Path) -> sqlite3.Connection:
         lock = sqlite3.connect(where, timeout=0.0, isolation_level=None, check_same_thread=False)
     try:
         with map_sqlite_errors(path):
+            lock.execute("PRAGMA journal_mode = MEMORY")  # a lock needs no room on a full disk
             lock.execute("BEGIN EXCLUSIVE")
     except JournalError:
         lock.close()

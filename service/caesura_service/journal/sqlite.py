@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+import sqlite3
 import threading
 import time
 from collections import Counter
@@ -129,7 +130,7 @@ class SqliteJournal:
         with ExitStack() as stack:
             with map_sqlite_errors(self.path):
                 log_damage = log_integrity_error(self.path) if self._alone else None
-            self._database = stack.enter_context(closing(open_database(self.path)))
+            self._database = stack.enter_context(closing(self._open()))
             if self._alone:
                 stack.enter_context(closing(acquire_lock(self.path)))
                 if log_damage:
@@ -160,6 +161,15 @@ class SqliteJournal:
     ) -> None:
         """Write what waits and close the file. Raises JournalError where that fails."""
         self._stack.close()
+
+    def _open(self) -> sqlite3.Connection:
+        """Open the database, on a full disk by a part of the reserve."""
+        try:
+            return open_database(self.path)
+        except JournalError as error:
+            if not self._reserve.lend(error):
+                raise
+        return open_database(self.path)
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record.

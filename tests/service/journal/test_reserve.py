@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
-from caesura_service.journal.reserve import SHARE, SIZE, SUFFIX, Reserve
+from caesura_service.journal.reserve import OPENING, SHARE, SIZE, SUFFIX, Reserve
 from harness.processes import eventually
 from harness.sessions import STATION
 from service.journal.test_deletion import record, taught
@@ -85,14 +85,45 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
         journal.append(record(0, "newest"), now=True)
 
 
+def test_a_journal_is_opened_and_deleted_from_on_a_disk_without_a_byte(disk):
+    """A service did not start, and `caesura sessions delete` could not open its journal."""
+    path = disk / "caesura-1.sqlite"
+    with SqliteJournal(path) as journal:
+        taught(journal, 3000, "old")
+        taught(journal, 10, "kept")
+        eventually((disk / f"{path.name}{SUFFIX}").exists)
+    fill(disk)
+    with SqliteJournal(path) as journal:
+        assert journal.sessions() == ((STATION, "old"), (STATION, "kept"))
+        assert (disk / f"{path.name}{SUFFIX}").stat().st_size == SIZE - OPENING, "the rest is for deletions"
+    fill(disk, "more")
+    with SqliteJournal(path, alone=False) as another:
+        another.delete(STATION, "old")
+    with SqliteJournal(path) as journal:
+        eventually(lambda: count(path) == 1)
+        journal.append(record(10, "kept"), now=True)
+        assert [copy.last_seq for copy in journal.copies()] == [10]
+
+
+def test_without_a_reserve_a_journal_on_a_full_disk_says_what_to_do(disk):
+    path = disk / "caesura-1.sqlite"
+    with SqliteJournal(path) as journal:
+        taught(journal, 10)
+        eventually((disk / f"{path.name}{SUFFIX}").exists)
+    (disk / f"{path.name}{SUFFIX}").unlink()
+    fill(disk)
+    with pytest.raises(JournalError, match="there is no room left: free some"), SqliteJournal(path):
+        pass
+
+
 def count(path: Path) -> int:
     with closing(sqlite3.connect(path)) as reader:
         (found,) = reader.execute("SELECT count(*) FROM sessions").fetchone()
     return int(found)
 
 
-def fill(disk: Path) -> None:
+def fill(disk: Path, name: str = "others") -> None:
     """Take all the room that there is."""
-    with (disk / "others").open("wb", buffering=0) as ballast, suppress(OSError):
+    with (disk / name).open("wb", buffering=0) as ballast, suppress(OSError):
         while ballast.write(bytes(4096)):
             pass

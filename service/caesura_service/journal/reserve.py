@@ -8,15 +8,21 @@ To open a journal takes some room too, for SQLite's index of its log: a small pa
 
 from __future__ import annotations
 
+import errno
+import logging
 import os
 import shutil
 import sqlite3
+import stat
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeGuard
 
 from caesura_service.journal.journal import JournalError
+
+logger = logging.getLogger(__name__)
 
 SUFFIX = ".reserve"
 # [bytes] twice SQLite's log: what it has yet to move into the file, and a portion of a deletion
@@ -39,22 +45,25 @@ class Reserve:
     def __init__(self, journal: Path) -> None:
         self._path = journal.with_name(journal.name + SUFFIX)
         self._looks_at = 0.0  # [s]
+        self._said: str | None = None  # the last reason why there is none
+        self._is_filled = False  # has what lacked blocks been given them? Some disks compress
 
     def keep(self) -> None:
-        """Make the file where it is missing and the disk has room for it. Cheap to call often."""
+        """Make the file where it is missing or lacks room, and the disk has enough. Cheap to call often.
+
+        It lacks room where it was lent from, its maker was killed, or it was copied without its zeros.
+        """
         if time.monotonic() < self._looks_at:
             return
         self._looks_at = time.monotonic() + LOOK_S
-        with suppress(OSError):
-            if self._path.exists() or shutil.disk_usage(self._path.parent).free < SHARE * SIZE:
+        try:
+            if self._is_whole() or shutil.disk_usage(self._path.parent).free < SHARE * SIZE:
                 return
-            descriptor = os.open(self._path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-            try:
+            with self._opened(os.O_CREAT | os.O_WRONLY) as descriptor:
                 os.posix_fallocate(descriptor, 0, SIZE)
-            except OSError:
-                self._path.unlink()
-            finally:
-                os.close(descriptor)
+            self._is_filled = True
+        except OSError as error:
+            self._say(error)
 
     def release(self, error: JournalError) -> bool:
         """Return whether this is the error of a full disk that had a reserve, which is given back."""
@@ -72,7 +81,38 @@ class Reserve:
         if not is_disk_full(error):
             return False
         try:
-            os.truncate(self._path, max(self._path.stat().st_size - OPENING, 0))
+            with self._opened(os.O_WRONLY) as descriptor:
+                if not (size := os.fstat(descriptor).st_size):
+                    return False
+                os.ftruncate(descriptor, max(size - OPENING, 0))
         except OSError:
             return False
         return True
+
+    def _is_whole(self) -> bool:
+        try:
+            found = self._path.lstat()
+        except FileNotFoundError:
+            return False
+        return found.st_size >= SIZE and (self._is_filled or found.st_blocks * 512 >= SIZE)
+
+    @contextmanager
+    def _opened(self, flags: int) -> Iterator[int]:
+        """Open the file. Raises OSError for anything but a file of this journal's own, such as a link."""
+        descriptor = os.open(self._path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+        try:
+            found = os.fstat(descriptor)
+            if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+                raise OSError(errno.EEXIST, "is no file of its own")
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+    def _say(self, error: OSError) -> None:
+        if self._said != error.strerror:
+            self._said = error.strerror
+            logger.warning(
+                "reserve %s cannot be made (%s): on a full disk deletions make no room; remove what is there",
+                self._path,
+                error.strerror,
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import subprocess
 from collections.abc import Iterator
@@ -45,6 +46,41 @@ def test_a_small_disk_is_left_to_the_journal(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=SHARE * SIZE - 1))
     Reserve(tmp_path / "one.sqlite").keep()
     assert list(tmp_path.iterdir()) == []
+
+
+def kept(file: Path) -> None:
+    Reserve(file.with_name(file.name.removesuffix(SUFFIX))).keep()
+
+
+def test_a_reserve_without_its_room_is_given_it(tmp_path):
+    """An empty one, whose maker was killed, and a sparse copy counted as one for ever."""
+    file = tmp_path / f"one.sqlite{SUFFIX}"
+    for size in (0, SIZE - OPENING, SIZE):
+        with file.open("wb") as sparse:
+            sparse.truncate(size)
+        kept(file)
+        assert (file.stat().st_size, file.stat().st_blocks * 512 >= SIZE) == (SIZE, True)
+
+
+@pytest.mark.parametrize("what", ["directory", "link", "link to nothing", "second name", "pipe"])
+def test_what_is_no_reserve_is_named_and_left_alone(tmp_path, what, caplog):
+    """It was taken for one, and nothing was said."""
+    file, others = tmp_path / f"one.sqlite{SUFFIX}", tmp_path / "others"
+    others.write_bytes(b"0" * 100)
+    makers = {
+        "directory": file.mkdir,
+        "link": lambda: file.symlink_to(others),
+        "link to nothing": lambda: file.symlink_to(tmp_path / "nothing"),
+        "second name": lambda: file.hardlink_to(others),
+        "pipe": lambda: os.mkfifo(file),
+    }
+    makers[what]()
+    reserve = Reserve(tmp_path / "one.sqlite")
+    reserve.keep()
+    assert "on a full disk deletions make no room; remove what is there" in caplog.text
+    assert not reserve.lend(full())
+    assert others.read_bytes() == b"0" * 100
+    assert not (tmp_path / "nothing").exists()
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ LOOK_S = 10.0  # between two looks whether there is room for one
 _FULL = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_SHMSIZE}  # the latter: none for the index of the log
 
 
-def is_disk_full(error: BaseException | None) -> TypeGuard[BaseException]:
+def is_disk_full(error: JournalError | None) -> TypeGuard[JournalError]:
     """Return whether an error comes from a disk without room."""
     cause = None if error is None else error.__cause__
     return getattr(cause, "sqlite_errorcode", None) in _FULL

@@ -253,6 +253,13 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
         raise kind(f"journal {path} {remedy} ({error})") from error
 
 
+def again(error: JournalError) -> JournalError:
+    """Return an error to raise once more: one object would keep every frame that it ever passed."""
+    once_more = type(error)(*error.args)
+    once_more.__cause__ = error.__cause__
+    return once_more
+
+
 @contextmanager
 def transaction(database: sqlite3.Connection) -> Iterator[None]:
     """Write everything in the context, or nothing."""
@@ -263,6 +270,16 @@ def transaction(database: sqlite3.Connection) -> Iterator[None]:
     finally:
         if database.in_transaction:
             database.execute("ROLLBACK")
+
+
+def touch(database: sqlite3.Connection) -> None:
+    """Write a page that stays as it is: an empty transaction succeeds on a full disk."""
+    database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+def free_bytes(database: sqlite3.Connection) -> int:
+    """Return what deletions have freed in the file and nothing has taken yet."""
+    return _number(database, "freelist_count") * _number(database, "page_size")
 
 
 def open_database(path: Path) -> sqlite3.Connection:
@@ -346,7 +363,7 @@ def _complete(database: sqlite3.Connection, path: Path) -> None:
         if found != count:
             why = f"its table {table} has {found} columns, expected {count}"
             raise JournalDamagedError(f"journal {path} {REMEDIES['SQLITE_CORRUPT']} ({why})")
-    database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+    touch(database)
 
 
 def _is_empty(database: sqlite3.Connection) -> bool:

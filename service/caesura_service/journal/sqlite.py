@@ -76,8 +76,11 @@ from caesura_service.journal.schema import (
     SELECT_USAGE,
     SET_ASIDE,
     acquire_lock,
+    again,
+    free_bytes,
     map_sqlite_errors,
     open_database,
+    touch,
     transaction,
 )
 from caesura_service.journal.wal import log_integrity_error
@@ -91,6 +94,7 @@ LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followe
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
 COMMIT_PART = 1 << 20  # [bytes] of records in one transaction: as much room, and more, it needs on the disk
+FREED = 4 * COMMIT_PART  # [bytes] of the file, on a full disk, before something is written beside deletions
 OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
 
 
@@ -199,12 +203,13 @@ class SqliteJournal:
                 rows = self._waiting[:]
             if not rows and self._error is None:
                 return
-            if self._makes_room and is_disk_full(self._error):
-                raise self._error
             for portion in _portions(rows):
+                self._leave_room()
                 try:
                     with map_sqlite_errors(self.path), transaction(self._database):
                         write_rows(self._database, portion)
+                        if not portion:  # nothing waits: is the disk written again?
+                            touch(self._database)
                 except JournalError as error:
                     raise self._fail(error) from error.__cause__
                 except Exception as error:
@@ -486,7 +491,7 @@ class SqliteJournal:
         size = row.size
         with self._guard:
             if self._error is not None:
-                raise self._error
+                raise again(self._error)
             if self._waiting_bytes + size > self.settings.waiting_bytes:
                 raise JournalError(
                     f"journal {self.path} is written too slowly, {self._waiting_bytes} bytes wait: "
@@ -524,6 +529,14 @@ class SqliteJournal:
         self._error = error
         self._wake.set()
         return error
+
+    def _leave_room(self) -> None:
+        """Raise the error of a full disk while deletions need its room: until they have freed FREED."""
+        if self._makes_room and is_disk_full(self._error):
+            with map_sqlite_errors(self.path):
+                is_freed = free_bytes(self._database) >= FREED
+            if not is_freed:
+                raise again(self._error)
 
     def _forget(self, rows: Sequence[RecordRow]) -> None:
         """Take the first rows, which are on disk, from those that wait."""

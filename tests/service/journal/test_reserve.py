@@ -121,6 +121,49 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
         journal.append(record(0, "newest"), now=True)
 
 
+def refused(journal: SqliteJournal, session: str = "new") -> None:
+    with pytest.raises(JournalError, match="no room left"):
+        taught(journal, 20_000, session)
+    eventually(lambda: journal.report().trouble is not None)
+
+
+def test_samples_are_written_again_before_all_deletions_are_done(disk):
+    """They waited for all of them: a day of sessions takes longer than bridges keep samples."""
+    path = disk / "caesura-1.sqlite"
+    with SqliteJournal(path) as journal:
+        for number in range(3):
+            taught(journal, 12_000, f"old{number}")
+        eventually((disk / f"{path.name}{SUFFIX}").exists)
+        fill(disk)
+        refused(journal)
+        with SqliteJournal(path, alone=False) as another:
+            another._delete({(STATION, f"old{number}") for number in range(3)})
+            another._has_deleted = False  # as one that is ended then
+        eventually(lambda: journal.report().trouble is None)
+        assert count(path) > 2, "sessions are still being deleted"
+        journal.append(record(20_000, "new"))
+        eventually(lambda: count(path) == 1)
+        assert journal.report().trouble is None
+
+
+def test_a_disk_stays_full_until_something_is_written(disk):
+    """Where nothing waited, an empty transaction was taken for the end of the trouble."""
+    with SqliteJournal(disk / "caesura-1.sqlite", JournalSettings(commit_s=0.01)) as journal:
+        taught(journal, 10)
+        eventually((disk / f"caesura-1.sqlite{SUFFIX}").exists)
+        fill(disk)
+        with pytest.raises(JournalError, match="no room left"):  # noqa: PT012 - which append does not matter
+            for seq in range(100_000):
+                journal.append(record(seq, "new"), now=True)
+        assert journal.report().waiting == 0
+        with pytest.raises(JournalError, match="no room left"):
+            journal.flush()
+        assert journal.report().trouble is not None
+        (disk / "others").unlink()
+        eventually(lambda: journal.report().trouble is None)
+        journal.append(record(0, "newest"), now=True)
+
+
 def test_a_journal_is_opened_and_deleted_from_on_a_disk_without_a_byte(disk):
     """A service did not start, and `caesura sessions delete` could not open its journal."""
     path = disk / "caesura-1.sqlite"

@@ -453,3 +453,21 @@ def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_o
         journal.append(record(0), now=True)
         journal.flush()
         assert journal.outcome(STATION, NAME) is None
+
+
+def test_a_refusal_keeps_no_frames_of_those_before(path):
+    """One error was raised for every refused batch, and kept the frames of all: megabytes a second."""
+    with SqliteJournal(path) as journal:
+        journal.append(record(0), now=True)
+        grow_no_more(journal)
+        lengths = []
+        for seq in range(100):
+            journal.append(record(seq))
+        with pytest.raises(JournalError):
+            journal.commit()
+        for _ in range(100):
+            with pytest.raises(JournalError) as refusal:
+                journal.append(record(0, "another"))
+            lengths.append(len(refusal.traceback))
+        assert max(lengths) < 10
+        grow_again(journal)

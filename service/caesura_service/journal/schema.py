@@ -31,6 +31,7 @@ SCHEMA_VERSION = 8  # with version 8 an edit may take back any correction
 LOCK_SUFFIX = ".lock"
 CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(AppliedEdit), encoding_of(Describe)
 EDIT_PROGRAM = encoding_of(EditProgram)
+LOG_KEPT = 16 << 20  # [bytes] of SQLite's log, which has no bound while a reader keeps it from ending
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -345,7 +346,8 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
                 _create(database)
                 _complete(database, path)
     check(database, path)
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+    kept = f"journal_size_limit = {LOG_KEPT}"
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", kept):
         database.execute(f"PRAGMA {pragma}")
     with transaction(database):  # a process that cannot write fails here
         _complete(database, path)

@@ -6,6 +6,7 @@ import itertools
 import os
 import sqlite3
 import threading
+from contextlib import closing as ended
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal
 from caesura_service.journal import sqlite as module
-from caesura_service.journal.schema import SCHEMA_VERSION
+from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import snapshot_of, status_of
 from harness.sessions import (
@@ -471,3 +472,20 @@ def test_a_refusal_keeps_no_frames_of_those_before(path):
             lengths.append(len(refusal.traceback))
         assert max(lengths) < 10
         grow_again(journal)
+
+
+def test_the_log_of_a_journal_gives_back_what_it_took_while_a_reader_kept_it(path):
+    """After a backup, or a shell that was left open, it kept its room on the disk until the service ended."""
+    log = path.with_name(path.name + "-wal")
+    with SqliteJournal(path, NEVER) as journal, ended(sqlite3.connect(path)) as reader:
+        journal.append(record(0), now=True)
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM records").fetchone()
+        for number in range(40):
+            journal.keep_overview((STATION, NAME), 1, bytes([number]) * (1 << 19))
+        assert log.stat().st_size > LOG_KEPT
+        reader.rollback()
+        for seq in range(1, 4):
+            journal.append(record(seq), now=True)
+        assert log.stat().st_size <= LOG_KEPT
+        assert on_disk(path) == [0, 1, 2, 3]

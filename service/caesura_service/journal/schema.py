@@ -249,9 +249,24 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
             name = "_".join(name.split("_")[:2])
         if not isinstance(error, sqlite3.Error):
             name = "SQLITE_IOERR" if isinstance(error, OSError) else "SQLITE_CORRUPT"
-        remedy = REMEDIES.get(name, "cannot be used")
+        remedy = _remedy_of_disk(path, name) or REMEDIES.get(name, "cannot be used")
         kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
+
+
+def _remedy_of_disk(path: Path, name: str) -> str | None:
+    """Return what the disk of a file says where SQLite says only that it cannot open or write it."""
+    if name not in {"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"}:
+        return None
+    try:
+        disk = os.statvfs(path.parent)
+    except OSError:
+        return None
+    if disk.f_flag & os.ST_RDONLY:
+        return "cannot be written, its disk is read-only: mount it for writing, or name another --journal"
+    if disk.f_files and not disk.f_favail:
+        return "cannot be opened, its disk holds no further file: delete some, or name another --journal"
+    return None
 
 
 def again(error: JournalError) -> JournalError:

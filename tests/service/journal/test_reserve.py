@@ -18,6 +18,7 @@ from harness.processes import eventually
 from harness.sessions import STATION
 from service.journal.test_deletion import record, taught
 
+FILES = 32
 DISK = SHARE * SIZE + (32 << 20)  # [bytes] room for a reserve, and for what the tests write before
 
 
@@ -85,10 +86,10 @@ def test_what_is_no_reserve_is_named_and_left_alone(tmp_path, what, caplog):
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of its own, where mounting is permitted."""
+    """A file system of its own, where mounting is permitted, for FILES files."""
     where = tmp_path / "disk"
     where.mkdir()
-    mounting = ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "tmpfs", str(where)]
+    mounting = ["mount", "-t", "tmpfs", "-o", f"size={DISK},nr_inodes={FILES}", "tmpfs", str(where)]
     if subprocess.run(mounting, check=False, capture_output=True).returncode:
         pytest.skip("mounting is not permitted")
     try:
@@ -192,6 +193,27 @@ def test_without_a_reserve_a_journal_on_a_full_disk_says_what_to_do(disk):
     (disk / f"{path.name}{SUFFIX}").unlink()
     fill(disk)
     with pytest.raises(JournalError, match="there is no room left: free some"), SqliteJournal(path):
+        pass
+
+
+def test_a_disk_that_is_read_only_or_holds_no_further_file_is_named(disk):
+    """`let this user read and write it` was advised, as for a file of another user."""
+    path = disk / "caesura-1.sqlite"
+    with SqliteJournal(path) as journal:
+        taught(journal, 10)
+    for number in range(FILES):
+        with suppress(OSError):
+            (disk / str(number)).touch()
+    with (
+        pytest.raises(JournalError, match="its disk holds no further file: delete some"),
+        SqliteJournal(path),
+    ):
+        pass
+    subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+    with (
+        pytest.raises(JournalError, match="its disk is read-only: mount it for writing"),
+        SqliteJournal(path),
+    ):
         pass
 
 

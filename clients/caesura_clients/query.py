@@ -28,6 +28,7 @@ from caesura_protocol.keys import (
     session_key,
     station_key,
     stored_parameters,
+    with_nothing_said,
 )
 from caesura_protocol.messages import (
     MAX_WHOLE_BYTES,
@@ -276,7 +277,7 @@ def _query_all(
     limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (PIECES_ATTEMPTS - 1))
     for attempt, within_s in enumerate(limits, start=1):
         before = services(transport) if complete else []  # one that goes meanwhile has not answered
-        answers = transport.query(key, parameters=parameters, timeout_s=within_s)
+        answers = transport.query(key, parameters=with_nothing_said(parameters), timeout_s=within_s)
         try:
             found = decoded(answers, model, complete=complete)
         except IncompleteAnswerError as lost:

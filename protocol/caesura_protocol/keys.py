@@ -140,6 +140,29 @@ class SampleRange(NamedTuple):
 
 
 INFERRED_PROGRAM = "program=inferred"  # of a `snapshot` query: the program without the edits of people
+NOTHING_SAID = "nothing=said"  # of a reader's query: an instance that has nothing says so
+
+
+def with_nothing_said(parameters: str) -> str:
+    """Parameters of a query of a reader to which an instance says that it has nothing.
+
+    INFERRED_PROGRAM stands alone: an older service reads it in no other form. This one says so there too.
+
+    >>> with_nothing_said("stored=4;skip=0")
+    'stored=4;skip=0;nothing=said'
+    """
+    if parameters == INFERRED_PROGRAM:
+        return parameters
+    return f"{parameters};{NOTHING_SAID}" if parameters else NOTHING_SAID
+
+
+def requests_nothing_said(parameters: str) -> bool:
+    """Whether parameters request that reply, which is an error to an older client.
+
+    >>> requests_nothing_said("nothing=said"), requests_nothing_said("")
+    (True, False)
+    """
+    return parameters == INFERRED_PROGRAM or NOTHING_SAID in parameters.split(";")
 
 
 def samples_parameters(wanted: SampleRange) -> str:

@@ -11,6 +11,7 @@ from caesura_clients.query import QUERY_ATTEMPTS, decoded, services, stations
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
+    NOTHING_SAID,
     ROOT,
     parse_session_key,
     parse_station_key,
@@ -117,7 +118,7 @@ def _statuses(transport: Transport, probed: ProbeResult) -> list[TimedServiceSta
 
 def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[Snapshot]:
     for _ in range(QUERY_ATTEMPTS):
-        answers = transport.query(session_key(station, "*", "snapshot"))
+        answers = transport.query(session_key(station, "*", "snapshot"), parameters=NOTHING_SAID)
         if answers.replies or answers.refusals:
             break
     probed.refusals += (refusal for refusal in answers.refusals if refusal.code != NOTHING)

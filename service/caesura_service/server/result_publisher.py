@@ -14,7 +14,14 @@ from functools import partial
 from caesura_protocol.codec import Encoded, encode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.fragments import fragment
-from caesura_protocol.keys import ReplayRange, SessionPart, replay_parameters, session_key, station_key
+from caesura_protocol.keys import (
+    ReplayRange,
+    SessionPart,
+    replay_parameters,
+    requests_nothing_said,
+    session_key,
+    station_key,
+)
 from caesura_protocol.messages import (
     Ack,
     Changepoints,
@@ -216,8 +223,12 @@ def reply_message(query: IncomingQuery, key: str, message: Message) -> None:
 
 
 def reply_nothing(query: IncomingQuery, instance: str) -> None:
-    """Say that this instance has nothing of what is asked for: a query without an answer may have lost it."""
-    reply_error(query, nothing_found(instance))
+    """Say that this instance has nothing of what is asked for: a query without an answer may have lost it.
+
+    To an older client, which does not ask for that, it would be an error.
+    """
+    if requests_nothing_said(query.parameters):
+        reply_error(query, nothing_found(instance))
 
 
 def reply_in_takeover(query: IncomingQuery, station: str, instance: str) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.keys import session_key, station_key
+from caesura_protocol.keys import NOTHING_SAID, session_key, station_key
 from caesura_protocol.messages import Ack, Open, Posterior
 from caesura_protocol.transport.network import NOTHING
 from caesura_service.app import Service
@@ -128,7 +128,7 @@ def test_a_station_that_is_being_taken_over_is_not_said_to_have_nothing(floor, p
             replies, (refusal,) = peer.get(key)
             assert (list(replies), refusal.code) == ([], "overloaded"), key
             assert f"east is taking {station} over" in refusal.message
-        _, (nothing,) = peer.get(session_key(EASTS[0], "*", "snapshot"))
+        _, (nothing,) = peer.get(f"{session_key(EASTS[0], '*', 'snapshot')}?{NOTHING_SAID}")
         assert nothing.code == NOTHING
         opens(peer, EASTS[0])
         replies, (refusal,) = peer.get(session_key("*", "*", "snapshot"))

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_protocol.keys import service_key, session_key, station_key
+from caesura_protocol.keys import service_key, session_key, station_key, with_nothing_said
 from caesura_protocol.messages import (
     Ack,
     Changepoints,
@@ -95,9 +95,16 @@ def test_a_query_for_all_snapshots_lists_every_session_on_its_own_key(peer):
 )
 def test_of_what_is_not_there_the_service_says_so(peer, key, parameters):
     """A query that ended without a word was taken for that, and so was one whose long answer was lost."""
-    replies, refusals = peer.get(f"{key}?{parameters}" if parameters else key)
+    replies, refusals = peer.get(f"{key}?{with_nothing_said(parameters)}")
     assert not list(replies)
     assert [(refusal.code, refusal.value) for refusal in refusals] == [(NOTHING, "test-1")]
+
+
+def test_to_an_older_client_it_says_so_without_a_word(peer):
+    """`unknown_session` was an error to one: `watch` ended where no station had been taught yet."""
+    for key in (session_key("*", "*", "snapshot"), station_key("cell-1", "program")):
+        replies, refusals = peer.get(key)
+        assert (list(replies), list(refusals)) == ([], [])
 
 
 def test_a_query_that_fails_is_refused_and_the_next_one_is_answered(service, peer, monkeypatch):

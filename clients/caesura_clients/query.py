@@ -268,8 +268,8 @@ def _query_all(
 ) -> list[M]:
     """The answers to a query; none where no service is alive, or all that are say that they have nothing.
 
-    Asks again, QUERY_ATTEMPTS times in all, where all of a long answer was lost, or it took longer than the
-    query lasts; PIECES_ATTEMPTS times where pieces of it came. What the service itself refuses as
+    Asks again, QUERY_ATTEMPTS times in all, where replies of a long answer were lost, or it took longer than
+    the query lasts; PIECES_ATTEMPTS times where pieces of it came. What the service itself refuses as
     `overloaded` is not asked again: that would add to its load. Raises ProtocolError, or AccessDenied where
     a service is alive and no word comes.
     """
@@ -286,8 +286,17 @@ def _query_all(
             if attempt >= QUERY_ATTEMPTS and lost.limit is not None:  # no pieces came
                 break
             continue
+        if lost_replies(answers):  # of an answer that need not be complete
+            error = replies_lost(answers)
+            if attempt >= QUERY_ATTEMPTS:
+                return found
+            time.sleep(attempt * RETRY_S)
+            continue
         if found and not complete:
             return found
+        if attempt == 1 and _has_no_end(answers, found):
+            error = replies_lost(answers)
+            continue
         if not (missing := _missing([*before, *services(transport)], answers, found)):
             return found
         error = _unanswered(key, missing, answers)
@@ -295,6 +304,28 @@ def _query_all(
             break
         time.sleep(attempt * RETRY_S)
     raise error
+
+
+def lost_replies(answers: QueryReplies) -> int:
+    """How many of the replies that the instances counted did not come; an older one counts none."""
+    return max(_counted(answers) - len(_whole(answers)[0]), 0)
+
+
+def replies_lost(answers: QueryReplies) -> IncompleteAnswerError:
+    """Return the error of an answer of which messages were lost."""
+    why = f"{len(_whole(answers)[0])} of {_counted(answers)} replies came, the network is busy: ask again"
+    return IncompleteAnswerError("overloaded", why)
+
+
+def _counted(answers: QueryReplies) -> int:
+    said = (refusal.limit for refusal in answers.refusals if refusal.code == NOTHING)
+    return sum(limit for limit in said if isinstance(limit, int))
+
+
+def _has_no_end(answers: QueryReplies, found: Iterable[Message]) -> bool:
+    """Whether an instance that replied has not counted its replies: it is older, or the count is lost."""
+    said = {refusal.value for refusal in answers.refusals if refusal.code == NOTHING}
+    return any(one.status.instance not in said for one in found if isinstance(one, Snapshot))
 
 
 def _missing(alive: Iterable[str], answers: QueryReplies, found: Iterable[Message]) -> list[str]:
@@ -322,13 +353,13 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     That an instance has nothing is no refusal. complete: a refusal, or that pieces were lost, is raised
     wherever it is.
     """
-    joining = Reassembler()
-    replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
-    whole = [reply for reply in replies if reply is not None]
+    whole, has_pieces = _whole(answers)
     refusals = [refusal for refusal in answers.refusals if refusal.code != NOTHING]
     others = [refusal for refusal in refusals if not isinstance(refusal, IncompleteAnswerError)]
-    if joining.unfinished and not others and (complete or not whole):
+    if has_pieces and not others and (complete or not whole):
         raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
+    if _counted(answers) > len(whole) and not others and (complete or not whole):
+        raise replies_lost(answers)
     if refusals and (complete or not whole):
         raise refusals[0]
     found, spoilt = [], None
@@ -342,6 +373,13 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     if spoilt is not None and not found:
         raise spoilt
     return found
+
+
+def _whole(answers: QueryReplies) -> tuple[list[Encoded], bool]:
+    """The messages that came, and whether there are pieces of further ones."""
+    joining = Reassembler()
+    replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
+    return [reply for reply in replies if reply is not None], bool(joining.unfinished)
 
 
 def _confirmed(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:

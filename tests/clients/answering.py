@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from typing import Self
 
 from caesura_protocol.codec import Encoded, encode, encode_error
-from caesura_protocol.keys import SessionPart, service_key, session_key, station_key
+from caesura_protocol.keys import SessionPart, requests_nothing_said, service_key, session_key, station_key
 from caesura_protocol.messages import Program, Result, Snapshot
 from caesura_protocol.transport.inbox import Inbox, IncomingQuery, ReceivedSample, TokenChange
 from caesura_protocol.transport.memory import intersect
@@ -26,6 +26,7 @@ class Answering:
         self.answers: dict[str, Encoded] = {}
         self.refusals: dict[str, Encoded] = {}
         self.refused = 0  # questions
+        self.lost = 0  # answers that still come without their first reply
         self.is_silent = False  # are there no words where there is nothing?
         self._transport = transport
         self._inbox = Inbox()
@@ -70,20 +71,16 @@ class Answering:
                     self._answer(question)
 
     def _answer(self, question: IncomingQuery) -> None:
-        found = False
-        for one in self.snapshots:
-            key = session_key(one.status.station, one.status.session, "snapshot")
-            if intersect(question.key, key):
-                question.reply(key, encode(one))
-                found = True
-        for key, answer in self.answers.items():
-            if intersect(question.key, key):
-                question.reply(key, answer)
-                found = True
-        for key, refusal in self.refusals.items():
-            if intersect(question.key, key):
-                question.refuse(refusal)
-                self.refused += 1
-                found = True
-        if not found and not self.is_silent:
-            question.refuse(encode_error(nothing_found(self._instance)))
+        keys = [session_key(one.status.station, one.status.session, "snapshot") for one in self.snapshots]
+        known = [(key, encode(one)) for key, one in zip(keys, self.snapshots, strict=True)]
+        found = [(key, answer) for key, answer in known if intersect(question.key, key)]
+        found += [(key, answer) for key, answer in self.answers.items() if intersect(question.key, key)]
+        refusals = [refusal for key, refusal in self.refusals.items() if intersect(question.key, key)]
+        for key, answer in found[1 if self.lost > 0 else 0 :]:
+            question.reply(key, answer)
+        self.lost -= 1
+        for refusal in refusals:
+            question.refuse(refusal)
+            self.refused += 1
+        if not refusals and not self.is_silent and requests_nothing_said(question.parameters):
+            question.refuse(encode_error(nothing_found(self._instance, len(found))))

@@ -80,6 +80,22 @@ def test_the_program_of_a_station(caesura, service):
     assert caesura.program("cell-1") == program
 
 
+@pytest.mark.parametrize("complete", [False, True])
+def test_an_answer_of_which_some_replies_were_lost_is_asked_for_again(caesura, service, complete):
+    """`sessions list` left sessions out, and a dashboard took them for deleted."""
+    service.snapshots, service.lost = [snapshot(0, session="s1"), snapshot(0, session="s2")], 2
+    found = sessions(caesura.transport, complete=complete)
+    assert [one.session for one in found] == ["s1", "s2"]
+
+
+def test_an_answer_that_never_comes_whole_is_no_complete_one(caesura, service):
+    service.snapshots, service.lost = [snapshot(0, session="s1"), snapshot(0, session="s2")], 1000
+    with pytest.raises(ProtocolError, match="1 of 2 replies came, the network is busy: ask again") as refused:
+        sessions(caesura.transport, complete=True)
+    assert refused.value.code == "overloaded"
+    assert [one.session for one in sessions(caesura.transport)] == ["s2"]
+
+
 def test_how_the_service_is_doing(caesura, service):
     status = example(ServiceStatus)
     service.answers[service_key("caesura-0", "status")] = encode(status)

@@ -7,7 +7,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from caesura_clients.parallel_sessions import ParallelSessions
-from caesura_clients.query import QUERY_ATTEMPTS, decoded, services, stations
+from caesura_clients.query import (
+    QUERY_ATTEMPTS,
+    decoded,
+    lost_replies,
+    replies_lost,
+    services,
+    stations,
+)
 from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import (
@@ -119,8 +126,10 @@ def _statuses(transport: Transport, probed: ProbeResult) -> list[TimedServiceSta
 def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[Snapshot]:
     for _ in range(QUERY_ATTEMPTS):
         answers = transport.query(session_key(station, "*", "snapshot"), parameters=NOTHING_SAID)
-        if answers.replies or answers.refusals:
+        if (answers.replies or answers.refusals) and not lost_replies(answers):
             break
+    if lost_replies(answers):
+        probed.refusals.append(replies_lost(answers))
     probed.refusals += (refusal for refusal in answers.refusals if refusal.code != NOTHING)
     try:
         return decoded(answers._replace(refusals=()), Snapshot)

@@ -38,9 +38,12 @@ def unanswered(timeout_s: float) -> IncompleteAnswerError:
 NOTHING: ErrorCode = "unknown_session"
 
 
-def nothing_found(instance: str) -> ProtocolError:
-    """Return how an instance of the service says that it has nothing of what a query asks for."""
-    return ProtocolError(NOTHING, f"{instance} has nothing of what was asked for", value=instance)
+def nothing_found(instance: str, replies: int = 0) -> ProtocolError:
+    """Return how an instance of the service says that it has nothing of what a query asks for, or nothing
+    more than so many replies, some of which a busy network may lose.
+    """
+    more = f"more than {replies} replies" if replies else "of what was asked for"
+    return ProtocolError(NOTHING, f"{instance} has nothing {more}", value=instance, limit=replies)
 
 
 class Transport(Protocol):

@@ -4,8 +4,8 @@ They are answered from immutable states in a thread of its own, so that queries 
 busy worker never delays an answer. One reply for each session or station that the query's key matches.
 Queries wait in a queue as the worker has one: whose turn it is follows from the measured time of the answers,
 with a lane for each station that a key names, one for all keys that name none, and one for the status. A long
-answer stops after each reply. Where nothing matches, the reply says so: an answer of which a busy network
-lost all but the end looks like none. What finds no room in the queue is refused as `overloaded`.
+answer stops after each reply. Its end has the number of replies: a busy network loses some of them, or all
+but the end. What finds no room in the queue is refused as `overloaded`.
 
 While a station, or the service, is overloaded its commands pass through here: what would open a new session
 is refused at once; every other command goes to the worker.
@@ -254,12 +254,13 @@ class QueryServer(BackgroundThread):
             taking = [name for name in taking if query.matches(keys_of(name))]
             for name in taking:
                 reply_in_takeover(query, name, self._instance)
-            if not found and not taking:
-                reply_nothing(query, self._instance)
+            replies = 0
             for remaining, (key, state) in zip(reversed(range(len(found))), found, strict=True):
-                reply_message(query, key, message_of(state))
+                replies += reply_message(query, key, message_of(state))
                 if remaining:
                     yield
+            if found or not taking:
+                reply_nothing(query, self._instance, replies)
 
     def _index_of(self, lane: str) -> SessionIndex:
         index = self._registry.index

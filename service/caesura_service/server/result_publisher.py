@@ -213,22 +213,25 @@ def _send_reply(query: IncomingQuery, key: str, reply: Ack | ProtocolError) -> N
             reply_message(query, key, reply)
 
 
-def reply_message(query: IncomingQuery, key: str, message: Message) -> None:
-    """Reply to a query on a key of this instance; an error where it is too large."""
+def reply_message(query: IncomingQuery, key: str, message: Message) -> bool:
+    """Reply to a query on a key of this instance; an error, and False, where it is too large."""
     try:
         for encoded in fragment(message):
             query.reply(key, encoded)
     except ProtocolError as error:
         reply_error(query, error)
+        return False
+    return True
 
 
-def reply_nothing(query: IncomingQuery, instance: str) -> None:
-    """Say that this instance has nothing of what is asked for: a query without an answer may have lost it.
+def reply_nothing(query: IncomingQuery, instance: str, replies: int = 0) -> None:
+    """Say that this instance has nothing, or nothing more than so many replies, of what is asked for.
 
-    To an older client, which does not ask for that, it would be an error.
+    A query without an answer may have lost it, and one with some replies the others. To an older client,
+    which does not ask for that, it would be an error.
     """
     if requests_nothing_said(query.parameters):
-        reply_error(query, nothing_found(instance))
+        reply_error(query, nothing_found(instance, replies))
 
 
 def reply_in_takeover(query: IncomingQuery, station: str, instance: str) -> None:

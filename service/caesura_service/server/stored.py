@@ -50,12 +50,10 @@ class StoredServer(BackgroundThread):
         with answering(query):
             try:
                 found = self._stored.page(lambda key: query.matches(session_key(*key, "snapshot")), wanted)
-                is_empty = True
+                replies = 0
                 for snapshot in found:
-                    is_empty = False
-                    status = snapshot.status
-                    reply_message(query, session_key(status.station, status.session, "snapshot"), snapshot)
-                if is_empty:
-                    reply_nothing(query, self._instance)
+                    key = session_key(snapshot.status.station, snapshot.status.session, "snapshot")
+                    replies += reply_message(query, key, snapshot)
+                reply_nothing(query, self._instance, replies)
             except JournalError as error:
                 reply_error(query, ProtocolError("internal", str(error)))

@@ -62,7 +62,7 @@ def slow_answers(monkeypatch) -> Iterator[list[str]]:
         if HOSTILE in query.key:
             over.wait(SLOW_S)
         sent.append(query.key)
-        reply_message(query, key, message)
+        return reply_message(query, key, message)
 
     monkeypatch.setattr(query_server, "reply_message", reply)
     yield sent

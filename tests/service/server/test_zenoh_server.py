@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from caesura_protocol.keys import service_key, session_key, station_key, with_nothing_said
+from caesura_protocol.keys import NOTHING_SAID, service_key, session_key, station_key, with_nothing_said
 from caesura_protocol.messages import (
     Ack,
     Changepoints,
@@ -98,6 +98,14 @@ def test_of_what_is_not_there_the_service_says_so(peer, key, parameters):
     replies, refusals = peer.get(f"{key}?{with_nothing_said(parameters)}")
     assert not list(replies)
     assert [(refusal.code, refusal.value) for refusal in refusals] == [(NOTHING, "test-1")]
+
+
+def test_the_end_of_an_answer_has_the_number_of_its_replies(peer):
+    """A busy network lost some of them, and the others were taken for all."""
+    for session in ("s1", "s2"):
+        peer.command(opening(session=session))
+    replies, (end,) = peer.get(f"{session_key('*', '*', 'snapshot')}?{NOTHING_SAID}")
+    assert (len(list(replies)), end.code, end.value, end.limit) == (2, NOTHING, "test-1", 2)
 
 
 def test_to_an_older_client_it_says_so_without_a_word(peer):

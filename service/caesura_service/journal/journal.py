@@ -36,6 +36,10 @@ class JournalError(Exception):
     """The journal cannot be read or written; the message has its name, the reason and the remedy."""
 
 
+class JournalFullError(JournalError):
+    """Its disk has no room left, or no more than is kept for deletions."""
+
+
 class JournalBusyError(JournalError):
     """Another process has the journal."""
 

@@ -3,6 +3,7 @@
 A deletion is written to SQLite's log before it frees a page of the file. On a disk without a byte of room
 it fails as every other write does, and what an operator deletes makes no room. So a file beside the journal
 keeps some, and is removed where a deletion finds the disk full. It is made again once there is room for many.
+Where there is none, the journal grows into the last SIZE of the disk for deletions alone.
 To open a journal takes some room too, for SQLite's index of its log: a small part of the same file.
 """
 
@@ -12,15 +13,13 @@ import errno
 import logging
 import os
 import shutil
-import sqlite3
 import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeGuard
 
-from caesura_service.journal.journal import JournalError
+from caesura_service.journal.journal import JournalError, JournalFullError
 
 logger = logging.getLogger(__name__)
 
@@ -30,13 +29,6 @@ SIZE = 8 << 20
 SHARE = 16  # part of what is free, at most, that a reserve may be
 OPENING = 256 << 10  # [bytes] of it that are given back to open a journal
 LOOK_S = 10.0  # between two looks whether there is room for one
-_FULL = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_SHMSIZE}  # the latter: none for the index of the log
-
-
-def is_disk_full(error: JournalError | None) -> TypeGuard[JournalError]:
-    """Return whether an error comes from a disk without room."""
-    cause = None if error is None else error.__cause__
-    return getattr(cause, "sqlite_errorcode", None) in _FULL
 
 
 class Reserve:
@@ -67,7 +59,7 @@ class Reserve:
 
     def release(self, error: JournalError) -> bool:
         """Return whether this is the error of a full disk that had a reserve, which is given back."""
-        if not is_disk_full(error):
+        if not isinstance(error, JournalFullError):
             return False
         try:
             self._path.unlink()
@@ -76,9 +68,16 @@ class Reserve:
         self._looks_at = time.monotonic() + LOOK_S
         return True
 
+    def is_spent(self) -> bool:
+        """Return whether there is none, and no more room on the disk than one takes."""
+        try:
+            return shutil.disk_usage(self._path.parent).free < SIZE and not self._path.exists()
+        except OSError:
+            return False
+
     def lend(self, error: JournalError) -> bool:
         """Return whether this is the error of a full disk, for which the end of a reserve is given back."""
-        if not is_disk_full(error):
+        if not isinstance(error, JournalFullError):
             return False
         try:
             with self._opened(os.O_WRONLY) as descriptor:

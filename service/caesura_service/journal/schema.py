@@ -24,6 +24,7 @@ from caesura_service.journal.journal import (
     JournalDamagedError,
     JournalEmptyError,
     JournalError,
+    JournalFullError,
 )
 
 APPLICATION_ID = 0x43616573  # "Caes"
@@ -235,7 +236,12 @@ REMEDIES: Mapping[str, str] = {
     "SQLITE_IOERR_SHMSIZE": "cannot be opened, there is no room left: free some, or name another --journal",
     "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
 }
-KINDS = {"SQLITE_BUSY": JournalBusyError, "SQLITE_CORRUPT": JournalDamagedError}
+KINDS = {
+    "SQLITE_FULL": JournalFullError,
+    "SQLITE_IOERR_SHMSIZE": JournalFullError,
+    "SQLITE_BUSY": JournalBusyError,
+    "SQLITE_CORRUPT": JournalDamagedError,
+}
 
 
 @contextmanager

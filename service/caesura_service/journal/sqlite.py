@@ -37,13 +37,14 @@ from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
     JournalError,
+    JournalFullError,
     Key,
     Outcome,
     Record,
     StoredOutcome,
 )
 from caesura_service.journal.peer_journals import open_for_reading
-from caesura_service.journal.reserve import Reserve, is_disk_full
+from caesura_service.journal.reserve import SIZE, Reserve
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
 from caesura_service.journal.row_writer import write_rows
 from caesura_service.journal.rows import (
@@ -63,6 +64,7 @@ from caesura_service.journal.schema import (
     INSERT_EPOCH,
     INSERT_OUTCOME,
     INSERT_OVERVIEW,
+    REMEDIES,
     SELECT_CLOSED,
     SELECT_EDITS,
     SELECT_EXTENT,
@@ -94,7 +96,7 @@ LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followe
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
 COMMIT_PART = 1 << 20  # [bytes] of records in one transaction: as much room, and more, it needs on the disk
-FREED = 4 * COMMIT_PART  # [bytes] of the file, on a full disk, before something is written beside deletions
+FREED = 256 << 10  # [bytes] of the file, on a full disk, that deletions have freed beside what is written
 OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
 
 
@@ -204,8 +206,8 @@ class SqliteJournal:
             if not rows and self._error is None:
                 return
             for portion in _portions(rows):
-                self._leave_room()
                 try:
+                    self._leave_room(sum(row.size for row in portion))
                     with map_sqlite_errors(self.path), transaction(self._database):
                         write_rows(self._database, portion)
                         if not portion:  # nothing waits: is the disk written again?
@@ -304,6 +306,7 @@ class SqliteJournal:
             self.commit()
             if self._outcomes.get(key) is not outcome:
                 return  # dropped meanwhile, or corrected
+            self._leave_room(len(snapshot))
             with map_sqlite_errors(self.path), transaction(self._database):
                 self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
 
@@ -332,8 +335,11 @@ class SqliteJournal:
         parts = [content[at : at + OVERVIEW_PART] for at in range(0, len(content), OVERVIEW_PART)]
         for part, payload in enumerate(parts):
             crc = checksum(session_id, part, len(parts), payload)
-            with self._writing, map_sqlite_errors(self.path), transaction(self._database):
-                self._database.execute(INSERT_OVERVIEW, (part, len(parts), payload, crc, session_id, *key))
+            row = (part, len(parts), payload, crc, session_id, *key)
+            with self._writing:
+                self._leave_room(len(payload))
+                with map_sqlite_errors(self.path), transaction(self._database):
+                    self._database.execute(INSERT_OVERVIEW, row)
 
     def release(self, station: str, session: str) -> None:
         """Do nothing: the session stays until retention deletes it."""
@@ -530,13 +536,20 @@ class SqliteJournal:
         self._wake.set()
         return error
 
-    def _leave_room(self) -> None:
-        """Raise the error of a full disk while deletions need its room: until they have freed FREED."""
-        if self._makes_room and is_disk_full(self._error):
-            with map_sqlite_errors(self.path):
-                is_freed = free_bytes(self._database) >= FREED
-            if not is_freed:
-                raise again(self._error)
+    def _leave_room(self, size: int) -> None:
+        """Raise JournalFullError where the rest of the disk is for deletions, which have freed too little.
+
+        size: [bytes] to be written. What goes into freed pages takes no room but in the log, which is as long
+        already: so further deletions find the room that these found.
+        """
+        for_deletions = self._makes_room and isinstance(self._error, JournalFullError)
+        if not for_deletions and not self._reserve.is_spent():
+            return
+        with map_sqlite_errors(self.path):
+            is_freed = free_bytes(self._database) >= 2 * size + FREED
+        if not is_freed:
+            why = f"the last {SIZE >> 20} MB are for deletions"
+            raise JournalFullError(f"journal {self.path} {REMEDIES['SQLITE_FULL']} ({why})")
 
     def _forget(self, rows: Sequence[RecordRow]) -> None:
         """Take the first rows, which are on disk, from those that wait."""

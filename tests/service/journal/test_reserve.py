@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
+from caesura_service.journal.journal import JournalFullError
 from caesura_service.journal.reserve import OPENING, SHARE, SIZE, SUFFIX, Reserve
 from harness.processes import eventually
 from harness.sessions import STATION
@@ -23,10 +24,7 @@ DISK = SHARE * SIZE + (32 << 20)  # [bytes] room for a reserve, and for what the
 
 
 def full() -> JournalError:
-    error = JournalError("full")
-    error.__cause__ = sqlite3.OperationalError("database or disk is full")
-    error.__cause__.sqlite_errorcode = sqlite3.SQLITE_FULL
-    return error
+    return JournalFullError("full")
 
 
 def test_room_is_kept_and_given_back_for_a_full_disk_alone(tmp_path):
@@ -122,9 +120,9 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
         journal.append(record(0, "newest"), now=True)
 
 
-def refused(journal: SqliteJournal, session: str = "new") -> None:
+def refused(journal: SqliteJournal, session: str = "new", count: int = 20_000) -> None:
     with pytest.raises(JournalError, match="no room left"):
-        taught(journal, 20_000, session)
+        taught(journal, count, session)
     eventually(lambda: journal.report().trouble is not None)
 
 
@@ -145,6 +143,35 @@ def test_samples_are_written_again_before_all_deletions_are_done(disk):
         journal.append(record(20_000, "new"))
         eventually(lambda: count(path) == 1)
         assert journal.report().trouble is None
+
+
+def test_each_deletion_on_a_disk_that_stays_full_makes_room(disk):
+    """The reserve served the first one: after it `deleted` was said, and nothing could be written."""
+    path = disk / "caesura-1.sqlite"
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        for number in range(3):
+            taught(journal, 8000, f"old{number}")
+        eventually((disk / f"{path.name}{SUFFIX}").exists)
+        fill(disk)
+        for number in range(3):
+            refused(journal, f"new{number}")
+            with SqliteJournal(path, alone=False) as another:
+                another.delete(STATION, f"old{number}")
+            eventually(lambda: journal.report().trouble is None)
+        assert {copy.session for copy in journal.copies()} == {"new0", "new1", "new2"}
+
+
+def test_the_last_room_of_a_small_disk_is_for_deletions(disk):
+    """A disk without room for a reserve had none for deletions either."""
+    path, others = disk / "caesura-1.sqlite", disk / "others"
+    with others.open("wb") as file:
+        os.posix_fallocate(file.fileno(), 0, DISK - 4 * SIZE)
+    with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
+        taught(journal, 8000, "old")
+        refused(journal, count=100_000)
+        assert "the last 8 MB are for deletions" in str(journal.report().trouble)
+        journal.delete(STATION, "old")
+        eventually(lambda: journal.report().trouble is None)
 
 
 def test_a_disk_stays_full_until_something_is_written(disk):

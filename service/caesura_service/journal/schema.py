@@ -33,6 +33,7 @@ LOCK_SUFFIX = ".lock"
 CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(AppliedEdit), encoding_of(Describe)
 EDIT_PROGRAM = encoding_of(EditProgram)
 LOG_KEPT = 16 << 20  # [bytes] of SQLite's log, which has no bound while a reader keeps it from ending
+GUEST_BUSY_S = 30.0  # of such a process, for a service whose disk is slow
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -304,8 +305,11 @@ def free_bytes(database: sqlite3.Connection) -> int:
     return _number(database, "freelist_count") * _number(database, "page_size")
 
 
-def open_database(path: Path) -> sqlite3.Connection:
-    """Open the database of a journal, or create it. Raises JournalError."""
+def open_database(path: Path, busy_s: float = BUSY_S) -> sqlite3.Connection:
+    """Open the database of a journal, or create it. Raises JournalError.
+
+    busy_s: how long it waits for another process that writes.
+    """
     try:
         _create_private(path)
     except OSError as error:
@@ -313,7 +317,7 @@ def open_database(path: Path) -> sqlite3.Connection:
             f"journal {path} cannot be made: {error.strerror}; name a --journal that this user can write"
         ) from error
     with map_sqlite_errors(path):
-        database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+        database = sqlite3.connect(path, timeout=busy_s, isolation_level=None, check_same_thread=False)
         database.create_function("checksum", -1, checksum, deterministic=True)
         try:
             _prepare(database, path)

@@ -61,6 +61,8 @@ from caesura_service.journal.rows import (
 )
 from caesura_service.journal.salvage import copy_intact_sessions
 from caesura_service.journal.schema import (
+    BUSY_S,
+    GUEST_BUSY_S,
     INSERT_EPOCH,
     INSERT_OUTCOME,
     INSERT_OVERVIEW,
@@ -170,12 +172,13 @@ class SqliteJournal:
 
     def _open(self) -> sqlite3.Connection:
         """Open the database, on a full disk by a part of the reserve."""
+        busy_s = BUSY_S if self._alone else GUEST_BUSY_S
         try:
-            return open_database(self.path)
+            return open_database(self.path, busy_s)
         except JournalError as error:
             if not self._reserve.lend(error):
                 raise
-        return open_database(self.path)
+        return open_database(self.path, busy_s)
 
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record.

@@ -489,3 +489,10 @@ def test_the_log_of_a_journal_gives_back_what_it_took_while_a_reader_kept_it(pat
             journal.append(record(seq), now=True)
         assert log.stat().st_size <= LOG_KEPT
         assert on_disk(path) == [0, 1, 2, 3]
+
+
+def test_who_looks_into_the_journal_of_a_service_waits_for_its_slow_disk(path):
+    """`sessions delete` and `export` gave up after 2 s, and advised to end the service."""
+    with SqliteJournal(path) as journal, SqliteJournal(path, alone=False) as guest:
+        waits = [one._database.execute("PRAGMA busy_timeout").fetchone()[0] for one in (journal, guest)]
+    assert waits == [2000, 30_000]

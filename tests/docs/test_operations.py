@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 from typing import get_args
 
@@ -39,6 +41,16 @@ def test_every_alert_says_what_to_do_and_names_a_section_that_exists():
         named = re.findall(r"[Ss]ee '(.+?)'", said := rule["annotations"]["summary"])
         assert set(named) <= headings, rule["alert"]
         assert "{{ $labels." in said
+
+
+@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed")
+def test_the_alerts_fire_as_prometheus_reads_them(tmp_path):
+    (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    (tmp_path / "rules.yml").write_text(block)
+    shutil.copy(Path(__file__).with_name("alerts.yml"), tmp_path)
+    ran = ["promtool", "test", "rules", "alerts.yml"]
+    found = subprocess.run(ran, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
 
 
 def test_every_code_of_a_refusal_has_its_advice():

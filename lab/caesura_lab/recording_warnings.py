@@ -2,7 +2,7 @@
 
 Quaternions alone do not show the order of their columns: both orders turn by the same angles. The joints of
 a known arm do. Forces alone do not show their sign: a reversed press is a pull. A load that pulls upwards
-while it is lifted does.
+while it is lifted does. `joint_agreement` compares positions with the joints.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_lab.joint_agreement import compared, contradiction_of_joints
 from caesura_protocol.plausibility import METRES
 from caesura_protocol.recording import ASSUMED_ORDER, Recording
 from caesura_protocol.rotations import matrices_of
@@ -24,7 +25,6 @@ from caesura_service.signals.gripper import GripperParameters
 
 Array = NDArray[np.float64]
 
-COMPARED = 200  # samples whose orientation is compared with the joints
 AGREES_RAD, DIFFERS_RAD = 0.1, 0.3
 READ_ORDER = "xyzw"
 WRONG_ORDERS = {  # of columns that are read as x, y, z, w: what is said of them
@@ -55,6 +55,8 @@ def _of_assumptions(recording: Recording) -> Iterator[str]:
     order = order_of_quaternions(recording)
     if order in WRONG_ORDERS:
         yield f"Warning: the quaternions agree with the joints in the order {WRONG_ORDERS[order]}"
+    if (contradiction := contradiction_of_joints(recording, ASSUMED_ARM)) is not None:
+        yield f"Warning: {contradiction}"
 
 
 def without_confirmed(recording: Recording) -> Recording:
@@ -75,7 +77,7 @@ def order_of_quaternions(recording: Recording) -> str | None:
     arm = load_robot(name)
     if signals["q"].shape[1] != arm.joints:
         return None
-    chosen = np.linspace(0, recording.t.size - 1, min(COMPARED, recording.t.size)).astype(int)
+    chosen = compared(recording)
     expected = matrices_of(arm.flange_poses(signals["q"][chosen])[1])
     read = signals["quat"][chosen]
     errors = {

@@ -9,6 +9,7 @@ import pytest
 from caesura_lab.recording_warnings import UPWARD_N, recording_warnings, upward_force_of_load
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import ASSUMED_ORDER
+from caesura_protocol.rotations import matrices_of
 from caesura_service.offline_segmentation import segment_recording
 
 PICK_AND_PLACE = load_recording(Path(__file__).parents[2] / "data" / "pick_and_place.npz")
@@ -92,3 +93,37 @@ def test_a_load_that_pulls_upwards_while_it_is_lifted_is_named():
 def test_what_is_not_used_is_a_warning():
     frozen = replace(PICK_AND_PLACE, wrench_source="none", cautions=("The force is frozen.",))
     assert recording_warnings(frozen, "default") == ("Warning: The force is frozen.",)
+
+
+def flange_axes():
+    """Rotations (n, 3, 3) of the flange in the base frame."""
+    return matrices_of(PICK_AND_PLACE.signals["quat"])
+
+
+def test_positions_of_a_tool_centre_point_are_named_with_the_offset():
+    """A controller's TCP passed for the flange in silence: targets of the program were off by its length."""
+    offset = flange_axes() @ np.array([0.0, 0.0, 0.174])
+    (warning,) = recording_warnings(signals(pos=PICK_AND_PLACE.signals["pos"] + offset), "default")
+    assert "lie 174 mm (median) from the flange of panda as the joints have it" in warning
+    assert "a point at (0, 0, 174) mm in the axes of the flange" in warning
+    assert "or leave the positions out" in warning
+
+
+def test_positions_in_the_base_frame_of_ros_are_named():
+    turned = PICK_AND_PLACE.signals["pos"] * [-1.0, -1.0, 1.0]
+    (warning,) = recording_warnings(signals(pos=turned), "default")
+    assert "turned by 180° about z" in warning
+
+
+def test_joints_of_another_arm_are_named_stated_or_assumed():
+    other = replace(PICK_AND_PLACE, setting=PICK_AND_PLACE.setting._replace(robot="iiwa14"))
+    found = recording_warnings(other, "default")
+    assert any("from the flange of iiwa14 as the joints have it. Is it another arm" in one for one in found)
+    moved = signals(q=PICK_AND_PLACE.signals["q"] + 0.3)
+    unstated = replace(moved, setting=moved.setting._replace(robot=None))
+    found = recording_warnings(unstated, "default")
+    assert any("of panda, which is assumed, as the joints have it. State --robot" in one for one in found)
+
+
+def test_an_arm_that_is_calibrated_otherwise_agrees_with_its_joints():
+    assert recording_warnings(signals(pos=PICK_AND_PLACE.signals["pos"] + 0.004), "default") == ()

@@ -181,7 +181,10 @@ def ignored_line(recording: Recording) -> str:
     if not recording.ignored:
         return ""
     meant = {name: did_you_mean(name) for name in recording.ignored}
-    names = [name if meant[name] is None else f"{name} (did you mean {meant[name]}?)" for name in meant]
+    names = [
+        (name or "a column without a name") if said is None else f"{name} (did you mean {said}?)"
+        for name, said in meant.items()
+    ]
     grade = "warning" if any(meant.values()) else "note"
     return f"{grade}: {recording.name}: ignored {', '.join(names)}"
 

@@ -6,7 +6,6 @@ taken from the column's name, such as `Zeit [ms]`, or else it is the one in whic
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -17,7 +16,14 @@ import numpy as np
 
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.formats.csv_aliases import ALIASES
-from caesura_protocol.formats.csv_text import encoding_of, is_comment, read_lines, stated_in_comments
+from caesura_protocol.formats.csv_text import (
+    BLANK,
+    encoding_of,
+    is_comment,
+    read_lines,
+    rows_of,
+    stated_in_comments,
+)
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
@@ -25,7 +31,7 @@ from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS, implausible, likely_opening_unit
 from caesura_protocol.recording import STATED, RecordingError
 
-DELIMITERS = (";", "\t", "|", ",")  # in this order: a comma may be a decimal mark
+DELIMITERS = (";", "\t", "|", ",", BLANK)  # in this order: a comma may be a decimal mark
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
 MOST_SHOWN = 40  # characters of a line, in an error
@@ -77,7 +83,7 @@ def read_layout(path: Path) -> CsvLayout:
     if len(lines) < 2:
         raise RecordingError(f"{path.name}: {len(lines)} rows, expected a header and at least one sample")
     delimiter = next((one for one in DELIMITERS if _columns_by(lines[:20], one) > 1), ",")
-    rows = [tuple(cell.strip() for cell in row) for row in csv.reader(lines, delimiter=delimiter)]
+    rows = [tuple(row) for row in rows_of(lines, delimiter)]
     if not 1 < len(rows[0]) <= MOST_COLUMNS:
         raise RecordingError(
             f"{path.name}: the first row, {lines[0].strip()[:MOST_SHOWN]!r}, has {len(rows[0])} columns, "
@@ -166,8 +172,13 @@ def _by_unit(header: Collection[str], signal: str) -> dict[str, str]:
 
 
 def _columns_by(lines: list[str], delimiter: str) -> int:
-    """How many columns the delimiter makes of every line; 1 where lines differ."""
-    widths = {len(row) for row in csv.reader(lines, delimiter=delimiter)}
+    """How many columns the delimiter makes of every line; 1 where lines differ.
+
+    A blank divides no line that has another delimiter: it stands within names, as in `Time [s]`.
+    """
+    if delimiter == BLANK and set(lines[0]) & set(DELIMITERS) - {BLANK}:
+        return 1
+    widths = {len(row) for row in rows_of(lines, delimiter)}
     return widths.pop() if len(widths) == 1 else 1
 
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import codecs
+import csv
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from caesura_protocol.recording import STATED, RecordingError
 
+BLANK = " "
+#: What Excel writes above a table: which delimiter it has. It is no row.
+_SEP_LINE = re.compile(r"\"?sep=.\"?[;,\t ]*", re.IGNORECASE)
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -38,8 +43,24 @@ def read_lines(path: Path) -> list[str]:
 
 
 def is_comment(line: str) -> bool:
-    """Whether a line is for people, or states an option."""
-    return line.lstrip().startswith("#")
+    """Whether a line is for people, or states an option, or states the delimiter as Excel does.
+
+    >>> is_comment("# robot: ur5e"), is_comment("sep=;"), is_comment("t;px;py;pz")
+    (True, True, False)
+    """
+    return line.lstrip().startswith("#") or _SEP_LINE.fullmatch(line.strip()) is not None
+
+
+def rows_of(lines: Iterable[str], delimiter: str) -> list[list[str]]:
+    """The cells of each line without blanks around them; several blanks divide as one does.
+
+    >>> rows_of(["t  px ", "0.0 -0.1"], " ")
+    [['t', 'px'], ['0.0', '-0.1']]
+    """
+    is_blank = delimiter == BLANK
+    stripped = (line.strip() for line in lines) if is_blank else lines
+    rows = csv.reader(stripped, delimiter=delimiter, skipinitialspace=is_blank)
+    return [[cell.strip() for cell in row] for row in rows]
 
 
 def cell_of(row: Sequence[str], index: int) -> str:

@@ -18,7 +18,6 @@ Where the first row holds numbers alone there is no header: columns are then cal
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +28,14 @@ from caesura_protocol import plausibility
 from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.formats.calendar_time import CALENDAR, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import ColumnMapping
-from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, stated_in_comments
+from caesura_protocol.formats.csv_text import (
+    BLANK,
+    cell_of,
+    is_comment,
+    read_lines,
+    rows_of,
+    stated_in_comments,
+)
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS
@@ -156,10 +162,9 @@ def _table(path: Path, mapped: ColumnMapping) -> CsvTable:
         raise mapped.error(f"delimiter is {delimiter!r}, expected one character")
     text = read_lines(path)
     kept = [(n, line) for n, line in enumerate(text, 1) if line.strip() and not is_comment(line)]
-    rows = list(csv.reader((line for _, line in kept), delimiter=delimiter))
+    rows = rows_of((line for _, line in kept), delimiter)
     if not rows:
         raise RecordingError(f"{path}: no rows, expected at least one sample")
-    rows = [[cell.strip() for cell in row] for row in rows]
     numbers, stated = [n for n, _ in kept], stated_in_comments(text)
     decimal = str(mapped.table.get("decimal", "."))
     if all(_is_number(cell, decimal) for cell in rows[0]):
@@ -201,7 +206,7 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRul
 
 def _hint(header: list[str]) -> str:
     """One column whose name holds separators is a sign of another delimiter."""
-    for delimiter in (";", "\t", "|"):
+    for delimiter in (";", "\t", "|", BLANK):
         if len(header) == 1 and delimiter in header[0]:
             return f"; is the delimiter {delimiter!r}?"
     return ""

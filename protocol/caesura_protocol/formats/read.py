@@ -19,7 +19,7 @@ from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.calendar_time import CALENDAR, EXPECTED, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import load_mapping
 from caesura_protocol.formats.csv_layout import DELIMITERS, PLACES, guessed, has_own_columns, read_layout
-from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, stated_in_comments
+from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, rows_of, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
 from caesura_protocol.formats.npz import read_npz
@@ -302,10 +302,8 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
     delimiter = _delimiter(lines[numbers[0] - 1])
     if delimiter is None:
         raise _foreign(path)
-    rows = list(csv.reader((lines[number - 1] for number in numbers), delimiter=delimiter))
-    if not rows[0][-1].strip() and not any(cell.strip() for row in rows for cell in row[len(rows[0]) - 1 :]):
-        rows = [row[: len(rows[0]) - 1] for row in rows]  # lines end with a delimiter
-    header = [name.strip() for name in rows[0]]
+    rows = _without_last_delimiter(rows_of((lines[number - 1] for number in numbers), delimiter))
+    header = rows[0]
     assumed: list[str] = []
     if delimiter != "," and any("," in cell for row in rows[1:] for cell in row):
         rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
@@ -332,9 +330,17 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
 def _delimiter(header: str) -> str | None:
     """What divides the columns of Caesura's own csv; None where they are those of other software."""
     for delimiter in DELIMITERS:
-        if has_own_columns([name.strip() for name in next(csv.reader([header], delimiter=delimiter))]):
+        if has_own_columns(rows_of([header], delimiter)[0]):
             return delimiter
     return None
+
+
+def _without_last_delimiter(rows: list[list[str]]) -> list[list[str]]:
+    """The rows without the empty cell that a delimiter at their ends makes, in the header too or not."""
+    width = len(rows[0]) if rows[0][-1] else len(rows[0]) - 1
+    if all(len(row) == width + 1 and not row[-1] for row in rows[1:]):
+        return [row[:width] for row in rows]
+    return rows
 
 
 def _with_seconds(index: int, rows: list[list[str]], lines: Sequence[int]) -> str:
@@ -367,7 +373,7 @@ def _columns(header: list[str], rows: list[list[str]], lines: list[int]) -> dict
     """The table by column; lines: of the rows. Raises ValueError where it is no rectangle of numbers."""
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
-        raise ValueError(f"column {twice[0]} comes twice")
+        raise ValueError(f"column {twice[0]} comes twice: leave one of them out, or give it another name")
     for line, row in zip(lines, rows, strict=False):
         if len(row) != len(header):
             remedy = ""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.recording import RecordingError
+from caesura_protocol.recording import RecordingError, UnknownColumnsError
 
 MAPPING = """
 delimiter = ";"
@@ -155,3 +155,50 @@ def test_dates_of_other_software_are_seconds_from_the_first(files):
     assert recording.ignored == ("Temp",)
     with pytest.raises(RecordingError, match=r"map\.toml: \[time\] has a unit.*leave out the unit"):
         read(files, table)
+
+
+def own_rows(delimiter: str) -> list[str]:
+    return [delimiter.join(map(str, row)) for row in ((i / 100, 0.4, 0.001 * i, 0.3) for i in range(50))]
+
+
+@pytest.mark.parametrize(
+    ("header", "delimiter"), [("t px py pz", " "), ("t   px  py  pz", "   "), ("sep=;\nt;px;py;pz", ";")]
+)
+def test_blanks_divide_columns_and_the_line_of_excel_is_no_row(tmp_path, header, delimiter):
+    """UR's own recorder of RTDE divides columns by blanks; Excel states its delimiter above the table."""
+    file = tmp_path / "own.csv"
+    file.write_text("\n".join([header, *own_rows(delimiter)]), encoding="utf-8")
+    found = load_recording(file)
+    assert found.t.size == 50
+    assert found.signals["pos"][-1] == pytest.approx([0.4, 0.049, 0.3])
+
+
+def test_a_record_of_rtde_is_read_with_the_mapping_that_is_proposed(tmp_path):
+    file = tmp_path / "robot_data.csv"
+    header = "timestamp actual_TCP_pose_0 actual_TCP_pose_1 actual_TCP_pose_2"
+    file.write_text("\n".join([header, *own_rows(" ")]), encoding="utf-8")
+    with pytest.raises(UnknownColumnsError) as error:
+        load_recording(file)
+    mapping = tmp_path / "log.toml"
+    mapping.write_text(error.value.example, encoding="utf-8")
+    assert load_recording(file, mapping=mapping).signals["pos"][-1] == pytest.approx([0.4, 0.049, 0.3])
+
+
+def test_a_blank_within_names_is_no_delimiter(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("Time (s), X (mm)\n1,5, 2,5\n2,5, 3,5\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"has the columns Time \(s\), X \(mm\);"):
+        load_recording(file)
+
+
+def test_rows_that_end_with_a_delimiter_need_none_in_the_header(tmp_path):
+    file = tmp_path / "own.csv"
+    file.write_text("\n".join(["t,px,py,pz", *(f"{row}," for row in own_rows(","))]), encoding="utf-8")
+    assert load_recording(file).t.size == 50
+
+
+def test_a_column_that_comes_twice_is_refused_with_what_to_do(tmp_path):
+    file = tmp_path / "own.csv"
+    file.write_text("t,px,py,pz,px\n0,1,2,3,4\n1,1,2,3,4\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="px comes twice: leave one of them out"):
+        load_recording(file)

@@ -48,6 +48,36 @@ def rotation_vector(quaternion: Sequence[float] | Array) -> tuple[float, float, 
     return factor * x, factor * y, factor * z
 
 
+def quaternions_of_vectors(vectors: Array) -> Array:
+    """Return the quaternions (n, 4) of rotation vectors (n, 3) [rad], axis times angle; see `_joined`."""
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    share = 0.5 * np.sinc(size / (2.0 * np.pi))  # sin(size / 2) / size
+    return _joined(np.hstack([share * vectors, np.cos(0.5 * size)]))
+
+
+def quaternions_of_roll_pitch_yaw(turns: Array) -> Array:
+    """Return the quaternions (n, 4) of turns (n, 3) [rad] about x, then y, then z of the base frame."""
+    (a, b, c), (d, e, f) = np.sin(0.5 * turns).T, np.cos(0.5 * turns).T
+    return _joined(
+        np.column_stack(
+            [
+                a * e * f - d * b * c,
+                d * b * f + a * e * c,
+                d * e * c - a * b * f,
+                d * e * f + a * b * c,
+            ]
+        )
+    )
+
+
+def _joined(quaternions: Array) -> Array:
+    """The same rotations, each with the sign nearer to the row before: vectors leap at a half turn."""
+    apart = np.einsum("ni,ni->n", quaternions[1:], quaternions[:-1]) < 0.0
+    signs = np.cumprod(np.where(np.concatenate([[False], apart]), -1.0, 1.0))
+    joined: Array = quaternions * signs[:, None]
+    return joined
+
+
 def angle_between(one: Sequence[float], other: Sequence[float]) -> float:
     """Return the angle [rad] between two quaternions (4,)."""
     return 2.0 * math.acos(min(abs(float(_unit(one) @ _unit(other))), 1.0))

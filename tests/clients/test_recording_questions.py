@@ -196,3 +196,34 @@ def test_what_the_comments_of_a_csv_state_is_proposed(tmp_path: Path):
     answered = ask_about(file, Terminal(Force="5 6 7"))
     found = load_recording(file, mapping=answered.mapping)
     assert (found.wrench_source, found.hand_on_robot, found.setting.robot) == ("flange_sensor", "no", "panda")
+
+
+def arm_log(path: Path) -> Path:
+    """As a UFACTORY arm has it: degrees, millimetres, roll, pitch and yaw, and the sensor's forces."""
+    header = "time_s,x_mm,y_mm,z_mm,roll,pitch,yaw,j1,j2,ext_fx,ext_fy,ext_fz"
+    rows = (f"{i / 100},400,0,300,180,0,0,0.1,0.2,0,0,0.1" for i in range(50))
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
+    return path
+
+
+def test_three_angles_are_asked_which_they_are(tmp_path: Path):
+    terminal = Terminal(Where="flange_sensor", Was="yes", Which_robot="xarm7")
+    answered = ask_about(arm_log(tmp_path / "log.csv"), terminal)
+    asked = dict(terminal.asked)
+    assert asked["Orientation of the flange, a quaternion x y z w, or three angles"] == "roll pitch yaw"
+    assert asked["Unit of the angles (rad, deg)"] == "deg", "by their values"
+    assert asked["Force"] == "ext_fx ext_fy ext_fz"
+    found = load_recording(tmp_path / "log.csv", mapping=answered.mapping)
+    np.testing.assert_allclose(np.abs(found.signals["quat"][0]), [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_torques_of_joints_are_as_many_as_the_joints(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Three torques of seven joints were taken, and the command failed after all questions."""
+    answers = iter(["ext_fx ext_fy ext_fz", "-"])
+    terminal = Terminal(Where="flange_sensor", Was="yes")
+
+    def ask(words: str, default: str | None = None) -> str:
+        return next(answers) if words.startswith("External") else terminal(words, default)
+
+    ask_about(arm_log(tmp_path / "log.csv"), ask)
+    assert "3 columns, expected 0 or 2, each once" in capsys.readouterr().out

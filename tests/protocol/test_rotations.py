@@ -6,7 +6,14 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from caesura_protocol.rotations import angular_velocities, cross, quaternion_rates
+from caesura_protocol.rotations import (
+    angular_velocities,
+    cross,
+    matrices_of,
+    quaternion_rates,
+    quaternions_of_roll_pitch_yaw,
+    quaternions_of_vectors,
+)
 
 
 def test_the_cross_product_has_the_bits_of_numpy() -> None:
@@ -26,3 +33,14 @@ def test_the_rates_of_quaternions_and_angular_velocities_are_each_others_inverse
     rates = quaternion_rates(quaternions, turning)
     assert_allclose((after - quaternions) / step, rates, atol=1e-5)
     assert_allclose(angular_velocities(3.0 * quaternions, 3.0 * rates), turning, atol=1e-12)
+
+
+def test_quaternions_of_angles_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(4)
+    turns = np.vstack([rng.uniform(-3.0, 3.0, (50, 3)), np.zeros((1, 3)), [[np.pi, 0.0, 0.0]]])
+    for found, expected in (
+        (quaternions_of_vectors(turns), Rotation.from_rotvec(turns)),
+        (quaternions_of_roll_pitch_yaw(turns), Rotation.from_euler("xyz", turns)),
+    ):
+        assert_allclose(matrices_of(found), expected.as_matrix(), atol=1e-12)
+        assert (np.einsum("ni,ni->n", found[1:], found[:-1]) >= 0.0).all(), "no leap between signs"

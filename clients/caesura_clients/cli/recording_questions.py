@@ -14,25 +14,30 @@ from typing import NamedTuple
 import typer
 
 from caesura_protocol.errors import SourceError
-from caesura_protocol.formats.csv_layout import CsvLayout, guessed, likely_units, read_layout
-from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
+from caesura_protocol.formats.csv_layout import CsvLayout, guessed, likely_units, read_layout, with_turns
+from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.robots import robot_names
 
+NAMES = {"t": "the time", **dict.fromkeys(TURNS, "the angles")}  # in the question for their unit
 Ask = Callable[..., str]  # words of the question, default=
 EMPTY = "nothing is assumed here:"
 NONE = "-"  # answers that the file has no such column, or that nothing is stated
 #: Signals with one question each; the joints and their torques are asked for together.
 ASKED = {
     "pos": "Position of the flange in the base frame",
-    "quat": "Orientation of the flange, x y z w",
+    "quat": "Orientation of the flange, a quaternion x y z w, or three angles",
     "q": "Joint positions",
     "force": "Force",
     "torque": "Moment",
     "tau": "External joint torques",
     "gripper": "Opening of the gripper",
 }
+ANGLES = (
+    "Which angles? A rotation vector is axis times angle, as of Universal Robots; roll, pitch, yaw are turns "
+    "about x, then y, then z of the base frame, as of UFACTORY"
+)
 WHOSE = (
     "Are they forces of the environment on the robot, or of the robot? A table on which the robot presses "
     "pushes it up: a positive vertical force in the base frame is that of the environment"
@@ -88,12 +93,21 @@ def _prompt(words: str, default: str | None = None) -> str:
 
 def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
     """Ask which column is what, in which unit, and how the wrench was measured."""
-    guess = guessed(layout)
+    guess = with_turns(layout, guessed(layout))
     columns = {"t": _asked_columns(ask, "Time", layout, [guess.columns.get("t", "")], (1,))[0]}
     for signal, words in ASKED.items():
         names = COLUMNS_OF_SIGNAL[signal]
+        if signal == "tau":  # one a joint
+            names = tuple(
+                name for name, joint in zip(names, COLUMNS_OF_SIGNAL["q"], strict=True) if joint in columns
+            )
+            if not names:
+                continue
+        if signal == "quat":
+            columns |= _asked_orientation(ask, words, layout, guess.columns)
+            continue
         proposed = [guess.columns[name] for name in names if name in guess.columns]
-        widths = range(1, len(names) + 1) if signal in {"q", "tau"} else (len(names),)
+        widths = range(1, len(names) + 1) if signal == "q" else (len(names),)
         needed = signal == "q" and "px" not in columns
         found = _asked_columns(ask, words, layout, proposed, (*widths,) if needed else (0, *widths))
         columns |= dict(zip(names, found, strict=False))
@@ -102,10 +116,22 @@ def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
     for signal in signals:
         known = UNITS[signal]
         if len(known) > 1:
-            words = f"Unit of {'the time' if signal == 't' else ASKED[signal].lower()}"
+            words = f"Unit of {NAMES.get(signal) or ASKED[signal].lower()}"
             units[signal] = _chosen(ask, words, known, units.get(signal, next(iter(known))))
     wrench = _asked_wrench(ask, signals, layout.stated)
     return guess._replace(columns=columns, units=units, **wrench)
+
+
+def _asked_orientation(
+    ask: Ask, words: str, layout: CsvLayout, guessed_columns: Mapping[str, str]
+) -> dict[str, str]:
+    """The columns of the orientation, and of three angles which they are."""
+    forms = {"quat": COLUMNS_OF_SIGNAL["quat"], **TURNS}
+    likely = next((form for form, names in forms.items() if names[0] in guessed_columns), None)
+    proposed = [] if likely is None else [guessed_columns[name] for name in forms[likely]]
+    found = _asked_columns(ask, words, layout, proposed, (0, 3, 4))
+    form = _chosen(ask, ANGLES, TURNS, likely if found == proposed else None) if len(found) == 3 else "quat"
+    return dict(zip(forms[form], found, strict=False))
 
 
 def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str]) -> dict[str, str]:
@@ -123,7 +149,7 @@ def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str])
         ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, stated.get("hand_on_robot", "unknown")
     )
     if {"force", "torque"} & set(signals):
-        frames = FORCE_FRAMES if "quat" in signals else ("base",)
+        frames = FORCE_FRAMES if {"quat", *TURNS} & set(signals) else ("base",)
         found["force_frame"] = _chosen(
             ask, "In which frame are the forces?", frames, stated.get("force_frame", "base")
         )

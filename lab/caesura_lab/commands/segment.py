@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console, Group
 from rich.markup import escape
@@ -99,7 +100,8 @@ def _as_options(answered: Answered) -> str:
 def segmented(recording: Recording, preset: str, threshold: float | None = None) -> PipelineView:
     """Its segments, with a bar on the way. Raises SourceError where there is nothing to segment."""
     announce_compilation()
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(escape(recording.name), total=recording.t.size)
         try:
             view = segment_recording(
@@ -115,7 +117,8 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
             raise SourceError(f"{named}: {why}") from error
     if not view.segments:
         raise SourceError(
-            f"{recording.name}: nothing to segment in {view.samples} samples, of which {view.repeats} do not "
+            f"{recording.name}: nothing to segment in {view.samples} samples over "
+            f"{float(np.ptp(recording.t)):.3g} s, of which {view.repeats} do not "
             f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds, more than 0.2 s, "
             f"and pauses of at most {HOLE_S:g} s"
         )

@@ -283,7 +283,7 @@ def files(paths: Sequence[Path], reading: ReadingOptions = AS_STATED) -> list[Ca
 def directory(path: Path) -> list[Path]:
     """Every annotated recording of a directory. Raises TruthError where there is none."""
     if not (found := _annotated(path)):
-        raise TruthError(f"{path}: no annotated recording, expected x.npz with x{SUFFIX} beside it")
+        raise TruthError(f"{path}: no annotated recording, expected x.npz or x.csv with x{SUFFIX} beside it")
     return found
 
 
@@ -304,7 +304,8 @@ def real(extent: SuiteOptions) -> list[Case]:
     if not cases:
         missing = f"; of the recordings of {extent.annotations} {len(named)} are missing" if named else ""
         raise TruthError(
-            f"{extent.data}: no annotated recording, expected x.npz with x{SUFFIX} beside it{missing}"
+            f"{extent.data}: no annotated recording, expected x.npz or x.csv with x{SUFFIX} beside it"
+            f"{missing}"
         )
     return cases
 

@@ -25,12 +25,12 @@ _SPELLINGS: Mapping[str, str] = {
     """,
     "force": """
         f{n} f{a}tool f{a}tcp force{a} {a}force wrenchforce{a} ftforce{a} tcpforce{a} forcetcp{a}
-        contactforce{a} actualtcpforce{i}
+        contactforce{a} actualtcpforce{i} extf{a} extforce{a} externalforce{a}
         kraft{a} {a}kraft tcpkraft{a} krafttcp{a} kontaktkraft{a}
     """,
     "torque": """
         t{a} torque{a} {a}torque moment{a} {a}moment wrenchtorque{a} tq{a} trq{a} tcpmoment{a}
-        actualtcpforce{k}
+        actualtcpforce{k} extt{a} exttorque{a} externaltorque{a}
         drehmoment{a} {a}drehmoment kraftmoment{a}
     """,
     "tau": """
@@ -56,4 +56,20 @@ ALIASES: Mapping[str, frozenset[str]] = {
     column: _names(column, index, spellings)
     for signal, spellings in _SPELLINGS.items()
     for index, column in enumerate(COLUMNS_OF_SIGNAL.get(signal, (signal,)))
+}
+
+#: Names of three angles, likewise. `rx ry rz` alone are turns about three axes as often as a rotation vector:
+#: a person must say which.
+TURN_ALIASES: Mapping[str, frozenset[str]] = {
+    **{
+        f"r{axis}": frozenset(name.format(axis) for name in ("rotvec{}", "rotationvector{}", "axisangle{}"))
+        | {f"actualtcppose{index}"}
+        for index, axis in enumerate("xyz", start=3)
+    },
+    **{
+        turn: frozenset(
+            {turn, f"tcp{turn}", f"ee{turn}", f"flange{turn}", f"orientation{turn}", f"pose{turn}"}
+        )
+        for turn in ("roll", "pitch", "yaw")
+    },
 }

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from caesura_protocol.columns import signal_columns
-from caesura_protocol.formats.csv_aliases import ALIASES
+from caesura_protocol.formats.csv_aliases import ALIASES, TURN_ALIASES
 from caesura_protocol.formats.csv_text import (
     BLANK,
     encoding_of,
@@ -24,7 +24,7 @@ from caesura_protocol.formats.csv_text import (
     rows_of,
     stated_in_comments,
 )
-from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, UNITS
+from caesura_protocol.formats.foreign_csv import MOST_RAD, SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
@@ -106,6 +106,7 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
     found = {
         column: next((name for name in layout.header if _plain(name) in ALIASES[column]), None)
         for column in SIGNAL_OF_COLUMN
+        if column in ALIASES
     }
     named = {column: name for column, name in found.items() if name is not None}
     whole = {"t", *(column for names in signal_columns(named).values() for column in names)}
@@ -122,6 +123,21 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
     )
 
 
+def with_turns(layout: CsvLayout, guess: MappingAnswers) -> MappingAnswers:
+    """A guess with the orientation as three angles, where names show which they are."""
+    if "qx" in guess.columns:
+        return guess
+    for names in TURNS.values():
+        found = [
+            next((name for name in layout.header if _plain(name) in TURN_ALIASES[column]), None)
+            for column in names
+        ]
+        if (whole := [name for name in found if name is not None]) == found:
+            columns = {**guess.columns, **dict(zip(names, whole, strict=True))}
+            return guess._replace(columns=columns, units=likely_units(layout, columns))
+    return guess
+
+
 def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str]:
     """The unit of each signal: from the names of its columns, or else the one that makes it plausible."""
     units: dict[str, str] = {}
@@ -132,6 +148,7 @@ def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str
     values = {column: layout.numbers(name) for column, name in columns.items()}
     if "gripper" in values and (unit := likely_opening_unit(np.max(np.abs(values["gripper"]), initial=0.0))):
         units.setdefault("gripper", unit)
+    units = _in_degrees(values) | units
     if "t" not in values or not np.isfinite(values["t"]).all():
         return units
     t = values["t"] * UNITS["t"][units.get("t", "s")]
@@ -153,6 +170,15 @@ def likely_units(layout: CsvLayout, columns: Mapping[str, str]) -> dict[str, str
                 t = t * UNITS["t"][wrong.likely]
         sure.append(wrong.quantity)
     return units
+
+
+def _in_degrees(values: Mapping[str, Array]) -> dict[str, str]:
+    """The unit of three angles of which one is too large for radians. values: by Caesura's column."""
+    return {
+        signal: "deg"
+        for signal, names in TURNS.items()
+        if any(np.abs(values[name]).max(initial=0.0) > MOST_RAD for name in names if name in values)
+    }
 
 
 def _by_unit(header: Collection[str], signal: str) -> dict[str, str]:

@@ -13,6 +13,7 @@
     pz = { column = "Z", unit = "mm" }
     fz = { column = "F3", scale = -1.0 }   # the file has the robot's force on the environment
 
+An orientation is `qx qy qz qw`, or else three angles: `rx ry rz` or `roll pitch yaw` (`TURNS`).
 Where the first row holds numbers alone there is no header: columns are then called by their number, from 1.
 """
 
@@ -40,19 +41,33 @@ from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS
 from caesura_protocol.recording import STATED, RecordingError
+from caesura_protocol.rotations import quaternions_of_roll_pitch_yaw, quaternions_of_vectors
+
+#: Orientations as controllers have them in place of quaternions: axis times angle, as Universal Robots; turns
+#: about x, then y, then z of the base frame, as UFACTORY.
+TURNS: Mapping[str, tuple[str, str, str]] = {
+    "rotation_vector": ("rx", "ry", "rz"),
+    "roll_pitch_yaw": ("roll", "pitch", "yaw"),
+}
+MOST_RAD = 6.3  # of one of them
+_QUATERNIONS = {"rotation_vector": quaternions_of_vectors, "roll_pitch_yaw": quaternions_of_roll_pitch_yaw}
 
 #: A unit in Caesura's, by signal; positions keep the file's own `length_unit` where no unit is said.
 UNITS: Mapping[str, Mapping[str, float]] = {
     "t": plausibility.UNITS["time"],
     "pos": METRES,
     "quat": {"1": 1.0},
+    **dict.fromkeys(TURNS, RADIANS),
     "q": RADIANS,
     "force": {"N": 1.0, "kN": 1e3},
     "torque": {"Nm": 1.0, "Nmm": 1e-3},
     "tau": {"Nm": 1.0, "Nmm": 1e-3},
     "gripper": METRES,
 }
-SIGNAL_OF_COLUMN = {"t": "t", **{column: s for s, names in COLUMNS_OF_SIGNAL.items() for column in names}}
+SIGNAL_OF_COLUMN = {
+    "t": "t",
+    **{column: s for s, names in (*COLUMNS_OF_SIGNAL.items(), *TURNS.items()) for column in names},
+}
 
 
 class ColumnRule(NamedTuple):
@@ -96,10 +111,32 @@ def read_foreign_csv(path: Path, mapped: ColumnMapping) -> RawRecording:
             raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
     for signal, names in signal_columns(column).items():
         arrays[signal] = np.column_stack([column[name] for name in names])
+    arrays |= _turned(mapped, column)
     ignored = [*contradicted, *(name for name in table.header if name not in used)]
     return RawRecording(
         arrays, options, ignored, tuple(assumed), tuple(table.numbers), has_calendar_time=is_dated
     )
+
+
+def _turned(mapped: ColumnMapping, column: Mapping[str, Array]) -> dict[str, Array]:
+    """The quaternions of three angles. Raises RecordingError where they are in part or twice."""
+    stated = {signal: names for signal, names in TURNS.items() if set(names) & set(column)}
+    if len(stated) + ("qx" in column) > 1:
+        there = [*stated.values()] + ([COLUMNS_OF_SIGNAL["quat"]] if "qx" in column else [])
+        raise mapped.error(
+            f"the orientation is there as {' and as '.join(map(' '.join, there))}: leave one out"
+        )
+    for signal, names in stated.items():
+        if missing := [name for name in names if name not in column]:
+            raise mapped.error(f"{signal} needs {', '.join(names)}; {', '.join(missing)} is not in [columns]")
+        angles = np.column_stack([column[name] for name in names])
+        if (largest := float(np.abs(angles).max(initial=0.0))) > MOST_RAD:
+            raise mapped.error(
+                f"{' '.join(names)} turn to {largest:.4g} rad, at most {MOST_RAD} rad are plausible: "
+                'probably in deg. State unit = "deg" for each of them'
+            )
+        return {"quat": _QUATERNIONS[signal](angles)}
+    return {}
 
 
 def _options(table: CsvTable, mapped: ColumnMapping) -> tuple[dict[str, str], list[str]]:

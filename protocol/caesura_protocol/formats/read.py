@@ -18,7 +18,14 @@ from caesura_protocol.columns import missing_columns, signal_columns
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.formats.calendar_time import CALENDAR, EXPECTED, is_calendar_time, seconds_of
 from caesura_protocol.formats.column_mapping import load_mapping
-from caesura_protocol.formats.csv_layout import DELIMITERS, PLACES, guessed, has_own_columns, read_layout
+from caesura_protocol.formats.csv_layout import (
+    DELIMITERS,
+    PLACES,
+    guessed,
+    has_own_columns,
+    read_layout,
+    with_turns,
+)
 from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, rows_of, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
@@ -359,7 +366,7 @@ MOST_NAMED = 20  # columns of a file, in an error
 def _foreign(path: Path) -> UnknownColumnsError:
     """The error for a csv with other columns: those that it has, and a mapping of them as an example."""
     layout = read_layout(path)
-    header, guess = layout.header, guessed(layout)
+    header, guess = layout.header, with_turns(layout, guessed(layout))
     more = f" and {len(header) - MOST_NAMED} more" if len(header) > MOST_NAMED else ""
     asked = dict.fromkeys(("t", *({} if PLACES & set(guess.columns) else ("px", "py", "pz"))), "…")
     return UnknownColumnsError(

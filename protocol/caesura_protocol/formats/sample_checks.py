@@ -149,9 +149,9 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
     if "gripper" in recording.signals:
         widths = np.abs(recording.signals["gripper"][:, 0])
         if (row := _first(widths > WIDEST_M)) is not None:
-            likely = "are they counts of a gripper? Convert them to its opening"
+            likely = "are they counts of a gripper? Convert counts or percent to its opening"
             if unit := likely_opening_unit(float(widths.max())):
-                likely = f"are they {unit}? Divide them by {1.0 / METRES[unit]:g}"
+                likely = f"are they {unit}? Divide them by {1.0 / METRES[unit]:g}. Convert counts and percent"
             yield (
                 f"{recording.place(row)}: gripper is {recording.signals['gripper'][row, 0]:g}, expected an "
                 f"opening [m] or a closed flag within ±{WIDEST_M:g}: {likely}, or leave out gripper"

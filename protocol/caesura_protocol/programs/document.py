@@ -178,9 +178,15 @@ def read_document(path: Path) -> ProgramFile:
         raise BadProgramError(f"{path}: cannot be read: {error.strerror}") from error
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
-        raise BadProgramError(f"{path}: {place}: no JSON, expected a program as a JSON object") from error
+        raise BadProgramError(
+            f"{path}: {place}: no JSON, expected a program as a JSON object. Of a recording, caesura segment "
+            "FILE --json OUT writes one"
+        ) from error
     except ValueError as error:
-        raise BadProgramError(f"{path}: no text in UTF-8, expected a program as a JSON object") from error
+        raise BadProgramError(
+            f"{path}: no text in UTF-8, expected a program as a JSON object. Of a recording, caesura segment "
+            "FILE --json OUT writes one"
+        ) from error
     except RecursionError as error:
         raise BadProgramError(f"{path}: nested too deeply, expected a program as a JSON object") from error
     if not isinstance(content, dict):

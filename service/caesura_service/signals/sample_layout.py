@@ -247,8 +247,10 @@ class SampleLayout:
             return
         if self.has("force"):
             if self.force_frame == "flange" and not self.has_orientation:
-                expected = f"orientation {list(SIGNALS['quat'])}, or joints and pose_of_joints"
-                raise ValueError(f"force_frame is 'flange' without orientation, expected {expected}")
+                raise ValueError(
+                    f"force_frame is 'flange' without orientation, expected {' '.join(SIGNALS['quat'])}, or "
+                    "joints q1, q2, … of a stated robot: send one, or turn the force into the base frame"
+                )
         elif source != "joint_torque_estimate":
             raise ValueError(f"wrench_source is {source!r} without force, expected {list(SIGNALS['force'])}")
         elif not (self.has("tau") and self.has("q") and self.wrench_of_joint_torques):

@@ -97,7 +97,7 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
     fastest, worst = float(speeds.max()), float(scatter.max())
     if fastest > criterion.speed_limit_m_per_s:
         limit = f"limit {criterion.speed_limit_m_per_s:g} m/s"
-        return _untared(f"the robot moved at {fastest:.3f} m/s at the start ({limit})")
+        return _untared(f"the robot moved at {fastest:.4g} m/s at the start ({limit})")
     if worst > criterion.scatter_limit_n:
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return _untared(f"the force varied by {worst:.2f} N at the start ({limit})")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from caesura_protocol.formats.csv_layout import guessed, read_layout, with_turns
+from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import RecordingError, UnknownColumnsError
 
@@ -202,3 +205,71 @@ def test_a_column_that_comes_twice_is_refused_with_what_to_do(tmp_path):
     file.write_text("t,px,py,pz,px\n0,1,2,3,4\n1,1,2,3,4\n", encoding="utf-8")
     with pytest.raises(RecordingError, match="px comes twice: leave one of them out"):
         load_recording(file)
+
+
+def turned_rows(names: str, unit: str, angles: str, tmp_path: Path) -> tuple[Path, Path]:
+    """A csv whose orientation stands as three angles, and its mapping."""
+    file, mapping = tmp_path / "log.csv", tmp_path / "log.toml"
+    file.write_text(
+        "\n".join(["s,x,y,z,a,b,c", *(f"{i / 100},0.4,0.0,0.3,{angles}" for i in range(50))]),
+        encoding="utf-8",
+    )
+    columns = {"px": "x", "py": "y", "pz": "z", **dict(zip(names.split(), "abc", strict=False))}
+    lines = [
+        f'{name} = {{ column = "{one}", unit = "{unit}" }}' for name, one in columns.items() if one in "abc"
+    ]
+    lines += [f'{name} = "{one}"' for name, one in columns.items() if one in "xyz"]
+    mapping.write_text("\n".join(['[time]\ncolumn = "s"\n[columns]', *lines]), encoding="utf-8")
+    return file, mapping
+
+
+@pytest.mark.parametrize(
+    ("names", "unit", "angles"),
+    [
+        ("rx ry rz", "rad", f"0,{math.pi / 2},0"),
+        ("roll pitch yaw", "deg", "0,90,0"),
+    ],
+)
+def test_an_orientation_of_three_angles_becomes_a_quaternion(tmp_path, names, unit, angles):
+    """UR has rotation vectors and UFACTORY roll, pitch and yaw: neither has quaternions."""
+    file, mapping = turned_rows(names, unit, angles, tmp_path)
+    found = load_recording(file, mapping=mapping)
+    half = math.sqrt(0.5)
+    assert found.signals["quat"][-1] == pytest.approx([0.0, half, 0.0, half])
+    assert found.ignored == ()
+
+
+@pytest.mark.parametrize(
+    ("names", "angles", "words"),
+    [
+        ("roll pitch yaw", "180,0,0", r"turn to 180 rad, at most 6.3 rad are plausible: probably in deg"),
+        ("rx ry", "0,0,0", "rotation_vector needs rx, ry, rz; rz is not in"),
+        ("rx ry rz roll", "0,0,0", r"as rx ry rz and as roll pitch yaw: leave one out"),
+    ],
+)
+def test_angles_in_degrees_in_part_or_twice_are_refused(tmp_path, names, angles, words):
+    file, mapping = turned_rows(
+        names.replace(" roll", "") if "rx" in names else names, "rad", angles, tmp_path
+    )
+    if names.endswith("rz roll"):
+        mapping.write_text(mapping.read_text(encoding="utf-8") + '\nroll = "a"', encoding="utf-8")
+    with pytest.raises(RecordingError, match=words):
+        load_recording(file, mapping=mapping)
+
+
+@pytest.mark.parametrize(
+    ("header", "names", "unit"),
+    [
+        ("timestamp,x,y,z,actual_TCP_pose_3,actual_TCP_pose_4,actual_TCP_pose_5", "rx ry rz", None),
+        ("timestamp,x,y,z,roll,pitch,yaw", "roll pitch yaw", "deg"),
+        ("timestamp,x,y,z,rx,ry,rz", "", None),
+    ],
+)
+def test_angles_are_proposed_where_their_names_show_which_they_are(tmp_path, header, names, unit):
+    file = tmp_path / "log.csv"
+    last = "180" if unit else "1"
+    file.write_text("\n".join([header, *(f"{i / 100},0.4,0.0,0.3,{last},0,0" for i in range(50))]))
+    layout = read_layout(file)
+    guess = with_turns(layout, guessed(layout))
+    assert set(guess.columns) == {"t", "px", "py", "pz", *names.split()}
+    assert guess.units.get(SIGNAL_OF_COLUMN[(names or "px").split()[0]]) == unit

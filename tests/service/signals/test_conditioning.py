@@ -286,7 +286,7 @@ BAD_LAYOUTS = {
     "no torques": ({"wrench_source": "joint_torque_estimate"}, "expected force .* or tau1"),
     "no orientation": (
         {"columns": ("t", *POSITION, *FORCE), "wrench_source": "flange_sensor", "force_frame": "flange"},
-        "force_frame is 'flange' without orientation, expected orientation .*qx",
+        "force_frame is 'flange' without orientation, expected qx qy qz qw, or joints",
     ),
 }
 

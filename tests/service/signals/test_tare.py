@@ -162,10 +162,10 @@ def test_the_bias_is_the_mean_of_the_window_itself() -> None:
 @pytest.mark.parametrize(
     ("start", "reason"),
     [
-        ({"speed_m_per_s": 0.3}, "the robot moved at 0.300 m/s"),
+        ({"speed_m_per_s": 0.3}, "the robot moved at 0.3 m/s"),
         (
             {"speed_m_per_s": 0.05, "source": "flange_sensor_with_hand"},
-            "the robot moved at 0.050 m/s",
+            "the robot moved at 0.05 m/s",
         ),
         ({"noise_n": 5.0}, "the force varied by"),
         ({"gap": True}, "samples are missing within the tare window"),

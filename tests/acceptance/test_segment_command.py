@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 from caesura_clients.cli import build
 from caesura_lab.commands.segment import announce_compilation
+from caesura_protocol.distribution import installed_version
 
 DATA = Path(__file__).parents[2] / "data"
 KINDS = {"motion", "contact", "transport", "steady", "hold", "sliding"}
@@ -174,3 +176,73 @@ def test_without_a_wrench_no_force_is_shown(tmp_path: Path):
     assert done.exit_code == 0, done.output
     assert " N " not in done.output
     assert "–" in done.output
+
+
+def copies(directory: Path, *names: str) -> list[Path]:
+    """Recordings of these names, all of pressing a button."""
+    directory.mkdir(exist_ok=True)
+    files = [directory / f"{name}.npz" for name in names]
+    for file in files:
+        file.write_bytes((DATA / "button.npz").read_bytes())
+    return files
+
+
+def test_json_on_stdout_is_all_of_stdout_and_states_what_it_depends_on():
+    """`--json -` wrote a file of that name, beside the tables."""
+    first, again = (caesura("segment", DATA / "button.npz", "--json", "-") for _ in range(2))
+    found = json.loads(first.stdout)
+    assert first.stdout == again.stdout
+    assert {"segments", "program"} <= set(found)
+    origin = found["origin"]
+    assert origin["file"] == str(DATA / "button.npz")
+    assert origin["sha256"] == hashlib.sha256((DATA / "button.npz").read_bytes()).hexdigest()
+    assert (origin["preset"], origin["options"]) == ("default", {})
+    assert origin["version"] == installed_version()
+
+
+def test_several_recordings_are_a_line_and_a_file_each(tmp_path: Path):
+    copies(tmp_path / "taught", "one", "two")
+    (tmp_path / "taught" / "notes.txt").write_text("no recording")
+    done = caesura("segment", tmp_path / "taught", "--json", tmp_path / "found")
+    assert done.exit_code == 0, done.output
+    assert [line.partition(": ")[0] for line in done.stdout.splitlines()] == [
+        str(tmp_path / "taught" / f"{name}.npz") for name in ("one", "two")
+    ]
+    assert "wrench flange_sensor" in done.stdout
+    assert {file.name for file in (tmp_path / "found").iterdir()} == {"one.json", "two.json"}
+    assert json.loads((tmp_path / "found" / "two.json").read_text())["segments"]
+
+
+def test_a_recording_that_is_refused_does_not_stop_the_others(tmp_path: Path):
+    files = copies(tmp_path / "taught", "one", "two")
+    bad = tmp_path / "taught" / "bad.csv"
+    bad.write_text("t,px,py,pz\n0,1,2,3\n0.1,1,2\n", encoding="utf-8")
+    done = caesura("segment", files[0], bad, files[1], "--json", "-")
+    assert done.exit_code == 1
+    assert [json.loads(line)["origin"]["file"] for line in done.stdout.splitlines()] == [
+        str(f) for f in files
+    ]
+    assert "line 3 has 3 values, expected 4" in done.stderr
+    assert "1 of 3 recordings refused" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "words"),
+    [
+        (["a/one", "b/one"], ["--json", "found"], "would both be written to"),
+        (["a/one", "a/two"], ["--json", "found.json"], "expected a directory for 2 recordings, or -"),
+        (["a/one", "a/two"], ["--ask"], "--ask asks about one recording, and there are 2"),
+        ([], ["empty"], "empty: a directory without metadata.yaml, expected one of .npz"),
+    ],
+)
+def test_what_several_recordings_cannot_have_is_refused_before_one_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], options: list[str], words: str
+):
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    files = [copies(Path(name).parent, Path(name).name)[0] for name in names]
+    done = caesura("segment", *files, *options)
+    assert done.exit_code == 1
+    assert words in done.output
+    assert not done.stdout
+    assert not Path("found.json").exists()

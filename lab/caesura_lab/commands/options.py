@@ -15,6 +15,16 @@ from caesura_service.changepoint.presets import KNOWN_PRESETS, PRESETS
 RecordingFile = Annotated[Path, typer.Argument(help="Recording: npz, csv, MCAP, or a rosbag2.")]
 
 
+RecordingFiles = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILE...",
+        help="Recordings: npz, csv, MCAP, or a rosbag2. A directory stands for all recordings in it.",
+        show_default=False,
+    ),
+]
+
+
 def _known_preset(name: str) -> str:
     with reported():
         if name not in KNOWN_PRESETS:

@@ -1,13 +1,12 @@
-"""`caesura segment`: segments a recording, without a network."""
+"""`caesura segment`: segments recordings, without a network."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Answers
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -27,24 +26,67 @@ from caesura_clients.cli.result_tables import (
     phases_table,
     segments_table,
 )
-from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles
+from caesura_lab.commands.segment_output import STDOUT, check_output, outputs_of, write_line, write_result
 from caesura_lab.recording_warnings import recording_warnings, without_confirmed
-from caesura_protocol.errors import ProtocolError, SourceError
-from caesura_protocol.formats.read import load_recording
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
+from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.recording import Recording
 from caesura_protocol.sample_limits import HOLE_S
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.numba_support import has_kernels, is_compiled
-from caesura_service.offline_segmentation import as_json, segment_recording
+from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.view import PipelineView, notes_beside_tables
 
 SHOWN_GAPS = 5
 
 
+class _Job(NamedTuple):
+    """How each recording is read and segmented."""
+
+    reading: Reading
+    asked: ProgramOptions
+    mapping: Path | None
+    preset: str
+    threshold: float | None
+
+    def segmented(self, file: Path) -> _Segmented:
+        """Raises CaesuraError, ProtocolError."""
+        recording = load_recording(file, **self.reading._asdict(), mapping=self.mapping)
+        recording = replace(recording, setting=self.asked.setting().completed_by(recording.setting))
+        view = segmented(without_confirmed(recording), self.preset, self.threshold)
+        return _Segmented(file, recording, view, recording_warnings(recording, self.preset))
+
+    @property
+    def method(self) -> dict[str, Any]:
+        """What the results depend on beside the recording and what it states."""
+        options = {
+            **self.reading._asdict(),
+            **self.asked._asdict(),
+            "mapping": self.mapping,
+            "threshold": self.threshold,
+        }
+        stated = {
+            key: value if isinstance(value, float) else str(value)
+            for key, value in options.items()
+            if value is not None
+        }
+        return {"preset": self.preset, "options": stated}
+
+
+class _Segmented(NamedTuple):
+    """A recording with its results."""
+
+    file: Path
+    recording: Recording
+    view: PipelineView
+    warnings: tuple[str, ...]
+
+
 @grouped
 def segment(
-    file: RecordingFile,
+    files: RecordingFiles,
     *,
     preset: PresetName = DEFAULT_PRESET,
     threshold: Annotated[
@@ -52,7 +94,13 @@ def segment(
         typer.Option(help="Changepoints where their probability is above this, as in the thesis (0.2)."),
     ] = None,
     json_out: Annotated[
-        Path | None, typer.Option("--json", metavar="OUT", help="Write the results here.")
+        Path | None,
+        typer.Option(
+            "--json",
+            metavar="OUT",
+            help="Write the results here: a file; of several recordings a directory. With - they are "
+            "printed, and nothing else; of several a line each.",
+        ),
     ] = None,
     reading: Reading,
     asked: ProgramOptions,
@@ -62,24 +110,69 @@ def segment(
         typer.Option("--ask", help="Ask for columns, units, wrench source, hand, robot; keep the answers."),
     ] = False,
 ) -> None:
-    """Divide a recording into segments and show them with the task program."""
+    """Divide recordings into segments, and show them with the task program; of several, a line each.
+
+    The exit code is 1 where a recording is refused. The others of several are segmented.
+    """
     with reported():
-        if json_out is not None and not json_out.resolve().parent.is_dir():
-            raise SourceError(f"cannot write {json_out}: no such directory")
+        if json_out is not None:
+            check_output(json_out)
         if threshold is not None and not 0.0 <= threshold <= 1.0:
             raise SourceError(f"--threshold is {threshold}, expected a probability between 0 and 1")
+        found = recordings_of(files)
+        if ask and len(found) > 1:
+            raise SourceError(
+                f"--ask asks about one recording, and there are {len(found)}: ask about one, and use its "
+                "mapping for all with --mapping"
+            )
         if ask:
-            answered = ask_about(file)
+            answered = ask_about(found[0])
             mapping = answered.mapping or mapping
             reading, asked = _with_answers(reading, asked, answered.options)
-            typer.echo(f"next time: caesura segment {file} {_as_options(answered)}", err=True)
-        recording = load_recording(file, **reading._asdict(), mapping=mapping)
-        recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
-        view = segmented(without_confirmed(recording), preset, threshold)
-        warnings = recording_warnings(recording, preset)
+            typer.echo(f"next time: caesura segment {found[0]} {_as_options(answered)}", err=True)
+        job = _Job(reading, asked, mapping, preset, threshold)
+        if found != files or len(found) > 1:  # a directory may hold one
+            _segment_each(job, found, json_out)
+            return
+        (one,) = map(job.segmented, found)
         if json_out is not None:
-            _write(json_out, view, warnings)
-    Console().print(_shown(recording, preset, view, warnings))
+            write_result(json_out, one.file, one.view, one.warnings, job.method)
+    if json_out != STDOUT:
+        Console().print(_shown(one.recording, preset, one.view, one.warnings))
+
+
+def _segment_each(job: _Job, files: Sequence[Path], json_out: Path | None) -> None:
+    """Segment several recordings, a line for each. Raises CaesuraError, typer.Exit where one is refused."""
+    outputs = outputs_of(files, json_out)
+    refused = 0
+    for file in files:
+        try:
+            one = job.segmented(file)
+        except (CaesuraError, ProtocolError) as error:
+            refused += 1
+            typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
+            continue
+        if json_out == STDOUT:
+            write_line(file, one.view, one.warnings, job.method)
+            continue
+        if outputs is not None:
+            write_result(outputs[file], file, one.view, one.warnings, job.method)
+        typer.echo(_line(one))
+        for warning in one.warnings:
+            typer.echo(f"{file}: {warning}", err=True)
+    if refused:
+        typer.echo(f"{refused} of {len(files)} recordings refused", err=True)
+        raise typer.Exit(1)
+
+
+def _line(one: _Segmented) -> str:
+    """A recording and its results in a line."""
+    seconds = float(one.recording.t[-1] - one.recording.t[0])
+    found = {"segments": len(one.view.segments), "apps": len(one.view.apps), "gaps": len(one.view.gaps)}
+    counts = [f"{number} {what}" for what, number in found.items() if number or what != "gaps"]
+    wrench = one.view.wrench
+    source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
+    return f"{one.file}: {', '.join((f'{seconds:.2f} s', *counts, source))}"
 
 
 def _with_answers(
@@ -132,14 +225,6 @@ def announce_compilation() -> None:
         from caesura_service.prepare import prepare  # noqa: PLC0415
 
         prepare()
-
-
-def _write(path: Path, view: PipelineView, warnings: Sequence[str]) -> None:
-    written = as_json(view) | ({"warnings": list(warnings)} if warnings else {})
-    try:
-        path.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise SourceError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequence[str]) -> Group:

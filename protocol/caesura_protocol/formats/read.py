@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -236,6 +236,22 @@ _CONVERTED: Mapping[Quantity, str] = {"time": "t", "angle": "q", "force": "force
 def is_bag(path: Path) -> bool:
     """Whether a path is the directory of a rosbag2, and so one recording."""
     return (path / BAG_METADATA).is_file()
+
+
+def recordings_of(paths: Iterable[Path]) -> list[Path]:
+    """The recordings that are named, each once; a directory that is no rosbag2 stands for all in it, by name.
+
+    Raises RecordingError for a directory without one.
+    """
+    found: list[Path] = []
+    for path in paths:
+        inside = [path]
+        if path.is_dir() and not is_bag(path):
+            inside = sorted(one for one in path.iterdir() if one.suffix.lower() in _READERS or is_bag(one))
+            if not inside:
+                raise RecordingError(f"{path}: {_unknown(path)}")
+        found += inside
+    return list(dict.fromkeys(found))
 
 
 def _read(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecording:

@@ -1,0 +1,84 @@
+"""The results of `caesura segment` for other software: JSON in a file, in a directory, or on stdout."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from caesura_protocol.distribution import installed_version
+from caesura_protocol.errors import SourceError
+from caesura_service.offline_segmentation import as_json
+from caesura_service.segmentation.view import PipelineView
+
+STDOUT = Path("-")
+
+
+def check_output(out: Path) -> None:
+    """Raise SourceError where nothing can be written there."""
+    if out != STDOUT and not out.resolve().parent.is_dir():
+        raise SourceError(f"cannot write {out}: no such directory")
+
+
+def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] | None:
+    """Where the results of each recording go; None where they go into no file. Makes the directory.
+
+    Raises SourceError for a file in place of a directory, and for two recordings of one name.
+    """
+    if out is None or out == STDOUT:
+        return None
+    if out.exists() and not out.is_dir():
+        raise SourceError(f"--json {out} is a file, expected a directory for {len(files)} recordings, or -")
+    if not out.exists() and out.suffix:
+        raise SourceError(
+            f"--json {out} is the name of a file, expected a directory for {len(files)} recordings, or -"
+        )
+    outputs = {file: out / f"{file.stem}.json" for file in files}
+    first: dict[Path, Path] = {}
+    for file, output in outputs.items():
+        if (other := first.setdefault(output, file)) != file:
+            raise SourceError(f"{other} and {file} would both be written to {output}: segment them apart")
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise SourceError(f"cannot write {out}: {error.strerror}") from error
+    return outputs
+
+
+def write_result(
+    out: Path, file: Path, view: PipelineView, warnings: Sequence[str], method: Mapping[str, Any]
+) -> None:
+    """Write one result, or print it. Raises SourceError where it cannot be written."""
+    text = json.dumps(_result(file, view, warnings, method), indent=2)
+    if out == STDOUT:
+        typer.echo(text)
+        return
+    try:
+        out.write_text(f"{text}\n", encoding="utf-8")
+    except OSError as error:
+        raise SourceError(f"cannot write {out}: {error.strerror}") from error
+
+
+def write_line(file: Path, view: PipelineView, warnings: Sequence[str], method: Mapping[str, Any]) -> None:
+    """Print one result as a line."""
+    typer.echo(json.dumps(_result(file, view, warnings, method)))
+
+
+def _result(
+    file: Path, view: PipelineView, warnings: Sequence[str], method: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The results, with what they depend on: the same recording, method and version give the same."""
+    origin = {"file": str(file), "sha256": _digest(file), **method, "version": installed_version()}
+    return {"origin": origin, **as_json(view), **({"warnings": list(warnings)} if warnings else {})}
+
+
+def _digest(file: Path) -> str | None:
+    """The SHA-256 of a file; a directory has none."""
+    if not file.is_file():
+        return None
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

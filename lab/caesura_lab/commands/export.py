@@ -1,75 +1,126 @@
-"""`caesura export`: a recording in another format, as MCAP with its segments and its program."""
+"""`caesura export`: a recording in another format, as MCAP with its segments; several as a dataset."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.result_tables import ignored_line
-from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
+from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles
 from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
-from caesura_protocol.formats.read import load_recording
+from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.formats.write import WRITERS, check_writable
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.offline_segmentation import opening_of
+
+if TYPE_CHECKING:
+    from caesura_lab.export.session_export import SessionExport
 
 STATION = "file"  # what a file that came from no station is said to be of
 
 
 @grouped
 def export_recording(
-    file: RecordingFile,
+    files: RecordingFiles,
     *,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Where to: .mcap, .npz or .csv, or a new directory.")
+    ],
+    file_format: Annotated[
+        Literal["lerobot"] | None,
+        typer.Option("--format", help="A dataset, an episode each; else as the suffix of --out says."),
+    ] = None,
+    dataset: DatasetOptions,
     preset: PresetName = DEFAULT_PRESET,
     reading: Reading,
     asked: ProgramOptions,
     mapping: Mapping = None,
 ) -> None:
-    """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv.
+    """Write a recording in another format: .mcap with its segments for Foxglove and Rerun, .npz or .csv; or,
+    with --format lerobot, recordings as the episodes of a dataset, each by the name of its file.
 
     A rosbag2, a csv in another layout or an MCAP is converted to a form that every command reads. A session
     that was taught over the wire is exported by `caesura sessions export`.
     """
     with reported():
-        check_writable(out, ".mcap")
-        copied = out.suffix != ".mcap"  # without results, which a wrench that cannot be used would spoil
-        recording = load_recording(file, **reading._asdict(), mapping=mapping, as_stated=copied)
-        for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
-            if line:
-                typer.echo(line, err=True)
-        recording = replace(recording, setting=asked.setting().completed_by(recording.setting))
+        found = recordings_of(files)
+        if file_format is None:
+            _check_one(out, found, dataset)
+        else:
+            _check_names(found)
+            with import_extra("lerobot", "a dataset for LeRobot"):
+                import_module("pyarrow")
+        copied = out.suffix in WRITERS and file_format is None  # without results
+        recordings = []
+        for file in found:
+            recording = load_recording(file, **reading._asdict(), mapping=mapping, as_stated=copied)
+            for line in (ignored_line(recording), *recording.assumed, *recording.cautions, *recording.doubts):
+                if line:
+                    typer.echo(f"{file}: {line}" if len(found) > 1 else line, err=True)
+            recordings.append(replace(recording, setting=asked.setting().completed_by(recording.setting)))
         try:
-            if out.suffix == ".mcap":
-                _write_mcap(out, recording, preset)
+            if file_format is not None:
+                names = [file.stem for file in found]
+                taught = [_taught(one, preset, name) for one, name in zip(recordings, names, strict=True)]
+                done = write_dataset(out, taught, dataset)
             else:
-                WRITERS[out.suffix](out, recording)
+                done = _write_one(out, recordings[0], preset)
         except OSError as error:
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
-    typer.echo(f"{out}: {recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s")
+    typer.echo(f"{out}: {done}")
 
 
-def _write_mcap(out: Path, recording: Recording, preset: str) -> None:
-    with import_extra("mcap", "writing .mcap"):
-        written = import_module("caesura_lab.export.mcap_file")
+def _check_one(out: Path, files: Sequence[Path], dataset: DatasetOptions) -> None:
+    """Raise CaesuraError for what no file of one recording takes."""
+    if len(files) > 1:
+        raise CaesuraError(f"{len(files)} recordings for one file: several are for --format lerobot")
+    if dataset != DatasetOptions():
+        raise CaesuraError(f"{DATASET_OPTIONS} are for --format lerobot")
+    check_writable(out, ".mcap")
+
+
+def _check_names(files: Sequence[Path]) -> None:
+    """Raise CaesuraError for two recordings of one name: an episode goes by it."""
+    first: dict[str, Path] = {}
+    for file in files:
+        if (other := first.setdefault(file.stem, file)) != file:
+            raise CaesuraError(f"{other} and {file} would both be the episode {file.stem}: rename one")
+
+
+def _write_one(out: Path, recording: Recording, preset: str) -> str:
+    """Write one recording, and return what was written."""
+    if out.suffix == ".mcap":
+        with import_extra("mcap", "writing .mcap"):
+            written = import_module("caesura_lab.export.mcap_file")
+        written.write_mcap(out, _taught(recording, preset))
+    else:
+        WRITERS[out.suffix](out, recording)
+    return f"{recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s"
+
+
+def _taught(recording: Recording, preset: str, name: str | None = None) -> SessionExport:
+    """A recording with its results, as a session that was taught. name: of the session."""
     recording = without_confirmed(recording)
     view = segmented(recording, preset)
-    taught = import_module("caesura_lab.export.session_export").SessionExport(
+    opening = opening_of(recording, preset)
+    exported: type[SessionExport] = import_module("caesura_lab.export.session_export").SessionExport
+    return exported(
         station=STATION,
-        opening=opening_of(recording, preset),
+        opening=opening if name is None else opening.model_copy(update={"session": name}),
         recording=recording,
         began_s=max(0.0, -float(recording.t.min())),  # unknown; a time before 1970 cannot be written
         view=view,
         notes=(*view.notes, *recording.cautions),
         complete=True,
     )
-    written.write_mcap(out, taught)

@@ -8,12 +8,13 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import typer
 
 from caesura_clients.cli.connection_options import Station
 from caesura_clients.cli.options import grouped, reported
+from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, NotFound
 from caesura_protocol.recording import Recording
@@ -39,33 +40,6 @@ Directory = Annotated[
 ]
 Format = Literal["npz", "mcap", "lerobot"]
 Found = tuple[Key, list[PeerCopy]]  # a session, and where it is
-
-
-class DatasetOptions(NamedTuple):
-    """Options of `--format lerobot`."""
-
-    fps: Annotated[
-        int | None,
-        typer.Option(min=1, help="Frames a second; by default the samples' rate, at most 100."),
-    ] = None
-    task: Annotated[
-        str | None, typer.Option(help="What all sessions do; by default each session's name.")
-    ] = None
-    success: Annotated[
-        bool, typer.Option("--success", help="The sessions reached their goal, but those of --failed.")
-    ] = False
-    failed: Annotated[
-        list[str], typer.Option(metavar="SESSION", help="One that did not reach its goal; repeatable.")
-    ] = []  # noqa: RUF012 - typer copies it
-    without_language: Annotated[
-        bool, typer.Option("--without-language", help="Leave out what lerobot 0.4 refuses.")
-    ] = False
-
-    def success_of(self, names: list[str]) -> dict[str, bool]:
-        """Whether each session reached its goal, where that is stated. Raises CaesuraError."""
-        if unknown_names := sorted(set(self.failed) - set(names)):
-            raise CaesuraError(f"--failed {unknown_names[0]}: exported are {', '.join(names)}")
-        return {name: name not in self.failed for name in names if self.success or name in self.failed}
 
 
 @grouped
@@ -169,20 +143,7 @@ def _write_dataset(matches: list[Found], out: Path, asked: DatasetOptions) -> st
     for key, copies in matches:
         with _open_journal(copies[0].path) as journal:
             sessions.append(read_session_export(journal, *key))
-    episodes = import_module("caesura_lab.export.lerobot_dataset").write_sessions(
-        out,
-        sessions,
-        fps=asked.fps,
-        task=asked.task,
-        success=asked.success_of([session for (_, session), _ in matches]),
-        language=not asked.without_language,
-    )
-    frames = sum(episode.length for episode in episodes)
-    return f"{_counted(len(episodes), 'episode')}, {frames} frames at {episodes[0].fps} Hz"
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+    return write_dataset(out, sessions, asked)
 
 
 def _format_of(out: Path, asked: Format | None, names: list[str], dataset: DatasetOptions) -> Format:
@@ -203,7 +164,7 @@ def _format_of(out: Path, asked: Format | None, names: list[str], dataset: Datas
     if len(names) > 1:
         raise CaesuraError(f"{len(names)} sessions for one .{chosen} file: several are for --format lerobot")
     if dataset != DatasetOptions():
-        raise CaesuraError(f"--fps, --task, --success, --failed and --without-language are not for .{chosen}")
+        raise CaesuraError(f"{DATASET_OPTIONS} are not for .{chosen}")
     return chosen
 
 

@@ -1,0 +1,62 @@
+"""What `caesura export` and `caesura sessions export` take for a dataset of several demonstrations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from caesura_protocol.errors import CaesuraError
+
+if TYPE_CHECKING:
+    from caesura_lab.export.session_export import SessionExport
+
+DATASET_OPTIONS = "--fps, --task, --success, --failed and --without-language"
+
+
+class DatasetOptions(NamedTuple):
+    """Options of `--format lerobot`."""
+
+    fps: Annotated[
+        int | None,
+        typer.Option(min=1, help="Frames a second; by default the samples' rate, at most 100."),
+    ] = None
+    task: Annotated[
+        str | None, typer.Option(help="What is done in all of them; by default the name of each.")
+    ] = None
+    success: Annotated[
+        bool, typer.Option("--success", help="They reached their goal, but those of --failed.")
+    ] = False
+    failed: Annotated[
+        list[str], typer.Option(metavar="NAME", help="One that did not reach its goal; repeatable.")
+    ] = []  # noqa: RUF012 - typer copies it
+    without_language: Annotated[
+        bool, typer.Option("--without-language", help="Leave out what lerobot 0.4 refuses.")
+    ] = False
+
+    def success_of(self, names: Sequence[str]) -> dict[str, bool]:
+        """Whether each session reached its goal, where that is stated. Raises CaesuraError."""
+        if unknown_names := sorted(set(self.failed) - set(names)):
+            raise CaesuraError(f"--failed {unknown_names[0]}: exported are {', '.join(names)}")
+        return {name: name not in self.failed for name in names if self.success or name in self.failed}
+
+
+def write_dataset(out: Path, taught: Sequence[SessionExport], asked: DatasetOptions) -> str:
+    """Write demonstrations as a dataset, and return what was written. Raises CaesuraError, OSError."""
+    episodes = import_module("caesura_lab.export.lerobot_dataset").write_sessions(
+        out,
+        taught,
+        fps=asked.fps,
+        task=asked.task,
+        success=asked.success_of([one.opening.session for one in taught]),
+        language=not asked.without_language,
+    )
+    frames = sum(episode.length for episode in episodes)
+    return f"{_counted(len(episodes), 'episode')}, {frames} frames at {episodes[0].fps} Hz"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -23,6 +23,7 @@ class Sine:
     force_frame = "base"
     length_unit = "m"
     can_wait = False  # a live robot does not
+    # robot = "my_arm"  # a name of `caesura robots`: joints, q1 to q7, are read as those of this arm
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds

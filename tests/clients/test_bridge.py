@@ -296,6 +296,7 @@ def test_what_the_ring_no_longer_has_is_refused_and_the_oldest_is_named(memory):
         (np.ones(4), "shape"),
         (np.array([[0.0, 1.0, np.nan, 1.0]]), "py is nan"),
         (np.array([[np.inf, 1.0, 1.0, 1.0]]), "t is inf"),
+        ([[0.0, 1.0, 1.0, 1.0]], r"chunk is a list, expected an array of numbers \(k, 4\)"),
     ],
 )
 def test_what_cannot_be_sent_is_refused_here_and_harms_nothing(memory, chunk, message):
@@ -378,4 +379,22 @@ def test_a_source_that_declares_an_unknown_unit_is_refused_by_name(memory):
     source = LiveSource()
     source.wrench_source = "sensor"
     with pytest.raises(SourceError, match="wrench_source is 'sensor', expected one of flange_sensor"):
+        Bridge(memory.transport(), "cell-1", source)
+
+
+@pytest.mark.parametrize(("robot", "stated"), [("my_arm", "my_arm"), (None, None), (object(), None)])
+def test_a_source_states_its_arm(memory, robot, stated):
+    """An arm of one's own was a setting of the cell, stated nowhere: joints were read as a Panda's."""
+    source = LiveSource()
+    source.robot = robot
+    with FakeService(memory.transport()) as service, Bridge(memory.transport(), "cell-1", source) as bridge:
+        bridge.send(samples(10))
+        bridge.finish()
+    assert service.openings[0].robot == stated
+
+
+def test_an_arm_without_a_possible_name_is_refused(memory):
+    source = LiveSource()
+    source.robot = "My Arm"
+    with pytest.raises(SourceError, match="robot is 'My Arm', expected a name as of `caesura robots`"):
         Bridge(memory.transport(), "cell-1", source)

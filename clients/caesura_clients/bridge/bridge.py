@@ -29,6 +29,8 @@ from datetime import datetime
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.bridge.marker_queue import MarkerQueue
 from caesura_clients.bridge.replay import ReplayServer
@@ -39,7 +41,7 @@ from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
 from caesura_clients.editing import mark
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
-from caesura_protocol.keys import check_name, service_key, station_key
+from caesura_protocol.keys import NAME_PATTERN, check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
 from caesura_protocol.plausibility import FirstSecond
 from caesura_protocol.pose_reading import PoseReadings
@@ -369,7 +371,7 @@ class Bridge:
         self._is_open = True
 
     def _check_units(self, rows: Chunk) -> None:
-        if rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
+        if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != len(self._open.columns):
             return  # the sender refuses it
         if (found := self._first_second.look(rows)) is not None:
             raise SourceError(f"the source: {found}. {unit_remedy(found, self._open.length_unit)}")
@@ -384,6 +386,16 @@ def new_bridge_name() -> str:
     """Names this bridge among all: `{host}-{process}-{4 hex}`."""
     host = re.sub("[^a-z0-9]+", "-", socket.gethostname().lower()).strip("-")[:40] or "bridge"
     return f"{host}-{os.getpid()}-{secrets.token_hex(2)}"
+
+
+def _robot_of(source: Source) -> CellSettings:
+    """Which arm the source states; one may keep the driver of its arm under the same name."""
+    name = getattr(source, "robot", None)
+    if not isinstance(name, str):
+        return UNSET
+    if not re.fullmatch(NAME_PATTERN, name):
+        raise SourceError(f"robot is {name!r}, expected a name as of `caesura robots`")
+    return CellSettings(robot=name)
 
 
 def _opening(
@@ -412,7 +424,7 @@ def _opening(
         length_unit=source.length_unit,
         preset=preset,
         bridge=new_bridge_name(),
-        **setting.completed_by(getattr(source, "setting", UNSET))._asdict(),
+        **setting.completed_by(getattr(source, "setting", UNSET)).completed_by(_robot_of(source))._asdict(),
         declared_units=getattr(source, "declared_units", ()),
         assumed=getattr(source, "assumed", ()),
         description=description,

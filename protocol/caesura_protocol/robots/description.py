@@ -118,10 +118,8 @@ def robot_description(name: str) -> RobotDescription:
             raise RobotError(f"{path}: name is {description.name!r}, which the robot in {other} has")
         return description
     _check_folder()
-    own = (
-        f"the path of a {FILE} as --robot, or a robot of the folder that {FOLDER} names; "
-        f"a live session needs {FOLDER} at the service too, from its start"
-    )
+    # A service's refusal has room for 200 characters.
+    own = f"the path of a {FILE} as --robot, or a folder {FOLDER}, for a live session at the service too"
     raise RobotError(f"robot {name!r} is not known, expected one of {', '.join(known)}; {own}")
 
 
@@ -191,9 +189,7 @@ def _read(path: Path) -> RobotDescription:
     except OSError as error:
         raise RobotError(f"{path}: cannot be read: {error.strerror}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the description"
-        raise RobotError(f"{path}: {where}: {first['msg']}, got {str(first['input'])[:80]}") from error
+        raise RobotError(f"{path}: {_found(error)}") from error
     except ValueError as error:
         raise RobotError(f"{path}: no JSON: {error}") from error
     description = description.model_copy(update={"folder": path.parent.resolve()})
@@ -201,6 +197,16 @@ def _read(path: Path) -> RobotDescription:
         raise RobotError(f"{path}: urdf is {description.urdf!r}, which is no file beside it")
     _check_size(description.urdf_path)
     return description
+
+
+def _found(error: ValidationError) -> str:
+    """What is wrong with a description: all fields that are missing, or the first one that is off."""
+    errors = error.errors()
+    if missing := [str(one["loc"][0]) for one in errors if one["type"] == "missing" and len(one["loc"]) == 1]:
+        return f"has no {', '.join(missing)}; docs/robots.md, A new arm, has every field with its unit"
+    first = errors[0]
+    where = ".".join(map(str, first["loc"])) or "the description"
+    return f"{where}: {first['msg']}, got {str(first['input'])[:80]}"
 
 
 def _check_size(path: Path) -> None:

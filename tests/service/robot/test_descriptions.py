@@ -162,6 +162,15 @@ def test_a_wrong_description_is_refused_by_field(tmp_path: Path, changed: dict[s
         robot_description(str(folder(tmp_path, **changed)))
 
 
+def test_all_fields_that_are_missing_are_named_at_once(tmp_path: Path) -> None:
+    """An arm from a URDF has twelve fields to find: the error named one at a time."""
+    (tmp_path / "robot.json").write_text('{"name": "planar", "urdf": "planar.urdf", "payload_kg": -1}')
+    with pytest.raises(
+        RobotError, match=r"has no title, joints, flange, acceleration_limits, .*, wrench_source;"
+    ):
+        robot_description(str(tmp_path / "robot.json"))
+
+
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"robot.json: cannot be read: No such file"):
         robot_description(str(tmp_path))

@@ -25,7 +25,9 @@ class Mark(NamedTuple):
 class Source(Protocol):
     """One robot, or something that plays one.
 
-    A source whose robot reports a hand-guiding button also has `button_pressed`: see the function below.
+    A source whose robot reports a hand-guiding button also has `button_pressed`: see the function below. One
+    that sends joints states its arm with `robot`, a name as of `caesura robots`. Without it seven joints are
+    read as those of a Panda, and other joints without a position are refused.
     """
 
     @property

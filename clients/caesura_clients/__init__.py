@@ -16,7 +16,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from caesura_clients.client import Caesura, connect
     from caesura_clients.results import Update
-    from caesura_protocol.errors import CaesuraError, NotFound, SourceError, Unreachable
+    from caesura_protocol.errors import (
+        AccessDenied,
+        CaesuraError,
+        NotFound,
+        ProtocolError,
+        SourceError,
+        Unreachable,
+    )
     from caesura_protocol.errors import NotFound as Absent
     from caesura_protocol.errors import SourceError as BadSource
 
@@ -25,8 +32,10 @@ _PLACES = {
     "Caesura": ("caesura_clients.client", "Caesura"),
     "connect": ("caesura_clients.client", "connect"),
     "Update": ("caesura_clients.results", "Update"),
+    "AccessDenied": ("caesura_protocol.errors", "AccessDenied"),
     "CaesuraError": ("caesura_protocol.errors", "CaesuraError"),
     "NotFound": ("caesura_protocol.errors", "NotFound"),
+    "ProtocolError": ("caesura_protocol.errors", "ProtocolError"),
     "SourceError": ("caesura_protocol.errors", "SourceError"),
     "Unreachable": ("caesura_protocol.errors", "Unreachable"),
     "Absent": ("caesura_protocol.errors", "NotFound"),
@@ -35,10 +44,12 @@ _PLACES = {
 
 __all__ = [
     "Absent",
+    "AccessDenied",
     "BadSource",
     "Caesura",
     "CaesuraError",
     "NotFound",
+    "ProtocolError",
     "SourceError",
     "Unreachable",
     "Update",

@@ -6,10 +6,11 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
 from caesura_clients import describing, program_editing, query
 from caesura_clients.bridge import Bridge, BridgeSettings, Source
@@ -17,9 +18,11 @@ from caesura_clients.editing import edit, preview
 from caesura_clients.following import follow
 from caesura_clients.query import SessionInfo
 from caesura_clients.results import Update
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.extremes import unpack_points
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import (
+    COLUMNS_OF_SIGNAL,
     Ack,
     Action,
     BridgeAck,
@@ -40,9 +43,17 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
+from caesura_protocol.sample_runs import SPEED
 from caesura_protocol.transport.endpoints import ENDPOINT_VARIABLE
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
+from caesura_protocol.validation_words import first_finding
+
+A = TypeVar("A", bound=BaseModel)
+SAMPLED = (
+    *(name for names in COLUMNS_OF_SIGNAL.values() for name in names),
+    SPEED,
+)  # what `samples` may have
 
 
 class Caesura:
@@ -90,8 +101,11 @@ class Caesura:
         """The samples of a session from t0 to tn [s] by column, each an array (n, 2) of times and values.
 
         Of each of `bins` bins the least and the greatest sample of every column. columns: such as `px`, `fz`,
-        `speed`; all that the session has where none is named. `query.samples` also states the holes.
+        `speed`; all that the session has where none is named, and of those that are named, too.
+        `query.samples` also states the holes. Raises CaesuraError for a name that no column has.
         """
+        if unknown := [name for name in columns if name not in SAMPLED]:
+            raise CaesuraError(f"unknown column {unknown[0]!r}, known: {', '.join(SAMPLED)}")
         wanted = SampleRange(t0, tn, bins, tuple(columns))
         return unpack_points(query.samples(self.transport, station, session, wanted))
 
@@ -99,25 +113,25 @@ class Caesura:
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None
     ) -> Ack:
         """End a segment at a time [s] and begin the next; for all of them see `editing.edit`."""
-        return self._edit(station, session, Insert(t=t), author, revision)
+        return self._edit(station, session, _made(Insert, t=t), author, revision)
 
     def remove(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None
     ) -> Ack:
         """Make one segment of the two that meet in the changepoint near a time [s]."""
-        return self._edit(station, session, Remove(t=t), author, revision)
+        return self._edit(station, session, _made(Remove, t=t), author, revision)
 
     def move(
         self, station: str, session: str, t: float, to: float, *, author: str, revision: int | None = None
     ) -> Ack:
         """Put the changepoint near a time [s] somewhere else."""
-        return self._edit(station, session, Move(t=t, to=to), author, revision)
+        return self._edit(station, session, _made(Move, t=t, to=to), author, revision)
 
     def relabel(
         self, station: str, session: str, t: float, kind: Kind, *, author: str, revision: int | None = None
     ) -> Ack:
         """Say what the segment is in which a time [s] lies."""
-        return self._edit(station, session, Relabel(t=t, kind=kind), author, revision)
+        return self._edit(station, session, _made(Relabel, t=t, kind=kind), author, revision)
 
     def limit_force(
         self,
@@ -130,13 +144,13 @@ class Caesura:
         revision: int | None = None,
     ) -> Ack:
         """Limit the force [N] of the app in whose time t [s] lies; None: only the cell's limit."""
-        return self._edit(station, session, LimitForce(t=t, newton=newton), author, revision)
+        return self._edit(station, session, _made(LimitForce, t=t, newton=newton), author, revision)
 
     def name_phase(
         self, station: str, session: str, t: float, name: str, *, author: str, revision: int | None = None
     ) -> Ack:
         """Name the phase in which a time [s] lies; the program's group of its apps has that name."""
-        return self._edit(station, session, NamePhase(t=t, name=name), author, revision)
+        return self._edit(station, session, _made(NamePhase, t=t, name=name), author, revision)
 
     def undo(
         self,
@@ -148,7 +162,7 @@ class Caesura:
         revision: int | None = None,
     ) -> Ack:
         """Take a correction back; number: as `Program.corrections` lists it, by default the last one."""
-        action = Undo() if number is None else TakeBack(number=number)
+        action = Undo() if number is None else _made(TakeBack, number=number)
         return self._edit(station, session, action, author, revision)
 
     def redo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
@@ -218,6 +232,14 @@ class Caesura:
             settings=settings,
             description=description,
         )
+
+
+def _made(action: type[A], **fields: Any) -> A:
+    """An action with these fields. Raises ProtocolError `malformed` as the service does, for a wrong one."""
+    try:
+        return action(**fields)
+    except ValidationError as error:
+        raise ProtocolError("malformed", first_finding(error)) from error
 
 
 def connect(

@@ -73,6 +73,8 @@ def describe(transport: Transport, station: str, session: str, *, author: str, *
 
 def changed(before: Description, **changes: Any) -> Description:
     """A description with other values in some fields. Raises CaesuraError, which names the field."""
+    if unknown := sorted(set(changes) - set(Description.model_fields)):
+        raise CaesuraError(f"unknown field {unknown[0]}, known: {', '.join(Description.model_fields)}")
     try:
         return Description.model_validate({**before.model_dump(), **changes})
     except ValidationError as error:

@@ -14,7 +14,7 @@ from caesura_clients.query import (
     sessions,
 )
 from caesura_protocol.codec import encode, encode_error
-from caesura_protocol.errors import AccessDenied, NotFound, ProtocolError, Unreachable
+from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import SampleRange, service_key, session_key, station_key
 from caesura_protocol.messages import Budget, Program, RecordedSamples, ServiceStatus, StationBudgets, Undo
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, QueryReplies, unanswered
@@ -282,3 +282,30 @@ def test_a_refusal_is_raised_as_it_is(caesura, service):
     service.refusals[station_key("cell-1", "program")] = encode_error(refusal)
     with pytest.raises(ProtocolError, match="not now"):
         caesura.program("cell-1")
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda c: c.relabel("cell-1", "s1", 1.0, "grab", author="Ann"), "kind is 'grab', expected 'motion'"),
+        (
+            lambda c: c.limit_force("cell-1", "s1", 1.0, -3, author="Ann"),
+            "newton is -3, expected greater than",
+        ),
+        (
+            lambda c: c.insert("cell-1", "s1", float("nan"), author="Ann"),
+            "t is nan, expected a finite number",
+        ),
+        (
+            lambda c: c.describe("cell-1", "s1", author="Ann", tasks="wipe"),
+            "unknown field tasks, known: task, ",
+        ),
+        (lambda c: c.samples("cell-1", "s1", 0.0, 1.0, columns=["f_z"]), "unknown column 'f_z', known: px, "),
+    ],
+    ids=["kind", "force", "time", "field", "column"],
+)
+def test_a_value_that_cannot_be_is_an_error_of_caesura_and_names_it(caesura, service, made, words):
+    """Pydantic's error reached scripts; a mistyped field or column was left out in silence."""
+    service.snapshots = [snapshot(9, "motion", session="s1")]
+    with pytest.raises((ProtocolError, CaesuraError), match=words):
+        made(caesura)

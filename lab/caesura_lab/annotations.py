@@ -184,7 +184,9 @@ def truth_of(content: Mapping[str, Any], name: str) -> Truth:
             screws=_each(content, "screws", _screw_stroke),
         )
     except KeyError as error:
-        raise TruthError(f"{name}: {error.args[0]!r} is missing") from error
+        raise TruthError(
+            f"{name}: {error.args[0]!r} is missing; docs/annotation.md, The file, has an example"
+        ) from error
     except ValueError as error:
         raise TruthError(f"{name}: {error}") from error
 

@@ -206,3 +206,16 @@ def test_forces_in_kilonewtons_are_doubted_and_a_clean_recording_is_not():
     (doubt,) = replace(recording, signals=kilo).doubts
     assert "are they in kN? State --force-unit kN" in doubt
     assert replace(recording, signals=kilo, wrench_source="joint_torque_estimate").doubts == ()
+
+
+def test_the_doctor_looks_at_a_table_of_other_software(tmp_path: Path):
+    """As recordings.md states it: the option was missing."""
+    with np.load(DATA / "button.npz") as taught:
+        rows = np.column_stack([taught["t"] * 1e3, taught["pos"] * 1e3])[::10]
+    log, mapping = tmp_path / "log.csv", tmp_path / "log.toml"
+    np.savetxt(log, rows, delimiter=";", header="Zeit [ms];X;Y;Z", comments="", fmt="%.6f")
+    columns = "".join(f'p{one.lower()} = {{ column = "{one}", unit = "mm" }}\n' for one in "XYZ")
+    mapping.write_text(f'delimiter = ";"\n[time]\ncolumn = "Zeit [ms]"\nunit = "ms"\n[columns]\n{columns}')
+    done = caesura("doctor", "--file", log, "--mapping", mapping)
+    assert done.exit_code == 0, done.output
+    assert "100 Hz" in done.output

@@ -28,8 +28,12 @@ def doctor(
     seconds: Annotated[
         float, typer.Option(min=1.0, max=600.0, metavar="S", help="How long it listens to the stations.")
     ] = LISTEN_S,
-    file: Annotated[Path | None, typer.Option(help="Look at a recording instead, npz or csv.")] = None,
+    file: Annotated[Path | None, typer.Option(help="Look at a recording instead.")] = None,
     reading: Reading,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(help="Names and units in a csv or rosbag2 of other software (docs/recordings.md)."),
+    ] = None,
     as_json: Json = False,
     endpoint: Connect = None,
     config: Config = None,
@@ -43,6 +47,7 @@ def doctor(
             recording = load_recording(
                 file,
                 **reading._asdict(),
+                mapping=mapping,
                 check_units=False,  # a finding of its own
             )
             found = list(examine_recording(recording))

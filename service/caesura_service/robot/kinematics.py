@@ -35,6 +35,9 @@ START_POSTURES, START_SEED = 1000, 0  # drawn within the joint limits, from whic
 STARTS_TRIED, START_STEPS = 20, 40  # the nearest of them; steps from each
 METRES_PER_RAD = 0.3  # of turn, where the nearest is sought
 
+REVOLUTE = {"JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"}  # with limits
+SLACK_RAD = 1e-3  # by which a posture may be beyond a limit: it is written with few digits
+
 
 class ReachError(ValueError):
     """The pose cannot be reached within the joint limits; the message names the distance that is left."""
@@ -368,15 +371,37 @@ def load_robot(robot: str | RobotDescription) -> Robot:
     except ValueError as error:
         raise RobotError(f"{path}: no URDF: {error}") from error
     joints = tuple(model.names)[1:]  # the first is pinocchio's own, of the world
-    if joints != description.joints or model.nq != len(joints):
-        stated = f"{description.name} states {list(description.joints)}: expected the same, revolute"
+    if joints != description.joints:
+        stated = (
+            f"{description.name} states {list(description.joints)}: expected the same in the same order. "
+            "Make other joints, such as a gripper's, fixed in the URDF"
+        )
         raise RobotError(f"{path}: movable joints are {list(joints)}, but {stated}")
+    for name, joint in zip(joints, tuple(model.joints)[1:], strict=True):
+        if (kind := joint.shortname()) not in REVOLUTE:
+            raise RobotError(
+                f"{path}: joint {name} is {kind.removeprefix('JointModel')}, expected revolute with "
+                "limits; fixed where it is no joint of the arm"
+            )
     for frame in filter(None, (description.flange, description.tool)):
         if not model.existFrame(frame):
             raise RobotError(f"{path}: has no frame {frame!r}, which {description.name} states")
+    _check_postures(model, description)
     if description.motor_inertia:
         model.armature = np.array(description.motor_inertia)
     return Robot(model, description)
+
+
+def _check_postures(model: pin.Model, description: RobotDescription) -> None:
+    """Raises RobotError for a posture that the joints do not reach."""
+    for joint, name in enumerate(description.joints):
+        lowest, highest = model.lowerPositionLimit[joint], model.upperPositionLimit[joint]
+        for number, posture in enumerate(description.postures):
+            if not lowest - SLACK_RAD <= posture[joint] <= highest + SLACK_RAD:
+                raise RobotError(
+                    f"{description.folder}: postures[{number}] has {posture[joint]:g} rad for joint {name}, "
+                    f"expected {lowest:.4g} to {highest:.4g}: are they degrees?"
+                )
 
 
 def load_panda() -> Robot:

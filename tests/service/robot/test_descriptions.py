@@ -234,7 +234,13 @@ def test_an_unusable_robot_is_named_beside_the_list_of_the_others(
         (
             URDF.replace('"elbow" type="revolute"', '"elbow" type="continuous"'),
             {},
-            "expected the same, revolute",
+            "joint elbow is RUBZ, expected revolute with limits",
+        ),
+        (URDF, {"joints": ["elbow", "shoulder"]}, "expected the same in the same order. Make other joints"),
+        (
+            URDF,
+            {"postures": [[0.0, 57.3]]},
+            r"postures\[0\] has 57.3 rad for joint elbow, .*: are they degrees",
         ),
         (URDF, {"flange": "tip"}, "has no frame 'tip', which planar states"),
         (URDF, {"tool": "gripper"}, "has no frame 'gripper', which planar states"),

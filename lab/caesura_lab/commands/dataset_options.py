@@ -22,7 +22,7 @@ class DatasetOptions(NamedTuple):
 
     fps: Annotated[
         int | None,
-        typer.Option(min=1, help="Frames a second; by default the samples' rate, at most 100."),
+        typer.Option(min=1, metavar="N", help="Frames a second; by default the samples' rate, at most 100."),
     ] = None
     task: Annotated[
         str | None, typer.Option(help="What is done in all of them; by default the name of each.")

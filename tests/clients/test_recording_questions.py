@@ -227,3 +227,36 @@ def test_torques_of_joints_are_as_many_as_the_joints(tmp_path: Path, capsys: pyt
 
     ask_about(arm_log(tmp_path / "log.csv"), ask)
     assert "3 columns, expected 0 or 2, each once" in capsys.readouterr().out
+
+
+def table(path: Path, header: str, row: str) -> Path:
+    rows = (f"{i / 100},0.4,0,0.3,{row}" for i in range(50))
+    path.write_text("\n".join([f"t,x,y,z,{header}", *rows]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "expected"),
+    [
+        ("Q0,Q1,Q2,Q3", "0.5,0.5,0.5,0.5", {"qw": "Q0", "qx": "Q1", "qy": "Q2", "qz": "Q3"}),
+        ("q1,q2,q3,q4", "0,1,0,0", {}),
+        ("q1,q2,q3,q4", "0,1,0,0.3", {"q1": "q1", "q2": "q2", "q3": "q3", "q4": "q4"}),
+        ("joint_0,joint_1,joint_2", "1,2,3", {"q1": "joint_0", "q2": "joint_1", "q3": "joint_2"}),
+        ("j0,j1,tau_J0,tau_J1", "1,2,3,4", {"q1": "j0", "q2": "j1", "tau1": "tau_J0", "tau2": "tau_J1"}),
+    ],
+)  # fmt: skip
+def test_joints_that_are_counted_from_zero_and_quaternions_are_distinguished(
+    tmp_path: Path, header: str, row: str, expected: dict[str, str]
+):
+    """`Q0 Q1 Q2 Q3` were proposed as three joints, and `joint_1` of `joint_0` on as the first one."""
+    found = dict(guessed(read_layout(table(tmp_path / "log.csv", header, row))).columns)
+    assert {
+        column: name for column, name in found.items() if column not in ("t", "px", "py", "pz")
+    } == expected
+
+
+def test_a_quaternion_with_the_names_of_joints_is_refused(tmp_path: Path):
+    file = table(tmp_path / "own.csv", "q1,q2,q3,q4", "0,1,0,0")
+    file.write_text(file.read_text(encoding="utf-8").replace("x,y,z", "px,py,pz"), encoding="utf-8")
+    with pytest.raises(RecordingError, match="norm 1 in every sample, as a quaternion has"):
+        load_recording(file)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from caesura_protocol.formats.csv_text import (
 from caesura_protocol.formats.foreign_csv import MOST_RAD, SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.formats.sample_checks import is_quaternion
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 from caesura_protocol.plausibility import METRES, RADIANS, implausible, likely_opening_unit
 from caesura_protocol.recording import STATED, RecordingError
@@ -109,6 +110,8 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
         if column in ALIASES
     }
     named = {column: name for column, name in found.items() if name is not None}
+    named |= _counted_from_zero(layout, "q") | _counted_from_zero(layout, "tau")
+    named = _with_quaternion(layout, named)
     whole = {"t", *(column for names in signal_columns(named).values() for column in names)}
     columns = {column: name for column, name in named.items() if column in whole}
     others = [name for name in layout.header if name not in columns.values()]
@@ -121,6 +124,32 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
         columns=columns,
         units=likely_units(layout, columns),
     )
+
+
+def _counted_from_zero(layout: CsvLayout, signal: str) -> dict[str, str]:
+    """The columns of a joint signal where the file counts from 0: `q0` is the first joint."""
+    plain = {_plain(name): name for name in layout.header}
+    columns = COLUMNS_OF_SIGNAL[signal]
+    stems = [name[:-1] for name in plain if name.endswith("0") and f"{name[:-1]}1" in ALIASES[columns[0]]]
+    if not stems:
+        return {}
+    names = takewhile(plain.__contains__, (f"{stems[0]}{number}" for number in range(len(columns))))
+    return {column: plain[name] for column, name in zip(columns, names, strict=False)}
+
+
+def _with_quaternion(layout: CsvLayout, named: Mapping[str, str]) -> dict[str, str]:
+    """The columns, without four joints whose squares add up to 1: these are a quaternion.
+
+    `q0 q1 q2 q3` have w first. The order of `q1 q2 q3 q4` is not known, so they are left out.
+    """
+    columns = COLUMNS_OF_SIGNAL["q"]
+    joints = [named[column] for column in columns if column in named]
+    if not is_quaternion(np.column_stack([layout.numbers(name) for name in joints]) if joints else None):
+        return dict(named)
+    others = {column: name for column, name in named.items() if column not in columns}
+    if "qx" in named or _plain(joints[0]) != "q0":
+        return others
+    return {**others, **dict(zip(("qw", "qx", "qy", "qz"), joints, strict=True))}
 
 
 def with_turns(layout: CsvLayout, guess: MappingAnswers) -> MappingAnswers:

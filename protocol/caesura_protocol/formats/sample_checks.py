@@ -15,6 +15,7 @@ from caesura_protocol.plausibility import LEAST_SAMPLES, METRES, likely_opening_
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERANCE, WIDEST_M
 
+QUATERNION_NORM = 1e-3  # by which that of a quaternion with few digits differs from 1
 SHOWN = 3  # steps back that are listed
 FAR_S = 1e6  # from here on times are shown from the first sample on: six digits do not separate them
 REPEATED_SHARE = 0.1
@@ -135,7 +136,19 @@ def check_clock(recording: Recording) -> None:
             )
 
 
+def is_quaternion(joints: NDArray[np.float64] | None) -> bool:
+    """Whether four joints (n, 4) are a quaternion: their squares add up to 1 in every sample."""
+    if joints is None or joints.ndim != 2 or joints.shape[1] != 4 or len(joints) < LEAST_SAMPLES:
+        return False
+    return bool((np.abs(np.linalg.norm(joints, axis=1) - 1.0) < QUATERNION_NORM).all())
+
+
 def _wrong_values(recording: Recording) -> Iterator[str]:
+    if is_quaternion(recording.signals.get("q")):
+        yield (
+            "q1 to q4 have norm 1 in every sample, as a quaternion has and joints have not: name the columns "
+            "qx, qy, qz, qw as they are, or the array quat"
+        )
     if "quat" in recording.signals:
         norms = np.linalg.norm(recording.signals["quat"], axis=1)
         if (row := _first(np.abs(norms - 1.0) > NORM_TOLERANCE)) is not None:

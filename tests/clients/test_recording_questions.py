@@ -169,6 +169,11 @@ def test_options_that_contradict_are_blamed_and_not_the_file(tmp_path: Path):
         ("t;load-x [Nm];load-y [Nm];load-z [Nm]", {"t", "mx", "my", "mz"}),
         ("t;spot x_mm;spot y_mm;spot z_mm", {"t", "px", "py", "pz"}),
         ("t;x;y;z;goal x [m];goal y [m];goal z [m]", {"t", "px", "py", "pz"}),
+        ("t;tcp_x;tcp_y;tcp_z;flange_x;flange_y;flange_z", {"t", "px", "py", "pz"}),
+        ("__time;/ee/pose/position/x;/ee/pose/position/y;/ee/pose/position/z", {"t", "px", "py", "pz"}),
+        ("%time;field.wrench.force.x;field.wrench.force.y;field.wrench.force.z", {"t", "fx", "fy", "fz"}),
+        ("t;/a/position/x;/a/position/y;/a/position/z;/b/position/x;/b/position/y;/b/position/z", {"t"}),
+        ("time;O_T_EE[12];O_T_EE[13];O_T_EE[14];q[0];q[1]", {"t", "px", "py", "pz", "q1", "q2"}),
         ("t;goal x [m];goal y [m];goal z [m];seen x [m];seen y [m];seen z [m]", {"t"}),
         ("t;speed x [m/s];speed y [m/s];speed z [m/s];left x [m];left y [m]", {"t"}),
     ],
@@ -260,3 +265,9 @@ def test_a_quaternion_with_the_names_of_joints_is_refused(tmp_path: Path):
     file.write_text(file.read_text(encoding="utf-8").replace("x,y,z", "px,py,pz"), encoding="utf-8")
     with pytest.raises(RecordingError, match="norm 1 in every sample, as a quaternion has"):
         load_recording(file)
+
+
+def test_the_flange_is_proposed_before_a_tool_centre_point(tmp_path: Path):
+    file = tmp_path / "log.csv"
+    file.write_text("t,tcp_x,tcp_y,tcp_z,flange_x,flange_y,flange_z\n0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n")
+    assert guessed(read_layout(file)).columns["px"] == "flange_x"

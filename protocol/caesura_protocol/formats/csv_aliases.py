@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
 
 #: Names of each signal's columns, without case, unit and separators. {a}: the axis; {n}: the number from 1
-#: on; {i}: that from 0 on, as RTDE counts, whose wrench has its moments from {k} on.
+#: on; {i}: that from 0 on, as RTDE counts, whose wrench has its moments from {k} on;
+#: {m}: that in libfranka's O_T_EE, a matrix column by column.
 _SPELLINGS: Mapping[str, str] = {
     "t": """
         time timestamp seconds elapsed elapsedtime stamp timestep sampletime
@@ -15,7 +16,7 @@ _SPELLINGS: Mapping[str, str] = {
     """,
     "pos": """
         {a} pos{a} position{a} {a}pos {a}position tcp{a} tcppos{a} tcpposition{a} ee{a} eepos{a} eeposition{a}
-        flange{a} tool{a} coordinate{a} {a}coordinate poseposition{a} positionee{a} actualtcppose{i}
+        flange{a} tool{a} coordinate{a} {a}coordinate poseposition{a} positionee{a} actualtcppose{i} otee{m}
         flansch{a} lage{a} tcplage{a} koordinate{a} {a}koordinate tcpkoordinate{a} werkzeug{a}
     """,
     "quat": "quat{a} quaternion{a} orientation{a} poseorientation{a} orientierung{a}",
@@ -47,7 +48,7 @@ _SPELLINGS: Mapping[str, str] = {
 
 def _names(column: str, index: int, spellings: str) -> frozenset[str]:
     """Every name of a column, the one of this index in its signal."""
-    counted = {"a": column[-1], "i": index, "n": index + 1, "k": index + 3}
+    counted = {"a": column[-1], "i": index, "n": index + 1, "k": index + 3, "m": index + 12}
     return frozenset({column, *(spelling.format(**counted) for spelling in spellings.split())})
 
 

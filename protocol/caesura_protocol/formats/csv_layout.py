@@ -36,6 +36,7 @@ DELIMITERS = (";", "\t", "|", ",", BLANK)  # in this order: a comma may be a dec
 MOST_ROWS = 2000  # that are looked at
 MOST_COLUMNS = 500
 MOST_SHOWN = 40  # characters of a line, in an error
+FLANGE = ("flange", "flansch")
 KNOWN_BY_UNIT = ("force", "torque", "pos")
 PLACES = {name for signal in ("pos", "q") for name in COLUMNS_OF_SIGNAL[signal]}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
@@ -104,11 +105,7 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
 
     A signal that has no known name may be known by its unit: see `_by_unit`.
     """
-    found = {
-        column: next((name for name in layout.header if _plain(name) in ALIASES[column]), None)
-        for column in SIGNAL_OF_COLUMN
-        if column in ALIASES
-    }
+    found = {column: _called(layout.header, aliases) for column, aliases in ALIASES.items()}
     named = {column: name for column, name in found.items() if name is not None}
     named |= _counted_from_zero(layout, "q") | _counted_from_zero(layout, "tau")
     named = _with_quaternion(layout, named)
@@ -124,6 +121,29 @@ def guessed(layout: CsvLayout) -> MappingAnswers:
         columns=columns,
         units=likely_units(layout, columns),
     )
+
+
+def _called(header: Collection[str], aliases: Collection[str]) -> str | None:
+    """The column with one of these names, the flange's before others; else the only one whose path ends so.
+
+    >>> _called(["tcp_x", "flange_x"], {"tcpx", "flangex"}), _called(["field.pose.position.x"], {"positionx"})
+    ('flange_x', 'field.pose.position.x')
+    """
+    named = [name for name in header if _plain(name) in aliases]
+    if named:
+        return next((name for name in named if _plain(name).startswith(FLANGE)), named[0])
+    ending = [name for name in header if any(_plain(end) in aliases for end in _endings(name))]
+    return ending[0] if len(ending) == 1 else None
+
+
+def _endings(name: str) -> list[str]:
+    """The ends of a path of two or more parts, as a topic of ROS has it.
+
+    >>> _endings("/ee/pose/position/x")
+    ['pose/position/x', 'position/x']
+    """
+    parts = re.split(r"[/.]", name.strip("/."))
+    return ["/".join(parts[first:]) for first in range(1, len(parts) - 1)]
 
 
 def _counted_from_zero(layout: CsvLayout, signal: str) -> dict[str, str]:
@@ -249,6 +269,7 @@ def _numbered(count: int) -> tuple[str, ...]:
 
 
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+_INDEX = re.compile(r"[\[(](\d+)[\])]")  # as in q[0]
 _BRACKETS = re.compile(r"[\[(<]\s*([^\])>]*)\s*[\])>]")
 # As in `x_mm`, `x in mm` and `x/mm`, and not the `s` of `v m/s`.
 _TRAILING_UNIT = re.compile(
@@ -263,7 +284,7 @@ def _plain(name: str) -> str:
     >>> _plain("TCP_Position.X [mm]"), _plain("time_ms"), _plain("Öffnung")
     ('tcppositionx', 'time', 'oeffnung')
     """
-    bare = _BRACKETS.sub("", name)
+    bare = _BRACKETS.sub("", _INDEX.sub(r"\1", name))
     bare = _TRAILING_UNIT.sub("", bare)
     return re.sub(r"[^a-z0-9]", "", bare.lower().translate(_UMLAUTS))
 

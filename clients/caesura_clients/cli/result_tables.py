@@ -252,7 +252,7 @@ def _why(refusal: Refusal) -> str:
 
 def _gaps(status: SessionStatus, clock: SessionClock) -> str:
     """How many, how long, and when the newest were."""
-    lost = f", {status.lost} batches lost" if status.lost else ""
+    lost = f", {status.lost} {'batch' if status.lost == 1 else 'batches'} lost" if status.lost else ""
     at_end = any(
         gap.t0 == gap.tn for gap in status.gaps
     )  # nothing came behind it, so its length is not known

@@ -35,6 +35,7 @@ from caesura_protocol.formats.sample_checks import (
     check_clock,
     check_time_steps,
     check_values,
+    leaping_places,
     left_out,
     stray_places,
 )
@@ -138,7 +139,7 @@ def load_recording(
     if check_units:
         check_clock(recording)
     slow = slow_pose(recording.t, recording.signals)
-    of_places = filter(None, (slow, stray_places(recording)))
+    of_places = filter(None, (slow, stray_places(recording), leaping_places(recording)))
     recording = replace(recording, cautions=(*left_out(recording), *of_places))
     return recording if as_stated else _with_usable_wrench(recording)
 

@@ -20,6 +20,7 @@ SHOWN = 3  # steps back that are listed
 FAR_S = 1e6  # from here on times are shown from the first sample on: six digits do not separate them
 REPEATED_SHARE = 0.1
 MOST_STRAY = 3  # samples that follow each other
+LEVEL = 2 * MOST_STRAY + 1  # samples whose median is where a place is, though some of them stray
 LEAST_LEAP_S = 0.01  # times of samples that came in a burst are closer
 #: Factor and unit of a recording's places, and the speed and the leap above which no arm's are.
 LEAPS: Mapping[str, Callable[[Recording], tuple[float, str, float, float]]] = {
@@ -106,6 +107,31 @@ def stray_places(recording: Recording) -> str | None:
         f"{recording.place(row).capitalize()}: {signal} leaps by {leapt:.3g} {unit} and comes back. "
         f"{stray.sum()} of {t.size} samples lie so apart from those before and after. Are they lost values? "
         "Leave these samples out."
+    )
+
+
+def leaping_places(recording: Recording) -> str | None:
+    """Name places from which the robot goes on elsewhere at once, faster than an arm can; else None.
+
+    A base frame that was changed, or two recordings in one file. Values that come back are `stray_places`.
+    """
+    signal = "pos" if "pos" in recording.signals else "q"
+    scale, unit, speed, least = LEAPS[signal](recording)
+    t, places = recording.t, scale * recording.signals[signal]
+    steps = _distances(places[:-1], places[1:])
+    found = []
+    for row in np.flatnonzero(steps > least + speed * np.maximum(np.diff(t), LEAST_LEAP_S)).tolist():
+        before, after = places[max(0, row + 1 - LEVEL) : row + 1], places[row + 1 : row + 1 + LEVEL]
+        settled = np.array([np.median(before, axis=0), np.median(after, axis=0)])
+        if _distances(settled[:1], settled[1:])[0] > 0.5 * steps[row]:
+            found.append(row + 1)
+    if not found:
+        return None
+    more = f" So it does {len(found) - 1} more times." if len(found) > 1 else ""
+    leapt = f"{signal} leaps by {steps[found[0] - 1]:.3g} {unit}"
+    return (
+        f"{recording.place(found[0]).capitalize()}: {leapt}, faster than an arm moves, and goes on from "
+        f"there.{more} Was a frame changed, or are these two recordings? Divide the file there."
     )
 
 

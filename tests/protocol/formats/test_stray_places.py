@@ -46,15 +46,24 @@ def test_the_leap_is_in_metres_and_of_joints_in_radians(tmp_path: Path) -> None:
         WAY,
         WAY[::-1] * 8.0,  # 4.8 m/s, turning back
         np.repeat(WAY[::33], 33, axis=0)[:1000],
-        np.where(T < 0.5, 0.0, 1.0)[:, None] * WAY,  # a leap that does not come back
         WAY + np.random.default_rng(0).normal(0.0, 0.002, WAY.shape),
     ],
-    ids=["smooth", "fast", "held", "moved", "noise"],
+    ids=["smooth", "fast", "held", "noise"],
 )
 def test_what_a_robot_does_is_not(tmp_path: Path, places: np.ndarray) -> None:
     np.savez(tmp_path / "x.npz", t=T, pos=places, wrench_source="none")
     found = load_recording(tmp_path / "x.npz", length_unit="m").cautions
     assert [one for one in found if "leaps" in one] == []
+
+
+def test_a_leap_that_does_not_come_back_is_named_as_one(tmp_path: Path) -> None:
+    """Two recordings in one file, or another base frame from there on, were one movement in silence."""
+    (caution,) = cautions(tmp_path, pos=np.where(T < 0.5, 0.0, 1.0)[:, None] * WAY)
+    assert caution.startswith(
+        "Sample 500: pos leaps by 0.511 m, faster than an arm moves, and goes on from there."
+    )
+    assert "Divide the file there" in caution
+    assert cautions(tmp_path, pos=WAY[np.r_[:500, 500:1000:1]]) == ()
 
 
 def test_two_samples_are_no_leap(tmp_path: Path) -> None:

@@ -62,7 +62,13 @@ from caesura_service.segmentation.observation_store import ObservationStore, for
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
-from caesura_service.segmentation.view import ASSUMED_ROBOT, NO_GRIPPER, Pipeline, PipelineView
+from caesura_service.segmentation.view import (
+    ASSUMED_ROBOT,
+    NO_GRIPPER,
+    UNREAD_JOINTS,
+    Pipeline,
+    PipelineView,
+)
 from caesura_service.signals import (
     Conditioner,
     ConditioningOutput,
@@ -191,6 +197,7 @@ class SegmentationPipeline:
             self._in_use.note,
             *([NO_GRIPPER] if without else []),
             *([ASSUMED_ROBOT] if assumed else []),
+            *([UNREAD_JOINTS] if layout.has("q") and not layout.has_orientation else []),
             *of_file,
         )
         self._conditioner = Conditioner(layout)

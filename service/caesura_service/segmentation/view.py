@@ -32,6 +32,10 @@ from caesura_service.segmentation.corrections import ResolvedEdit
 ASSUMED_ROBOT = (
     "Robot not stated: its seven joints are read as those of a Panda. State --robot where it is another one."
 )
+UNREAD_JOINTS = (
+    "Robot not stated: no orientation is computed from its joints, and targets have none. State --robot, or "
+    "send qx qy qz qw."
+)
 NO_GRIPPER = (
     "No gripper state: a light load (with preset default below about 0.75 kg) is shown as motion. "
     "Send the column gripper where the robot has one."

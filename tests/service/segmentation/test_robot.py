@@ -19,7 +19,7 @@ from caesura_protocol.robots import description
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import ASSUMED_ROBOT
+from caesura_service.segmentation.view import ASSUMED_ROBOT, UNREAD_JOINTS
 
 DATA = Path(__file__).parents[3] / "data"
 POSE = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
@@ -96,6 +96,16 @@ def test_six_joints_beside_a_pose_need_no_robot() -> None:
     layout = layout_of(opening((*POSE, *SIX)))
     assert layout.joints == 6
     assert not layout.needs_robot
+
+
+def test_that_joints_of_an_unstated_arm_give_no_orientation_is_stated(tmp_path: Path) -> None:
+    """Six joints beside a position were left unread in silence, as in a log of UR's RTDE."""
+    taught = replace(load_recording(DATA / "button.npz"), setting=UNSET, wrench_source="none")
+    beside = {"pos": taught.signals["pos"], "q": taught.signals["q"][:, :6]}
+    posed = beside | {"quat": taught.signals["quat"]}
+    assert UNREAD_JOINTS in segment_recording(replace(taught, signals=beside)).notes
+    assert UNREAD_JOINTS not in segment_recording(replace(taught, signals=posed)).notes
+    assert UNREAD_JOINTS not in segment_recording(taught).notes
 
 
 def test_that_joints_are_read_as_a_pandas_is_said_where_it_matters() -> None:

@@ -271,3 +271,22 @@ def test_the_flange_is_proposed_before_a_tool_centre_point(tmp_path: Path):
     file = tmp_path / "log.csv"
     file.write_text("t,tcp_x,tcp_y,tcp_z,flange_x,flange_y,flange_z\n0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n")
     assert guessed(read_layout(file)).columns["px"] == "flange_x"
+
+
+def test_the_frame_of_the_force_is_asked_without_an_orientation_too(tmp_path: Path):
+    """It was answered with base in silence, and the mapping stated it."""
+    terminal = Terminal(Force="5 6 7", Where="flange_sensor", Was="yes")
+    ask_about(odd(tmp_path / "odd.csv"), terminal)
+    (words,) = [words for words, _ in terminal.asked if words.startswith("In which frame")]
+    assert "need an orientation, which is missing here" in words
+
+
+def test_a_proposed_mapping_states_no_frame_of_the_force(tmp_path: Path):
+    """Who took it as it was had a frame stated that nobody had looked at."""
+    file = table(tmp_path / "log.csv", "fx,fy,fz", "1,2,3")
+    with pytest.raises(UnknownColumnsError) as error:
+        load_recording(file)
+    (tmp_path / "log.toml").write_text(error.value.example, encoding="utf-8")
+    assert "force_frame" not in error.value.example
+    found = load_recording(file, mapping=tmp_path / "log.toml", wrench_source="flange_sensor")
+    assert any("Frame of the force: base, assumed" in one for one in found.assumed)

@@ -23,6 +23,7 @@ from caesura_protocol.robots import robot_names
 NAMES = {"t": "the time", **dict.fromkeys(TURNS, "the angles")}  # in the question for their unit
 Ask = Callable[..., str]  # words of the question, default=
 EMPTY = "nothing is assumed here:"
+NEEDS_ORIENTATION = " Those in the axes of the flange need an orientation, which is missing here"
 NONE = "-"  # answers that the file has no such column, or that nothing is stated
 #: Signals with one question each; the joints and their torques are asked for together.
 ASKED = {
@@ -149,10 +150,9 @@ def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str])
         ask, "Was the robot guided by hand?", HANDS_ON_ROBOT, stated.get("hand_on_robot", "unknown")
     )
     if {"force", "torque"} & set(signals):
-        frames = FORCE_FRAMES if {"quat", *TURNS} & set(signals) else ("base",)
-        found["force_frame"] = _chosen(
-            ask, "In which frame are the forces?", frames, stated.get("force_frame", "base")
-        )
+        turned = {"quat", "q", *TURNS} & set(signals)
+        words = "In which frame are the forces?" + ("" if turned else NEEDS_ORIENTATION)
+        found["force_frame"] = _chosen(ask, words, FORCE_FRAMES, stated.get("force_frame", "base"))
         found["force_of"] = _chosen(ask, WHOSE, ("environment", "robot"), "environment")
     robot = _chosen(
         ask, f"Which robot? {NONE} for another", (NONE, *robot_names()), stated.get("robot", NONE)

@@ -389,7 +389,8 @@ def _foreign(path: Path) -> UnknownColumnsError:
     return UnknownColumnsError(
         f"{path}: has the columns {', '.join(header[:MOST_NAMED])}{more}; expected t, and px py pz or "
         "q1 to q7. --mapping FILE names the columns of other software (docs/recordings.md)",
-        mapping_text(guess._replace(columns={**asked, **guess.columns})),
+        # The frame of the force is not known: a mapping that states one would hide that it is assumed.
+        mapping_text(guess._replace(columns={**asked, **guess.columns}, force_frame=None)),
     )
 
 

@@ -246,3 +246,14 @@ def test_what_several_recordings_cannot_have_is_refused_before_one_is_read(
     assert words in done.output
     assert not done.stdout
     assert not Path("found.json").exists()
+
+
+def test_what_is_not_read_of_a_file_is_stated_in_a_line_and_in_json(tmp_path: Path):
+    rows = "\n".join(f"{i},{i / 100},{0.4 + 0.001 * i},0,0.3" for i in range(100))
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.csv").write_text(f",t,px,py,pz\n{rows}\n", encoding="utf-8")
+    done = caesura("segment", tmp_path)
+    assert f"{tmp_path / 'one.csv'}: note: ignored a column without a name" in done.stderr
+    assert "1 segment, 1 app, wrench none" in done.stdout
+    done = caesura("segment", tmp_path, "--json", "-")
+    assert [json.loads(line)["ignored"] for line in done.stdout.splitlines()] == [[""], [""]]

@@ -83,6 +83,12 @@ class _Segmented(NamedTuple):
     view: PipelineView
     warnings: tuple[str, ...]
 
+    @property
+    def findings(self) -> dict[str, list[str]]:
+        """Warnings, and what of the file was not read, where there are any."""
+        found = {"warnings": list(self.warnings), "ignored": list(self.recording.ignored)}
+        return {name: words for name, words in found.items() if words}
+
 
 @grouped
 def segment(
@@ -136,7 +142,7 @@ def segment(
             return
         (one,) = map(job.segmented, found)
         if json_out is not None:
-            write_result(json_out, one.file, one.view, one.warnings, job.method)
+            write_result(json_out, one.file, one.view, one.findings, job.method)
     if json_out != STDOUT:
         Console().print(_shown(one.recording, preset, one.view, one.warnings))
 
@@ -153,12 +159,12 @@ def _segment_each(job: _Job, files: Sequence[Path], json_out: Path | None) -> No
             typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
             continue
         if json_out == STDOUT:
-            write_line(file, one.view, one.warnings, job.method)
+            write_line(file, one.view, one.findings, job.method)
             continue
         if outputs is not None:
-            write_result(outputs[file], file, one.view, one.warnings, job.method)
+            write_result(outputs[file], file, one.view, one.findings, job.method)
         typer.echo(_line(one))
-        for warning in one.warnings:
+        for warning in filter(None, (*one.warnings, _ignored(one.recording), _repeats(one.view))):
             typer.echo(f"{file}: {warning}", err=True)
     if refused:
         typer.echo(f"{refused} of {len(files)} recordings refused", err=True)
@@ -169,7 +175,11 @@ def _line(one: _Segmented) -> str:
     """A recording and its results in a line."""
     seconds = float(one.recording.t[-1] - one.recording.t[0])
     found = {"segments": len(one.view.segments), "apps": len(one.view.apps), "gaps": len(one.view.gaps)}
-    counts = [f"{number} {what}" for what, number in found.items() if number or what != "gaps"]
+    counts = [
+        f"{number} {what[:-1] if number == 1 else what}"
+        for what, number in found.items()
+        if number or what != "gaps"
+    ]
     wrench = one.view.wrench
     source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
     return f"{one.file}: {', '.join((f'{seconds:.2f} s', *counts, source))}"
@@ -249,14 +259,26 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
     )
 
 
+def _ignored(recording: Recording) -> str:
+    """What of a file was not read, without its name; empty where everything was."""
+    return ignored_line(recording).replace(f"{recording.name}: ", "", 1)
+
+
+def _repeats(view: PipelineView) -> str:
+    """How many samples were dropped; empty where none was."""
+    if not view.repeats:
+        return ""
+    verb, whose = ("was", "its") if view.repeats == 1 else ("were", "their")
+    return f"{view.repeats} of {view.samples} samples {verb} dropped: {whose} time did not advance"
+
+
 def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> Iterator[str]:
     """What a reader must know of what is not in the tables."""
     yield from map(clock.text, notes_beside_tables(view))
     if ignored := ignored_line(recording):
         yield ignored
-    if view.repeats:
-        verb, whose = ("was", "its") if view.repeats == 1 else ("were", "their")
-        yield f"{view.repeats} of {view.samples} samples {verb} dropped: {whose} time did not advance"
+    if repeats := _repeats(view):
+        yield repeats
     for gap in view.gaps[:SHOWN_GAPS]:
         yield f"nothing is known between {clock.shown(gap.t0)} s and {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:

@@ -50,10 +50,10 @@ def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] |
 
 
 def write_result(
-    out: Path, file: Path, view: PipelineView, warnings: Sequence[str], method: Mapping[str, Any]
+    out: Path, file: Path, view: PipelineView, findings: Mapping[str, Any], method: Mapping[str, Any]
 ) -> None:
     """Write one result, or print it. Raises SourceError where it cannot be written."""
-    text = json.dumps(_result(file, view, warnings, method), indent=2)
+    text = json.dumps(_result(file, view, findings, method), indent=2)
     if out == STDOUT:
         typer.echo(text)
         return
@@ -63,17 +63,19 @@ def write_result(
         raise SourceError(f"cannot write {out}: {error.strerror}") from error
 
 
-def write_line(file: Path, view: PipelineView, warnings: Sequence[str], method: Mapping[str, Any]) -> None:
+def write_line(
+    file: Path, view: PipelineView, findings: Mapping[str, Any], method: Mapping[str, Any]
+) -> None:
     """Print one result as a line."""
-    typer.echo(json.dumps(_result(file, view, warnings, method)))
+    typer.echo(json.dumps(_result(file, view, findings, method)))
 
 
 def _result(
-    file: Path, view: PipelineView, warnings: Sequence[str], method: Mapping[str, Any]
+    file: Path, view: PipelineView, findings: Mapping[str, Any], method: Mapping[str, Any]
 ) -> dict[str, Any]:
     """The results, with what they depend on: the same recording, method and version give the same."""
     origin = {"file": str(file), "sha256": _digest(file), **method, "version": installed_version()}
-    return {"origin": origin, **as_json(view), **({"warnings": list(warnings)} if warnings else {})}
+    return {"origin": origin, **as_json(view), **findings}
 
 
 def _digest(file: Path) -> str | None:

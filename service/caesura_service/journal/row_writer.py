@@ -15,6 +15,19 @@ T = TypeVar("T")
 
 _AT_ONCE = (64, 8, 1)  # rows that one statement writes: each size is one more statement to keep
 
+COMMIT_PART = 1 << 20  # [bytes] of records in one transaction: as much room, and more, it needs on the disk
+
+
+def portions(rows: Sequence[RecordRow]) -> Iterator[Sequence[RecordRow]]:
+    """Split rows, in order, where they take COMMIT_PART; yield at least one portion, empty without rows."""
+    first, size = 0, 0
+    for place, row in enumerate(rows):
+        if size >= COMMIT_PART:
+            yield rows[first:place]
+            first, size = place, 0
+        size += row.size
+    yield rows[first:]
+
 
 def write_rows(database: sqlite3.Connection, rows: Sequence[RecordRow]) -> None:
     """Insert rows, in a transaction of the caller; one that is there already is skipped and counts once."""

@@ -46,7 +46,7 @@ from caesura_service.journal.journal import (
 from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.reserve import SIZE, Reserve
 from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
-from caesura_service.journal.row_writer import write_rows
+from caesura_service.journal.row_writer import portions, write_rows
 from caesura_service.journal.rows import (
     RecordRow,
     SessionRow,
@@ -97,7 +97,6 @@ DROPS = 32  # sessions at one look
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
 PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
 OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
-COMMIT_PART = 1 << 20  # [bytes] of records in one transaction: as much room, and more, it needs on the disk
 FREED = 256 << 10  # [bytes] of the file, on a full disk, that deletions have freed beside what is written
 OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
 
@@ -208,7 +207,7 @@ class SqliteJournal:
                 rows = self._waiting[:]
             if not rows and self._error is None:
                 return
-            for portion in _portions(rows):
+            for portion in portions(rows):
                 try:
                     self._leave_room(sum(row.size for row in portion))
                     with map_sqlite_errors(self.path), transaction(self._database):
@@ -628,17 +627,6 @@ class SqliteJournal:
                 return
             for row in page:
                 yield record_of(session.key, row)
-
-
-def _portions(rows: Sequence[RecordRow]) -> Iterator[Sequence[RecordRow]]:
-    """Split rows, in order, where they take COMMIT_PART; yield at least one portion, empty without rows."""
-    first, size = 0, 0
-    for place, row in enumerate(rows):
-        if size >= COMMIT_PART:
-            yield rows[first:place]
-            first, size = place, 0
-        size += row.size
-    yield rows[first:]
 
 
 def _disk_free(path: Path) -> int | None:

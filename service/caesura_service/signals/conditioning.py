@@ -232,7 +232,7 @@ class Conditioner:
             assert grid is not None, "rows come from a grid"
             state, happened = self._take(state, grid.anchor, block)
             events += happened
-        state, ready = self._released(state)
+        state, ready = self._released(state, grid)
         self._grid, self._state = grid, state
         self._broken = self._broken and not resampled.blocks
         self._samples += len(samples)
@@ -255,7 +255,7 @@ class Conditioner:
         state, events = self._take(self._state, grid.anchor, rest)
         events += self._gripper.finish(state.gripper, grid.anchor)
         tare = self._taring.interrupted(state.tare, "the demonstration ended within the tare window")
-        self._state, ready = self._released(state._replace(tare=tare))
+        self._state, ready = self._released(state._replace(tare=tare), grid)
         self._grid, self._finished = grid, True
         return ConditioningOutput(ready, gripper_events=events)
 
@@ -337,15 +337,14 @@ class Conditioner:
         self._arithmetic.speeds_of(rows, first, self._filter.taps[1], lever, speeds)
         return speeds
 
-    def _released(self, state: _State) -> tuple[_State, tuple[Observation, ...]]:
+    def _released(self, state: _State, grid: GridState | None) -> tuple[_State, tuple[Observation, ...]]:
         """Hand out the waiting rows as observations once the tare is known."""
         tares, tare = state.tare, state.tare.tare
-        if tare is None or not state.waiting:
+        if tare is None or grid is None or not state.waiting:
             return state, ()
         turned, bias, recent, observations = state.turned, state.bias, state.recent, []
         for filtered in state.waiting:
-            after_s = filtered.number / self.parameters.segmentation_hz
-            tares = tares.checked(filtered.measured_n, filtered.speed, after_s)
+            tares = tares.checked(filtered.measured_n, filtered.speed, filtered.t - grid.anchor)
             tare = tares.tare or tare
             row = tared_row(filtered.row, self._columns, tare, self._arithmetic)
             if self._columns.orientation is not None:

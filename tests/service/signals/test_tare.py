@@ -131,7 +131,19 @@ def test_a_tare_that_was_a_contact_is_withdrawn_once_free_motion_shows_it(torque
     assert conditioner.tare == (0.0, 0.0, 0.0)
     assert "withdrawn" in conditioner.tare_note
     doubt = conditioner.tare_doubt
-    assert "The 16.3 N that the tare took off were a contact: 1.7 s after the start" in doubt
+    assert "The 16.3 N that the tare took off were a contact: 1.8 s after the start" in doubt
+
+
+@pytest.mark.parametrize("start_s", [0.0, 1.7e9])
+def test_the_time_of_a_withdrawal_counts_a_gap(start_s: float) -> None:
+    """It was the number of observations, and none describes a gap."""
+    conditioner = Conditioner(SampleLayout(COLUMNS, wrench_source="flange_sensor"))
+    t = times(500.0, 4.0)
+    pressed = along((3.0, 0.0, 16.0), (t < 1.0).astype(float))
+    place = along((0.3, 0.0, 0.0), np.maximum(t - 1.5, 0.0))
+    later = t + 10.0 * (t > 1.2) + start_s
+    together(conditioner, [np.column_stack([later, place, pressed])])
+    assert "11.8 s after the start" in conditioner.tare_doubt
 
 
 def test_a_tare_is_withdrawn_at_the_same_observation_however_samples_come() -> None:

@@ -344,7 +344,8 @@ class Conditioner:
             return state, ()
         turned, bias, recent, observations = state.turned, state.bias, state.recent, []
         for filtered in state.waiting:
-            tares = tares.checked(filtered.measured_n, filtered.speed, filtered.t - grid.anchor)
+            force, after_s = filtered.row[self._columns.force], filtered.t - grid.anchor
+            tares = tares.checked(filtered.measured_n, force, filtered.speed, after_s)
             tare = tares.tare or tare
             row = tared_row(filtered.row, self._columns, tare, self._arithmetic)
             if self._columns.orientation is not None:

@@ -7,7 +7,8 @@ Once the demonstration runs, rest in free space and rest in contact look alike i
 would take a contact off as bias. For the same reason whatever presses on the robot throughout the tare
 window is taken for bias: a demonstration begins free. One that begins in motion, with more force than a bias
 and a weight explain, was cut from a longer one and begins in contact: it has no tare. One that begins at rest
-with so much has a tare until a fast free movement shows that it was a contact.
+with so much has a tare until a fast free movement shows that it was a contact. A fast movement that the tare
+leaves without a force shows that it is bias, and it stays: a load that opposes a bias looks like free space.
 
 The bias of the force is taken off in the base frame, where the weight of a tool is constant; what wanders
 with the pose afterwards is left to the segment models. The bias of the torque is taken off in the flange's
@@ -23,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import GRAVITY, LOAD_KG, REST_M_PER_S
+from caesura_service.constants import GRAVITY, LOAD_KG, REST_M_PER_S, TARED_BIAS_N
 
 Array = NDArray[np.float64]
 
@@ -144,7 +145,8 @@ def _rounded(vector: Array) -> str:
 class TareState(NamedTuple):
     """The window so far. Once the tare is known, the window is not needed any more.
 
-    free: observations up to now that are free space without this tare, where it may be a contact.
+    Where it may be a contact, observations in a row up to now that are free space: `free` without this tare,
+    and `biased` with it.
     """
 
     tare: Tare | None = None
@@ -152,18 +154,27 @@ class TareState(NamedTuple):
     speeds: Array = np.empty(0)
     torques: Array = np.empty((0, 3))  # none where there is no torque
     free: int = 0
+    biased: int = 0
 
-    def checked(self, measured_n: float | None, speed_m_per_s: float, after_s: float) -> TareState:
-        """Return the state after an observation: a tare that was a contact is withdrawn.
+    def checked(
+        self, measured_n: float | None, force: Array, speed_m_per_s: float, after_s: float
+    ) -> TareState:
+        """Return the state after an observation: a tare that was a contact is withdrawn, but no proven bias.
 
-        measured_n: length of its force, not tared [N], None without a wrench; after_s: since the start [s].
+        measured_n: length of its force, not tared [N], None without a wrench; force: (3,) [N] base frame,
+        filtered and not tared; after_s: since the start [s].
         """
-        if self.tare is None or measured_n is None or not self.tare.may_be_contact:
+        if self.tare is None or measured_n is None or self.biased >= FREE_OBSERVATIONS:
             return self
-        is_free = speed_m_per_s > FREE_M_PER_S and measured_n < UNTARED_BIAS_N
-        free = self.free + 1 if is_free else 0
+        if not self.tare.may_be_contact:
+            return self
+        is_fast = speed_m_per_s > FREE_M_PER_S
+        free = self.free + 1 if is_fast and measured_n < UNTARED_BIAS_N else 0
+        # A press that slides has friction, which it did not have at rest: 3 N of 16 N and more.
+        left_n = math.dist(force.tolist(), self.tare.bias or ORIGIN)
+        biased = self.biased + 1 if is_fast and left_n < TARED_BIAS_N else 0
         if free < FREE_OBSERVATIONS:
-            return self._replace(free=free)
+            return self._replace(free=free, biased=biased)
         return TareState(self.tare.withdrawn(after_s))
 
 

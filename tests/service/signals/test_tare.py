@@ -165,6 +165,37 @@ def test_a_tare_that_may_be_none_else_stays(
     assert "Tared at the start" in conditioner.tare_note
 
 
+def bias_and_load(
+    bias: tuple[float, float, float], friction_n: float, *, freely: bool
+) -> tuple[Conditioner, Array]:
+    """A sensor with a bias: a fast movement, then what opposes the bias, carried fast from 3 s to 5 s."""
+    t = times(500.0, 7.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.1, (len(t), 3))
+    is_laden, first = (t > 3.0) & (t < 5.0), np.clip(t - 1.0, 0.0, 1.0)
+    force = noise + np.array(bias) - along(bias, is_laden.astype(float))
+    force -= along((friction_n, 0.0, 0.0), ((t > 1.0) & (t < 2.0)).astype(float))
+    place = along((0.3 if freely else 0.05, 0.0, 0.0), first) + along(
+        (0.3, 0.0, 0.0), np.clip(t - 3.2, 0.0, 1.5)
+    )
+    conditioner = Conditioner(SampleLayout(COLUMNS, wrench_source="flange_sensor"))
+    found = together(conditioner, [np.column_stack([t, place, force])]).observations
+    return conditioner, column(found, "force_base")
+
+
+def test_a_tare_that_left_no_force_in_a_fast_movement_is_not_withdrawn() -> None:
+    """A load of 1.2 kg took a bias of 12 N for a contact, and the rest of the session had none taken off."""
+    conditioner, force = bias_and_load((0.0, 0.0, 12.0), 0.0, freely=True)
+    assert conditioner.tare == pytest.approx((0.0, 0.0, 12.0), abs=0.05)
+    assert "Tared at the start" in conditioner.tare_note
+    assert_allclose(force[55:], 0.0, atol=0.2)
+
+
+@pytest.mark.parametrize(("friction_n", "freely"), [(0.0, False), (3.0, True)], ids=["slow", "it slides"])
+def test_a_slow_movement_or_one_with_friction_proves_no_bias(friction_n: float, freely: bool) -> None:
+    conditioner, _ = bias_and_load((0.0, 0.0, 16.0), friction_n, freely=freely)
+    assert "withdrawn" in conditioner.tare_note
+
+
 def test_the_bias_is_the_mean_of_the_window_itself() -> None:
     conditioner, force = demonstration(noise_n=0.0)
     assert conditioner.tare == pytest.approx(tuple(BIAS), abs=1e-12)

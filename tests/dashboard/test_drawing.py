@@ -115,3 +115,16 @@ def test_a_bias_is_taken_off_where_it_and_the_samples_are_in_one_frame(updates, 
     one = replace(updates[0], status=updates[0].status.model_copy(update={"wrench": wrench}))
     _, payload = delta(SentState(), one)
     assert (payload["frame"], payload["tare"]) == (frame, tare)
+
+
+def test_a_force_whose_tare_is_withdrawn_is_drawn_as_measured(updates):
+    """Its panel had the title "force without its bias", and nothing was taken off."""
+    status = updates[0].status
+    tares = [(3.0, 0.0, 16.0), (0.0, 0.0, 0.0)]
+    reports = [status.wrench.model_copy(update={"frame": "base", "tare": tare}) for tare in tares]
+    pressed, withdrawn = (
+        replace(updates[0], status=status.model_copy(update={"wrench": report})) for report in reports
+    )
+    sent, first = delta(SentState(), pressed)
+    _, second = delta(sent, withdrawn)
+    assert (first["tare"], second["tare"]) == (tares[0], None)

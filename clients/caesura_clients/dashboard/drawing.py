@@ -64,7 +64,8 @@ def _changes(before: Update | None, after: Update) -> dict[str, Any]:
         changes["changepoints"] = {"first": first, "rows": rows}
     wrench = after.status.wrench
     if before is None or wrench != before.status.wrench:
-        changes |= {"frame": wrench.frame, "tare": wrench.tare if wrench.frame == "base" else None}
+        takes_off = wrench.frame == "base" and any(wrench.tare or ())  # a withdrawn tare takes nothing off
+        changes |= {"frame": wrench.frame, "tare": wrench.tare if takes_off else None}
     return changes
 
 

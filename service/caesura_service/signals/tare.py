@@ -71,12 +71,13 @@ class Tare:
     def withdrawn(self, after_s: float) -> Tare:
         """Return what is left of a tare that was a contact, so long after the start [s]: nothing."""
         doubt = (
-            f"The {math.hypot(*(self.bias or ORIGIN)):.1f} N that the tare took off were a contact: "
+            f"The {math.hypot(*(self.bias or ORIGIN)):.1f} N that the tare took off were no bias: "
             f"{after_s:.1f} s after the start the arm moves with a force near zero, and nothing is taken off "
-            "any more. Before that, contact and free space are exchanged: begin in free space."
+            "any more. If they were a contact, contact and free space are exchanged before that: begin in "
+            "free space. If they were a tool's weight, let the robot compensate it in every pose."
         )
         torque_bias = None if self.torque_bias is None else ORIGIN
-        return Tare(ORIGIN, "The tare of the start was a contact, and is withdrawn.", torque_bias, doubt)
+        return Tare(ORIGIN, "The tare of the start was no bias, and is withdrawn.", torque_bias, doubt)
 
 
 def baseline(forces: Array) -> tuple[Array, Array]:

@@ -131,7 +131,8 @@ def test_a_tare_that_was_a_contact_is_withdrawn_once_free_motion_shows_it(torque
     assert conditioner.tare == (0.0, 0.0, 0.0)
     assert "withdrawn" in conditioner.tare_note
     doubt = conditioner.tare_doubt
-    assert "The 16.3 N that the tare took off were a contact: 1.8 s after the start" in doubt
+    assert "The 16.3 N that the tare took off were no bias: 1.8 s after the start" in doubt
+    assert "If they were a contact, contact and free space are exchanged before that" in doubt
 
 
 @pytest.mark.parametrize("start_s", [0.0, 1.7e9])
@@ -144,6 +145,21 @@ def test_the_time_of_a_withdrawal_counts_a_gap(start_s: float) -> None:
     later = t + 10.0 * (t > 1.2) + start_s
     together(conditioner, [np.column_stack([later, place, pressed])])
     assert "11.8 s after the start" in conditioner.tare_doubt
+
+
+def test_a_withdrawn_tare_may_have_been_the_weight_of_a_tool_that_turned() -> None:
+    """A sensor zeroed with a tool in another pose; the note stated a contact, and nothing was touched."""
+    t = times(500.0, 4.0)
+    angle = np.clip((t - 1.0) / 1.5, 0.0, 1.0) * np.pi / 2
+    # 1.2 kg, less what it reads in the pose in which it was zeroed: nothing is left there.
+    weight = along((0.0, 11.8, 0.0), np.cos(angle)) - along((0.0, 0.0, 11.8), 1.0 - np.sin(angle))
+    place, still = along((0.3, 0.0, 0.0), np.maximum(t - 1.0, 0.0)), np.zeros_like(t)
+    turned = np.column_stack([np.sin(angle / 2), still, still, np.cos(angle / 2)])
+    layout = SampleLayout(("t", *POSITION, *QUATERNION, *FORCE), wrench_source="flange_sensor")
+    conditioner = Conditioner(layout)
+    together(conditioner, [np.column_stack([t, place, turned, weight])])
+    assert "withdrawn" in conditioner.tare_note
+    assert "If they were a tool's weight, let the robot compensate it" in conditioner.tare_doubt
 
 
 def test_a_tare_is_withdrawn_at_the_same_observation_however_samples_come() -> None:

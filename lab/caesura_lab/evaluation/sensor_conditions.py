@@ -28,17 +28,17 @@ def _as_recorded(recording: Recording, _: np.random.Generator) -> Recording:
 def _begun_later(later_s: float, recording: Recording, _: np.random.Generator) -> Recording:
     """Leave out the first samples: the grid begins with the first one, and so with another phase."""
     first = int(np.searchsorted(recording.t, recording.t[0] + later_s))
-    return _rows(recording, np.arange(first, len(recording.t)))
+    return rows_of(recording, np.arange(first, len(recording.t)))
 
 
 def _at_rate(rate_hz: float, recording: Recording, _: np.random.Generator) -> Recording:
     """Keep the first sample at or after each tick."""
     t = recording.t
-    return _rows(recording, np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate_hz))))
+    return rows_of(recording, np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / rate_hz))))
 
 
 def _without_some(share: float, recording: Recording, rng: np.random.Generator) -> Recording:
-    return _rows(recording, np.flatnonzero(rng.random(len(recording.t)) >= share))
+    return rows_of(recording, np.flatnonzero(rng.random(len(recording.t)) >= share))
 
 
 def _with_noise(
@@ -101,7 +101,8 @@ def _read(recording: Recording, times: Array, names: Iterable[str]) -> dict[str,
     }
 
 
-def _rows(recording: Recording, rows: NDArray[np.int64]) -> Recording:
+def rows_of(recording: Recording, rows: NDArray[np.int64]) -> Recording:
+    """Return a recording of these samples alone."""
     signals = {name: values[rows] for name, values in recording.signals.items()}
     return replace(recording, t=recording.t[rows], signals=signals)
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from caesura_lab.annotations import MeasuredQuantity, ScrewStroke, TrueSegment, Truth
+from caesura_lab.evaluation.sensor_conditions import rows_of
 from caesura_protocol.recording import Recording
 
 Stretch = TypeVar("Stretch", TrueSegment, MeasuredQuantity, ScrewStroke)
@@ -27,7 +28,6 @@ def in_window(recording: Recording, truth: Truth, window: str) -> tuple[Recordin
     begun, lasts = float(recording.t[0]), float(recording.t[-1] - recording.t[0])
     low, high = (begun + share * lasts for share in WINDOWS[window])
     inside = np.flatnonzero((recording.t >= low) & (recording.t <= high))
-    signals = {name: values[inside] for name, values in recording.signals.items()}
     low, high = max(low, truth.window[0]), min(high, truth.window[1])
     left = replace(
         truth,
@@ -39,7 +39,7 @@ def in_window(recording: Recording, truth: Truth, window: str) -> tuple[Recordin
         phases=_within(truth.phases, low, high),
         screws=_within(truth.screws, low, high),
     )
-    return replace(recording, t=recording.t[inside], signals=signals), left
+    return rows_of(recording, inside), left
 
 
 def _within(stretches: Sequence[Stretch], low: float, high: float) -> tuple[Stretch, ...]:

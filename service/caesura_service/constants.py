@@ -13,5 +13,7 @@ TARED_BIAS_N = 2.3
 HANDS_BREADTH_M = 0.1
 # A hand that stops creeps on for a while: motion starts and stops where its speed passes 5 to 10 mm/s.
 CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
+# Faster than a person presses or inserts, also where the tip is turned about the flange.
+FREE_M_PER_S = 0.1
 TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 GRID_HZ = 100  # [1/s] of the grid to which samples are brought before they are filtered

@@ -282,7 +282,7 @@ def test_the_frame_of_the_force_is_asked_without_an_orientation_too(tmp_path: Pa
 
 
 def test_a_proposed_mapping_states_no_frame_of_the_force(tmp_path: Path):
-    """Who took it as it was had a frame stated that nobody had looked at."""
+    """An operator who took it as it was stated a frame without a look at it."""
     file = table(tmp_path / "log.csv", "fx,fy,fz", "1,2,3")
     with pytest.raises(UnknownColumnsError) as error:
         load_recording(file)

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_lab.evaluation.sensor_conditions import rows_of
 from caesura_protocol.messages import Hint, HintKind
 from caesura_protocol.recording import Recording
-from caesura_service.constants import GRAVITY, TARED_BIAS_N
+from caesura_service.constants import FREE_M_PER_S, GRAVITY, TARED_BIAS_N
 from caesura_service.offline_segmentation import views
 from caesura_service.program import TOLERANCE_M
 from caesura_service.robot import Robot
@@ -25,7 +26,6 @@ from caesura_service.robot import Robot
 Array = NDArray[np.float64]
 
 FIRST_S = 1.5  # from the start of a demonstration, without a fault
-FREE_M_PER_S = 0.1
 MOVING_M_PER_S = 0.05
 SMOOTH_ROWS = 50  # at 1 kHz, of a speed
 RISE_S = 0.1
@@ -273,8 +273,7 @@ def _with_corner(
 def boundary_probability(recording: Recording, corner: float) -> float:
     """That the current segment began at a corner, as published once the models have looked ahead."""
     kept = recording.t < corner + LOOK_AHEAD_S + PUBLISHED_S
-    signals = {name: values[kept] for name, values in recording.signals.items()}
-    *_, newest, _ = views(replace(recording, t=recording.t[kept], signals=signals))
+    *_, newest, _ = views(rows_of(recording, np.flatnonzero(kept)))
     starts = zip(newest.posterior_starts, newest.posterior_probabilities, strict=True)
     return sum(probability for t, probability in starts if abs(t - corner) <= NEAR_TRUTH_S)
 
@@ -337,9 +336,8 @@ def _lost(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
     recording, t = taught.recording, taught.recording.t
     start, length = rng.uniform(FIRST_S, t[-1] - 2.0), rng.uniform(0.3, 1.0)
     kept = (t < start) | (t > start + length)
-    signals = {name: values[kept] for name, values in recording.signals.items()}
     again = float(t[t > start + length][0])
-    return Fault("show_again", replace(recording, t=t[kept], signals=signals), again, begins=again)
+    return Fault("show_again", rows_of(recording, np.flatnonzero(kept)), again, begins=again)
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,11 @@ from numpy.typing import NDArray
 
 from caesura_service.coaching.bias import DriftState, DriftTracker, Vector
 from caesura_service.coaching.unchanged_force import UnchangedForce, advanced, begun
-from caesura_service.constants import TARED_BIAS_N
+from caesura_service.constants import FREE_M_PER_S, TARED_BIAS_N
 
 Array = NDArray[np.float64]
 
 MOVING_M_PER_S = 0.05  # slower says little of a direction
-FREE_M_PER_S = 0.1  # faster than a person presses or inserts, also where the tip is turned about the flange
 DRIFT_TIME_S = 10.0  # in which a bias wanders by its scale
 FORCE_IN_MOTION_N = 1.0  # by which a force in movement varies, at most
 REFERENCE, PUSH_LIMIT = 1.0, 2.0  # of the cumulative sum of a hand's push [standard deviations]

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import GRAVITY, LOAD_KG, REST_M_PER_S, TARED_BIAS_N
+from caesura_service.constants import FREE_M_PER_S, GRAVITY, LOAD_KG, REST_M_PER_S, TARED_BIAS_N
 
 Array = NDArray[np.float64]
 
@@ -35,10 +35,8 @@ UNTARED = (
 UNTARED_BIAS_N = 5.0  # scale of what free space reads without a tare: real sensors read 1–5 N
 # What neither a bias nor the weight of a tool explains, and a hand can press: steady presses have up to 35 N.
 TOUCHED_N, PRESSED_N = 2.0 * UNTARED_BIAS_N, 50.0
-
-
 # For so many observations a fast movement has a force that a bias explains: it is free space without a tare.
-FREE_OBSERVATIONS, FREE_M_PER_S = 4, 0.1
+FREE_OBSERVATIONS = 4
 ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -66,7 +64,7 @@ class Tare:
     @property
     def may_be_contact(self) -> bool:
         """Return whether a press of a hand explains what is taken off, and neither bias nor weight does."""
-        return self.bias is not None and TOUCHED_N < _without_weight(self.bias) < PRESSED_N
+        return self.bias is not None and _is_press(_without_weight(self.bias))
 
     def withdrawn(self, after_s: float) -> Tare:
         """Return what is left of a tare that was a contact, so long after the start [s]: nothing."""
@@ -104,7 +102,7 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return _untared(f"the force varied by {worst:.2f} N at the start ({limit})")
     x, y, z = mean.tolist()
-    if float(np.median(speeds)) > REST_M_PER_S and TOUCHED_N < _without_weight((x, y, z)) < PRESSED_N:
+    if float(np.median(speeds)) > REST_M_PER_S and _is_press(_without_weight((x, y, z))):
         return _untared(
             f"the robot moved at the start with a force of {_rounded(mean)} N, which no bias below "
             f"{TOUCHED_N:g} N and no weight explains: it touched something"
@@ -119,12 +117,17 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
 def _doubt(mean: Array) -> str:
     """Why a force (3,) [N] that is taken for bias may be a contact."""
     size = math.hypot(*mean.tolist())
-    if not TOUCHED_N < size < PRESSED_N:
+    if not _is_press(size):
         return ""
     return (
         f"Force at the start: {size:.1f} N, taken for the bias of the sensor, which is 1 to 5 N on most "
         "robots. If the tool touched something, contact and free space are exchanged: begin in free space."
     )
+
+
+def _is_press(force_n: float) -> bool:
+    """Return whether a hand presses so, and no bias explains it."""
+    return TOUCHED_N < force_n < PRESSED_N
 
 
 def _without_weight(force: tuple[float, float, float]) -> float:

@@ -200,7 +200,7 @@ def test_presses_at_places_apart_are_phases_of_their_own() -> None:
 
 
 def test_a_hand_that_waits_after_its_retreat_is_in_contact_no_more() -> None:
-    """A page showed "contact" for as long as nobody pressed Stop."""
+    """A page showed "contact" until the operator pressed Stop."""
     pressed = demonstration(
         ("free", 1.2, LEFT),
         ("contact", 1.3, LEFT),

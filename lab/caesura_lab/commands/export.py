@@ -13,7 +13,7 @@ import typer
 from caesura_clients.cli.options import ProgramOptions, Reading, grouped, reported
 from caesura_clients.cli.result_tables import ignored_line
 from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
-from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles
+from caesura_lab.commands.options import Mapping, PresetName, RecordingFiles, namesakes
 from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.distribution import import_extra
@@ -92,10 +92,9 @@ def _check_one(out: Path, files: Sequence[Path], dataset: DatasetOptions) -> Non
 
 def _check_names(files: Sequence[Path]) -> None:
     """Raise CaesuraError for two recordings of one name: an episode goes by it."""
-    first: dict[str, Path] = {}
-    for file in files:
-        if (other := first.setdefault(file.stem, file)) != file:
-            raise CaesuraError(f"{other} and {file} would both be the episode {file.stem}: rename one")
+    if found := namesakes(files):
+        one, other = found
+        raise CaesuraError(f"{one} and {other} would both be the episode {one.stem}: rename one")
 
 
 def _write_one(out: Path, recording: Recording, preset: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +24,15 @@ RecordingFiles = Annotated[
         show_default=False,
     ),
 ]
+
+
+def namesakes(files: Sequence[Path]) -> tuple[Path, Path] | None:
+    """Return two files of one name but for their suffix, in order; None where there are none."""
+    first: dict[str, Path] = {}
+    for file in files:
+        if (other := first.setdefault(file.stem, file)) != file:
+            return other, file
+    return None
 
 
 def _known_preset(name: str) -> str:

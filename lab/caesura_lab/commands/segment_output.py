@@ -10,6 +10,7 @@ from typing import Any
 
 import typer
 
+from caesura_lab.commands.options import namesakes
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.errors import SourceError
 from caesura_service.offline_segmentation import as_json
@@ -38,10 +39,9 @@ def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] |
             f"--json {out} is the name of a file, expected a directory for {len(files)} recordings, or -"
         )
     outputs = {file: out / f"{file.stem}.json" for file in files}
-    first: dict[Path, Path] = {}
-    for file, output in outputs.items():
-        if (other := first.setdefault(output, file)) != file:
-            raise SourceError(f"{other} and {file} would both be written to {output}: segment them apart")
+    if found := namesakes(files):
+        one, other = found
+        raise SourceError(f"{one} and {other} would both be written to {outputs[one]}: segment them apart")
     try:
         out.mkdir(exist_ok=True)
     except OSError as error:

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 from caesura_protocol.codec import Encoded, decode
 from caesura_protocol.errors import AccessDenied, NotFound, ProtocolError, Unreachable
@@ -279,15 +279,16 @@ def _query_all(
         before = services(transport) if complete else []  # one that goes meanwhile has not answered
         answers = transport.query(key, parameters=with_nothing_said(parameters), timeout_s=within_s)
         try:
-            found = decoded(answers, model, complete=complete)
+            joined = _joined(answers)
+            found = _decoded(joined, answers.refusals, model, complete=complete)
         except IncompleteAnswerError as lost:
             said = f"asked {attempt} times: {lost.message}"
             error: Exception = IncompleteAnswerError("overloaded", said, limit=lost.limit)
             if attempt >= QUERY_ATTEMPTS and lost.limit is not None:  # no pieces came
                 break
             continue
-        if lost_replies(answers):  # of an answer that need not be complete
-            error = replies_lost(answers)
+        if joined.lost is not None:  # of an answer that need not be complete
+            error = joined.lost
             if attempt >= QUERY_ATTEMPTS:
                 return found
             time.sleep(attempt * RETRY_S)
@@ -295,7 +296,6 @@ def _query_all(
         if found and not complete:
             return found
         if attempt == 1 and _has_no_end(answers, found):
-            error = replies_lost(answers)
             continue
         if not (missing := _missing([*before, *services(transport)], answers, found)):
             return found
@@ -306,20 +306,36 @@ def _query_all(
     raise error
 
 
-def lost_replies(answers: QueryReplies) -> int:
-    """How many of the replies that the instances counted did not come; an older one counts none."""
-    return max(_counted(answers) - len(_whole(answers)[0]), 0)
+class _Joined(NamedTuple):
+    """The messages that came, whether there are pieces of further ones, and how many were counted."""
+
+    whole: list[Encoded]
+    has_pieces: bool
+    counted: int  # by the instances at the end of their answers; an older one counts none
+
+    @property
+    def lost(self) -> IncompleteAnswerError | None:
+        """The error of an answer of which counted replies did not come."""
+        if self.counted <= len(self.whole):
+            return None
+        why = f"{len(self.whole)} of {self.counted} replies came, the network is busy: ask again"
+        return IncompleteAnswerError("overloaded", why)
 
 
-def replies_lost(answers: QueryReplies) -> IncompleteAnswerError:
-    """Return the error of an answer of which messages were lost."""
-    why = f"{len(_whole(answers)[0])} of {_counted(answers)} replies came, the network is busy: ask again"
-    return IncompleteAnswerError("overloaded", why)
-
-
-def _counted(answers: QueryReplies) -> int:
+def _joined(answers: QueryReplies) -> _Joined:
+    joining = Reassembler()
+    replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
     said = (refusal.limit for refusal in answers.refusals if refusal.code == NOTHING)
-    return sum(limit for limit in said if isinstance(limit, int))
+    return _Joined(
+        [reply for reply in replies if reply is not None],
+        bool(joining.unfinished),
+        sum(limit for limit in said if isinstance(limit, int)),
+    )
+
+
+def lost_replies(answers: QueryReplies) -> IncompleteAnswerError | None:
+    """Return the error of an answer of which counted replies did not come; None where all came."""
+    return _joined(answers).lost
 
 
 def _has_no_end(answers: QueryReplies, found: Iterable[Message]) -> bool:
@@ -353,13 +369,20 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     That an instance has nothing is no refusal. complete: a refusal, or that pieces were lost, is raised
     wherever it is.
     """
-    whole, has_pieces = _whole(answers)
-    refusals = [refusal for refusal in answers.refusals if refusal.code != NOTHING]
+    return _decoded(_joined(answers), answers.refusals, model, complete=complete)
+
+
+def _decoded(
+    joined: _Joined, said: Iterable[ProtocolError], model: type[M], *, complete: bool = False
+) -> list[M]:
+    """As `decoded`, of messages that are joined; said: the refusals beside them."""
+    whole = joined.whole
+    refusals = [refusal for refusal in said if refusal.code != NOTHING]
     others = [refusal for refusal in refusals if not isinstance(refusal, IncompleteAnswerError)]
-    if has_pieces and not others and (complete or not whole):
+    if joined.has_pieces and not others and (complete or not whole):
         raise IncompleteAnswerError("overloaded", "pieces of the answer were lost on the way: ask again")
-    if _counted(answers) > len(whole) and not others and (complete or not whole):
-        raise replies_lost(answers)
+    if joined.lost is not None and not others and (complete or not whole):
+        raise joined.lost
     if refusals and (complete or not whole):
         raise refusals[0]
     found, spoilt = [], None
@@ -373,13 +396,6 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
     if spoilt is not None and not found:
         raise spoilt
     return found
-
-
-def _whole(answers: QueryReplies) -> tuple[list[Encoded], bool]:
-    """The messages that came, and whether there are pieces of further ones."""
-    joining = Reassembler()
-    replies = [joining.add(key, Encoded(payload, encoding)) for key, payload, encoding in answers.replies]
-    return [reply for reply in replies if reply is not None], bool(joining.unfinished)
 
 
 def _confirmed(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:

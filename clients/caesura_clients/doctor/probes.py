@@ -11,7 +11,6 @@ from caesura_clients.query import (
     QUERY_ATTEMPTS,
     decoded,
     lost_replies,
-    replies_lost,
     services,
     stations,
 )
@@ -126,10 +125,11 @@ def _statuses(transport: Transport, probed: ProbeResult) -> list[TimedServiceSta
 def _snapshots(transport: Transport, station: str, probed: ProbeResult) -> list[Snapshot]:
     for _ in range(QUERY_ATTEMPTS):
         answers = transport.query(session_key(station, "*", "snapshot"), parameters=NOTHING_SAID)
-        if (answers.replies or answers.refusals) and not lost_replies(answers):
+        lost = lost_replies(answers)
+        if (answers.replies or answers.refusals) and lost is None:
             break
-    if lost_replies(answers):
-        probed.refusals.append(replies_lost(answers))
+    if lost is not None:
+        probed.refusals.append(lost)
     probed.refusals += (refusal for refusal in answers.refusals if refusal.code != NOTHING)
     try:
         return decoded(answers._replace(refusals=()), Snapshot)

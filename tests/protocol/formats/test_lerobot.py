@@ -268,14 +268,18 @@ LOADED_BY_LEROBOT = """
 import json, sys
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.datasets.language_render import active_at
+from lerobot.utils.collate import lerobot_collate_fn
+from torch.utils.data import DataLoader
 data = LeRobotDataset("local/demos", root=sys.argv[1], delta_timestamps={"action": [0.0, 0.01]})
 item = data[700]
 active = active_at(item["timestamp"].item(), persistent=item["language_persistent"], style="subtask")
+batch = next(iter(DataLoader(data, batch_size=4, shuffle=True, collate_fn=lerobot_collate_fn)))
 print("found", json.dumps({
     "frames": len(data), "episodes": data.num_episodes, "task": item["task"], "subtask": active["content"],
     "wrench": item["observation.wrench"].tolist(), "action": list(item["action"].shape),
     "succeeded": data.meta.filter_episodes(lambda one: one["success"]),
     "mean": data.meta.stats["observation.wrench"]["mean"].tolist(),
+    "batch": list(batch["action"].shape),
 }))
 """
 
@@ -296,7 +300,7 @@ def test_lerobots_own_loader_reads_it(root, dataset, tmp_path):
     frames = dataset.frames[1]
     assert (found["frames"], found["episodes"], found["action"]) == (3 * 540, 3, [2, 8])
     assert (found["task"], found["subtask"]) == ("press again", frames["subtask"][160])
-    assert found["succeeded"] == [0, 2]
+    assert (found["succeeded"], found["batch"]) == ([0, 2], [4, 2, 8])
     np.testing.assert_allclose(found["wrench"], frames["observation.wrench"][160], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found["mean"], dataset.column("observation.wrench").mean(0), rtol=1e-5)
 

@@ -114,6 +114,23 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
     assert visitor.errors == []
 
 
+def test_an_orientation_as_three_angles_is_a_part_of_the_form(stage: Stage, visitor: Visitor, tmp_path: Path):
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/recordings")
+    (tmp_path / "ur.csv").write_text(
+        "time,x,y,z,rotvec_x,rotvec_y,rotvec_z\n0,1,2,3,3.1,0,0\n0.01,1,2,3,3.1,0,0\n"
+    )
+    drop(page, tmp_path / "ur.csv")
+    part = page.get_by_role("group", name="orientation as axis times angle")
+    expect(part.locator(".column-rx")).to_have_value("rotvec_x")
+    expect(part.locator(".unit-rotation_vector")).to_have_value("rad")
+    expect(page.locator(".column-roll")).to_have_count(0)
+    page.locator(".more").click()
+    expect(page.locator(".column-roll")).to_have_value("")
+    visitor.picture("dropped-rotation-vector")
+    assert visitor.errors == []
+
+
 def test_two_files_at_once_are_refused_by_name(stage: Stage, visitor: Visitor, tmp_path: Path):
     page = visitor.page
     page.goto(f"{stage.dashboard.url}/recordings")

@@ -128,6 +128,18 @@ def test_a_csv_is_looked_at_by_its_columns_and_others_by_what_they_state(tmp_pat
     assert (found["samples"], found["hasWrench"]) == (len(guided().t), True)
 
 
+def test_an_orientation_as_axis_times_angle_is_found_and_read(tmp_path: Path):
+    """As a controller of Universal Robots writes it: a half turn about x."""
+    (tmp_path / "ur.csv").write_text(
+        "time,x,y,z,rotvec_x,rotvec_y,rotvec_z\n0,1,2,3,3.14159,0,0\n0.01,1,2,3,3.14159,0,0\n"
+    )
+    columns = looked(tmp_path / "ur.csv")["guess"]["columns"]
+    assert {"rx", "ry", "rz"} <= set(columns)
+    request = recordings.Answers.model_validate({"columns": columns, "sure": True}).model_dump()
+    source = playback.source_of({"file": str(tmp_path / "ur.csv"), "answers": request})
+    assert np.abs(source.recording.signals["quat"][0]) == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-5)
+
+
 def test_answers_make_the_source_and_the_mapping_for_the_next_time(tmp_path: Path, capsys):
     (tmp_path / "odd.csv").write_text(CSV)
     columns = {"t": "time", "px": "x", "py": "y", "pz": "z"}

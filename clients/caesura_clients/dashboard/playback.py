@@ -30,7 +30,7 @@ from caesura_clients.bridge.sources.registry import SourceOptions, open_source
 from caesura_clients.client import connect
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
-from caesura_protocol.formats.csv_layout import CsvLayout, guessed, read_layout
+from caesura_protocol.formats.csv_layout import CsvLayout, guessed, read_layout, with_turns
 from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Description, Quantity
@@ -69,7 +69,7 @@ def look(job: Job) -> dict[str, Any]:
 
 
 def _of_csv(layout: CsvLayout) -> dict[str, Any]:
-    guess = guessed(layout)
+    guess = with_turns(layout, guessed(layout))
     return {
         "header": list(layout.header),
         "rows": [list(row) for row in layout.rows[:SHOWN_ROWS]],

@@ -17,7 +17,7 @@ from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.elements import RecordingDrop
 from caesura_clients.dashboard.pages.layout import Site, page, text
 from caesura_clients.dashboard.recordings import BYTES, MEGABYTE, SUFFIXES, RecordingDesk
-from caesura_protocol.formats.foreign_csv import UNITS
+from caesura_protocol.formats.foreign_csv import TURNS, UNITS
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WrenchSource
 from caesura_protocol.plausibility import UNITS as UNITS_OF_QUANTITY
 from caesura_protocol.robots import robot_names
@@ -36,6 +36,16 @@ def build(site: Site) -> None:
         _Recordings(site, site.recordings)
 
 
+def _columns() -> dict[str, list[str]]:
+    """The columns of each signal in the order of the form; an orientation has three ways to be stated."""
+    columns = {"t": ["t"]}
+    for name, names in COLUMNS_OF_SIGNAL.items():
+        columns[name] = list(names)
+        if name == "quat":
+            columns |= {turn: list(angles) for turn, angles in TURNS.items()}
+    return columns
+
+
 class _Recordings:
     """One browser's view of the recordings that are played."""
 
@@ -46,7 +56,7 @@ class _Recordings:
             self._ask,
             suffixes=list(SUFFIXES),
             megabytes=BYTES // MEGABYTE,
-            columns={"t": ["t"], **{name: list(columns) for name, columns in COLUMNS_OF_SIGNAL.items()}},
+            columns=_columns(),
             units={name: list(known) for name, known in UNITS.items()},
             quantities={name: list(known) for name, known in UNITS_OF_QUANTITY.items()},
             sources=list(get_args(WrenchSource)),

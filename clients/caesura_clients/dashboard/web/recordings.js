@@ -3,7 +3,8 @@ import { live } from "caesura-dashboard/live.js";
 
 const OPERATOR = "caesura-author", ANSWERS = "caesura-recording-answers";
 const WORDS = {
-  t: "time", pos: "flange position", quat: "flange orientation", q: "joints", force: "force", torque: "moment",
+  t: "time", pos: "flange position", quat: "flange orientation", rotation_vector: "orientation as axis times angle",
+  roll_pitch_yaw: "orientation as roll, pitch, yaw", q: "joints", force: "force", torque: "moment",
   tau: "external joint torques", gripper: "gripper opening",
 };
 const SOURCES = {

@@ -15,6 +15,7 @@ from caesura_protocol.extremes import unpack_points
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME, Recording
 from caesura_protocol.sample_runs import SPEED
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
@@ -91,6 +92,7 @@ def read_recording(transport: Transport, update: Update) -> Recording:
         force_frame=wrench.frame,
         assumed=() if wrench.frame_stated else (ASSUMED_FRAME,),
         name=update.session,
+        setting=CellSettings(up=wrench.up),
     )
 
 

@@ -28,6 +28,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME, Recording
 from caesura_protocol.session_clock import clock_from
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
@@ -137,6 +138,7 @@ class Recorder:
             assumed=() if status.wrench.frame_stated else (ASSUMED_FRAME,),
             length_unit=status.length_unit,
             name=self.session,
+            setting=CellSettings(up=status.wrench.up),
         )
 
 

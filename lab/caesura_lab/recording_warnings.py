@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from caesura_lab.joint_agreement import compared, contradiction_of_joints
 from caesura_protocol.plausibility import METRES
-from caesura_protocol.recording import ASSUMED_ORDER, Recording
+from caesura_protocol.recording import ASSUMED_ORDER, ASSUMED_UP, Recording
 from caesura_protocol.rotations import matrices_of
 from caesura_protocol.sample_limits import TARE_S
+from caesura_protocol.upright import UP
 from caesura_service.changepoint.presets import PRESETS, Preset
 from caesura_service.offline_segmentation import capabilities_of
 from caesura_service.robot import load_robot
@@ -52,6 +53,8 @@ def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
 def _of_assumptions(recording: Recording) -> Iterator[str]:
     """What the reader assumed; where joints show another order of the quaternions, that order."""
     yield from without_confirmed(recording).assumed
+    if recording.assumes_up:
+        yield ASSUMED_UP
     order = order_of_quaternions(recording)
     if order in WRONG_ORDERS:
         yield f"Warning: the quaternions agree with the joints in the order {WRONG_ORDERS[order]}"
@@ -136,8 +139,11 @@ def upward_force_of_load(recording: Recording) -> float:
     cells = np.floor((t - t[0]) / CELL_S).astype(np.int64)
     starts = np.flatnonzero(np.diff(cells, prepend=-1))
     counts = np.diff(starts, append=t.size)
-    height = np.add.reduceat(signals["pos"][:, 2], starts) / counts * METRES[recording.length_unit]
-    upwards = np.add.reduceat(force[:, 2] - force[t <= t[0] + TARE_S, 2].mean(), starts) / counts
+    up = np.array(recording.up or UP)
+    height = np.add.reduceat(signals["pos"] @ up, starts) / counts * METRES[recording.length_unit]
+    against_weight = force @ up
+    zeroed = against_weight - against_weight[t <= t[0] + TARE_S].mean()
+    upwards = np.add.reduceat(zeroed, starts) / counts
     held = _holds(signals["gripper"][starts, 0])
     rises = np.diff(height, prepend=height[0])
     lifted = held & (rises > RISING_M_PER_S * CELL_S) & (np.diff(cells[starts], prepend=0) == 1)

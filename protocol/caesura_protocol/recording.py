@@ -43,6 +43,7 @@ from caesura_protocol.messages import (
     HandOnRobot,
     LengthUnit,
     Quantity,
+    Vector,
     WrenchSource,
 )
 from caesura_protocol.plausibility import UNITS, WIRE_UNIT, Implausible, doubts, implausible
@@ -149,6 +150,20 @@ class Recording:
         return f"sample {row} (line {self.lines[row]})" if row < len(self.lines) else f"sample {row}"
 
     @property
+    def up(self) -> Vector | None:
+        """The direction away from gravity in the base frame, of length 1; None: not stated, z is assumed."""
+        return self.setting.up
+
+    @property
+    def assumes_up(self) -> bool:
+        """Whether a load is weighed against a direction that nobody states, in the words of ASSUMED_UP."""
+        is_clean = self.wrench_source == "flange_sensor" or (self.wrench_source, self.hand_on_robot) == (
+            "joint_torque_estimate",
+            "no",
+        )
+        return self.up is None and self.has_wrench and is_clean
+
+    @property
     def has_wrench(self) -> bool:
         """Whether forces or joint torques are there."""
         return "force" in self.signals or "tau" in self.signals
@@ -178,8 +193,9 @@ class Recording:
     def stated_options(self) -> dict[str, str]:
         """Options by name, without those that the recording does not state."""
         values = {key: getattr(self, key) for key in OPTIONS if key not in self.assumptions}
-        asked = {key: str(value) for key, value in self.setting._asdict().items() if value is not None}
-        return {key: value for key, value in values.items() if value not in NOT_STATED} | asked
+        return {
+            key: value for key, value in values.items() if value not in NOT_STATED
+        } | self.setting.stated_texts
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -245,6 +261,11 @@ ASSUMED_FRAME = (
     "which needs an orientation."
 )
 ASSUMED: Mapping[Assumption, str] = {"quaternion_order": ASSUMED_ORDER, "force_frame": ASSUMED_FRAME}
+#: Said where a load is weighed and no file or option states the direction; the wrench's note has it too.
+ASSUMED_UP = (
+    "Up: the z axis of the base, assumed. On a tilted or hanging arm state up in the file, or --up: x,y,z of "
+    "the base frame, or an axis such as -z."
+)
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

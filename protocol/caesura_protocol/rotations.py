@@ -152,6 +152,23 @@ def turned_along(quaternions: Array) -> Array:
     return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
+def upright_rotation(up: tuple[float, float, float] | None) -> Array | None:
+    """Return the least rotation (3, 3) that turns a direction of unit length to +z; None where it is +z.
+
+    up: None is +z. −z is turned about x: about any axis across z the turn would be as small.
+    """
+    if up is None or up == (0.0, 0.0, 1.0):
+        return None
+    x, y, z = up
+    sine2 = x * x + y * y
+    if sine2 < 1e-24:
+        return None if z > 0.0 else np.diag([1.0, -1.0, -1.0])
+    turn = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])  # v ↦ (up × z) × v
+    share = (1.0 - z) / sine2 if z < 0.0 else 1.0 / (1.0 + z)  # the same, without cancellation near −z
+    rotation: Array = np.eye(3) + turn + share * (turn @ turn)
+    return rotation
+
+
 def align_signs(quaternions: Array) -> None:
     """Put each row (n, 4) but the first on the side of the row before it: q and −q are the same rotation."""
     turned = np.vecdot(quaternions[1:], quaternions[:-1]) < 0.0

@@ -10,6 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from caesura_protocol.recording import Recording
+from caesura_protocol.rotations import upright_rotation
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.filter_interface import ChangepointFilter
 from caesura_service.changepoint.preset import Preset
@@ -34,7 +35,8 @@ class ConditionedRecording:
     @cached_property
     def inputs(self) -> list[ModelInput]:
         """What the segment models see of each observation."""
-        return [observed(observation) for observation in self.observations]
+        upright = upright_rotation(self.layout.up)
+        return [observed(observation, upright) for observation in self.observations]
 
     @property
     def stretches(self) -> list[list[ModelInput]]:

@@ -140,6 +140,7 @@ def as_json(view: PipelineView) -> dict[str, Any]:
         "program": [app.model_dump(mode="json") for app in view.apps],
         "force_limit_n": view.force_limit_n,
         "robot": view.robot,
+        "up": view.up,
         "notes": list(view.notes),
         "gaps": [gap.model_dump(mode="json") for gap in view.gaps],
         "wrench": view.wrench.model_dump(mode="json"),

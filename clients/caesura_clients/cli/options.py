@@ -17,13 +17,14 @@ import typer
 from caesura_clients.client import Caesura, connect
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name
-from caesura_protocol.messages import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_protocol.messages import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES, Vector
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.robot_limits import cell_safety
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description
+from caesura_protocol.upright import parse_up
 
 WrenchSource = Annotated[
     str | None,
@@ -42,6 +43,16 @@ ForceFrame = Annotated[
     ),
 ]
 
+UpOption = Annotated[
+    str | None,
+    typer.Option(
+        "--up",
+        metavar="X,Y,Z",
+        help="Away from gravity in the base frame, of an arm that is tilted or hangs: three numbers, or an "
+        "axis such as -z.",
+        show_default="as in the file, or z",
+    ),
+]
 ForceLimit = Annotated[
     float | None,
     typer.Option(
@@ -136,6 +147,7 @@ class ProgramOptions(NamedTuple):
     path_tolerance: PathTolerance = None
     angle_tolerance: AngleTolerance = None
     robot: RobotOption = None
+    up: UpOption = None
 
     def setting(self) -> CellSettings:
         """What they state; a force limit goes before that of the cell's file. Raises CaesuraError."""
@@ -145,7 +157,16 @@ class ProgramOptions(NamedTuple):
             None if self.path_tolerance is None else self.path_tolerance / 1000.0,
             None if self.angle_tolerance is None else math.radians(self.angle_tolerance),
             None if self.robot is None else robot_description(self.robot).name,
+            parsed_up(self.up),
         ).completed_by(cell)
+
+
+def parsed_up(text: str | None) -> Vector | None:
+    """The direction of `--up`. Raises CaesuraError."""
+    try:
+        return None if text is None else parse_up(text)
+    except ValueError as error:
+        raise CaesuraError(f"--{error}") from error
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

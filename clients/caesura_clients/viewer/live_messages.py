@@ -288,6 +288,8 @@ def _results_of(update: Update) -> dict[str, tuple[Message, ...]]:
         apps=update.program.apps,
         notes=update.program.notes,
         force_limit_n=update.program.force_limit_n,
+        robot=update.program.robot,
+        up=update.program.up,
     )
     return {
         "/segments": update.segments,

@@ -24,6 +24,7 @@ from caesura_protocol.messages import (
     Quaternion,
     Seconds,
     Segment,
+    Up,
     Vector,
 )
 
@@ -59,6 +60,7 @@ class TaskProgram(Message):
     notes: tuple[str, ...]
     force_limit_n: float | None = None  # [N] of the cell: no app exerts more
     robot: str | None = None  # on which it was taught
+    up: Up | None = None  # away from gravity, base frame
 
     @field_validator("apps")
     @classmethod

@@ -1,7 +1,8 @@
 """A mapping file: names and units of other software in Caesura's. TOML; `docs/recordings.md` has examples.
 
 Every reader takes the part that is its own (`[time]` and `[columns]` of a csv, `[topics]` of ROS 2); what is
-common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`, `robot`.
+common is said at the top: `wrench_source`, `hand_on_robot`, `force_frame`, `length_unit`, `robot`,
+`up`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from caesura_protocol.recording import OPTIONS, RecordingError
+from caesura_protocol.upright import parse_up, up_text
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,18 @@ class ColumnMapping:
         for key, value in said.items():
             if value not in OPTIONS[key]:
                 raise self.error(f"{key} is {value!r}, expected one of {', '.join(OPTIONS[key])}")
-        return said | ({"robot": str(self.table["robot"])} if "robot" in self.table else {})
+        if "robot" in self.table:
+            said["robot"] = str(self.table["robot"])
+        if "up" in self.table:
+            said["up"] = self._up(self.table["up"])
+        return said
+
+    def _up(self, value: Any) -> str:
+        """Return the direction as a file of text states it, from a text or an array of numbers."""
+        try:
+            return up_text(parse_up(",".join(map(str, value)) if isinstance(value, list) else str(value)))
+        except ValueError as error:
+            raise self.error(str(error)) from error
 
     def section(self, key: str) -> Mapping[str, Any]:
         """Return a table of the file, empty where it is missing."""
@@ -59,6 +72,8 @@ def load_mapping(path: Path) -> ColumnMapping:
         raise RecordingError(f"{path}: not a readable mapping file ({error})") from error
     mapped = ColumnMapping(path.name, table)
     mapped.check_keys(
-        "the top", table, (*OPTIONS, "robot", "delimiter", "decimal", "time", "columns", "topics", "domain")
+        "the top",
+        table,
+        (*OPTIONS, "robot", "up", "delimiter", "decimal", "time", "columns", "topics", "domain"),
     )
     return mapped

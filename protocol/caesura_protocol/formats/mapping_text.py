@@ -29,6 +29,7 @@ class MappingAnswers(NamedTuple):
     force_frame: str | None = "base"
     force_of: str = "environment"
     robot: str | None = None
+    up: str | None = None  # x,y,z, or an axis of the base
 
 
 NEGATED = ("force", "torque")  # where the file has the robot's on the environment
@@ -47,6 +48,7 @@ def _lines(answers: MappingAnswers) -> Iterator[str]:
         "hand_on_robot": answers.hand_on_robot,
         "force_frame": answers.force_frame if "fx" in answers.columns or not answers.columns else "",
         "robot": answers.robot,
+        "up": answers.up,
     }
     yield from (f"{key} = {_quoted(value)}" for key, value in stated.items() if value not in NO_ANSWER)
     if not answers.columns:  # a rosbag2 names its signals by their types

@@ -203,6 +203,7 @@ def _results(content: McapContent) -> list[McapMessage]:
         notes=content.notes,
         force_limit_n=content.force_limit_n,
         robot=content.recording.setting.robot,
+        up=content.recording.up,
     )
     said: Iterable[tuple[float, str, Message]] = (
         *((one.t0, "/segments", one) for one in content.segments),

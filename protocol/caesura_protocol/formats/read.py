@@ -58,6 +58,7 @@ from caesura_protocol.recording import (
     unit_remedy,
     wrong_option,
 )
+from caesura_protocol.upright import parse_up
 from caesura_protocol.wrench_reading import read_wrench
 
 BAG_METADATA = "metadata.yaml"  # of a rosbag2, in its directory
@@ -75,13 +76,15 @@ def load_recording(
     time_unit: str | None = None,
     angle_unit: str | None = None,
     force_unit: str | None = None,
+    up: str | None = None,
     mapping: Path | None = None,
     check_units: bool = True,
     as_stated: bool = False,
 ) -> Recording:
     """Read a recording: npz, csv, our MCAP, or a rosbag2; the arguments override what the file declares.
 
-    force_frame: of a file that states none; another one than the file states is refused.
+    force_frame: of a file that states none; another one than the file states is refused. up: the direction
+    away from gravity in the base frame, as `x,y,z` or an axis such as `-z`.
 
     Csv files carry one column a component, named as in `columns` (t, px, py, pz, fx, …), and may state
     options in leading comment lines such as `# length_unit: mm`. mapping: a file that says what is what in
@@ -119,6 +122,7 @@ def load_recording(
     _convert(path, raw, stated)
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     assumes_frame = "force" in signals and "force_frame" not in options
+    options |= {} if up is None else {"up": up}
     asked = {key: _asked(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
         arrays["t"],
@@ -221,6 +225,11 @@ def _asked(path: Path, key: str, value: str) -> Any:
         if not re.fullmatch(NAME_PATTERN, value):
             raise RecordingError(f"{path}: robot is {value!r}, expected a name as of `caesura robots`")
         return value
+    if key == "up":
+        try:
+            return parse_up(value)
+        except ValueError as error:
+            raise RecordingError(f"{path}: {error}") from error
     try:
         number = float(value)
     except ValueError:

@@ -94,7 +94,7 @@ def _options(
         return {"wrench_source": "none", **said}
     topic, message = next((topic, message) for topic, message in messages if topic.name == of)
     return {
-        **{key: said[key] for key in ("hand_on_robot", "robot") if key in said},
+        **{key: said[key] for key in ("hand_on_robot", "robot", "up") if key in said},
         "wrench_source": said.get("wrench_source") or stated.source or _source_of(topic),
         "force_frame": said.get("force_frame") or _frame_of(topic, message, stated.force_frame),
     }

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeVar, get_args
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MOST_SPEED
+from caesura_protocol.upright import checked_up
 
 LengthUnit = Literal["m", "cm", "mm"]
 Quantity = Literal["time", "length", "angle", "force"]
@@ -91,6 +92,7 @@ Assumptions = Annotated[Listed[Assumption], Field(max_length=len(ASSUMPTIONS))]
 Columns = Annotated[Listed[str], Field(min_length=2, max_length=MAX_COLUMNS)]
 Vector = tuple[float, float, float]
 FiniteVector = tuple[Finite, Finite, Finite]
+Up = Annotated[FiniteVector, AfterValidator(checked_up)]  # away from gravity, base frame, length 1
 Quaternion = tuple[float, float, float, float]
 Joints = Annotated[tuple[float, ...], Field(min_length=1, max_length=JOINTS_MOST)]  # base to flange
 Scalar = bool | int | float | str | None

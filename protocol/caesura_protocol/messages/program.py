@@ -8,7 +8,7 @@ from pydantic import Field
 
 from caesura_protocol.messages.apps import App
 from caesura_protocol.messages.corrections import Correction
-from caesura_protocol.messages.field_types import Count, ForceLimit, Listed, Name, Seconds, TaskName
+from caesura_protocol.messages.field_types import Count, ForceLimit, Listed, Name, Seconds, TaskName, Up
 from caesura_protocol.messages.limits import MAX_CORRECTIONS, MAX_GAPS, MAX_PROGRAM_EDITS
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.program_edits import ProgramEdit
@@ -35,6 +35,7 @@ class Program(Message):
     wrench: WrenchReport | None = None  # what the force in it is worth
     force_limit_n: ForceLimit | None = None  # of the cell: no app exerts more; None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
+    up: Up | None = None  # away from gravity, base frame, as it was taught; None: not stated
     name: TaskName | None = None  # that a person gave it
     edit_revision: Count = 0  # how many `EditProgram` it has had; undo and redo count
     edits: Annotated[tuple[ProgramEdit, ...], Field(max_length=MAX_PROGRAM_EDITS)] = ()  # oldest first

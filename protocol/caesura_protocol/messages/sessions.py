@@ -22,6 +22,7 @@ from caesura_protocol.messages.field_types import (
     Tag,
     TaskName,
     Tolerance,
+    Up,
     WrenchSource,
 )
 from caesura_protocol.messages.limits import MAX_TAGS
@@ -56,6 +57,7 @@ class Open(Message):
     path_tolerance_m: Tolerance | None = None  # of the apps' paths; None: the service's own choice
     path_tolerance_rad: Tolerance | None = None
     robot: Name | None = None  # which arm this is; None: not stated
+    up: Up | None = None  # away from gravity, base frame; None: not stated, z is assumed
     declared_units: Listed[Quantity] = ()  # whose unit a person declared: implausible values are believed
     assumed: Assumptions = ()  # options that the recording leaves open: the program's notes say so
     description: Description | None = None  # as it begins; `Describe` changes it

@@ -17,6 +17,7 @@ from caesura_protocol.messages.field_types import (
     Listed,
     Name,
     Seconds,
+    Up,
     Vector,
     WrenchSource,
 )
@@ -38,6 +39,7 @@ class WrenchReport(Message):
     note: str
     frame: ForceFrame = "base"  # of the samples' forces; those of results are in the base frame
     frame_stated: bool = True  # False: a recording that is played does not state it, and `frame` is assumed
+    up: Up | None = None  # away from gravity, base frame; None: not stated, z is assumed
 
 
 class Refusal(Message):

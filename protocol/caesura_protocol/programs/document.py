@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from caesura_protocol.app_kinds import APP_KINDS, Precondition, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.force_limit import with_force_limit
-from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, WrenchReport
+from caesura_protocol.messages import MAX_GAPS, App, Gap, Name, Phase, Program, TaskName, Up, WrenchReport
 from caesura_protocol.programs.app_times import edited_times
 from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.program_timing import ProgramTiming
@@ -91,6 +91,7 @@ class ProgramFile(BaseModel):
     edits: int = 0  # how many edits the program has had; undo and redo count
     timing: ProgramTiming | None = None  # None: as it was taught
     robot: Name | None = None  # on which it was taught; None: not stated
+    up: Up | None = None  # away from gravity, base frame, as it was taught; None: not stated, z is assumed
     gripper: Name | None = None  # that runs it, of the table of grippers; None: the robot's
 
     def as_json(self) -> str:
@@ -130,6 +131,7 @@ def document(program: Program, safety: Safety | None = None, phases: Sequence[Ph
         wrench=program.wrench,
         groups=groups_of(program.apps, phases),
         robot=program.robot,
+        up=program.up,
     )
 
 
@@ -205,7 +207,9 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
         apps = [App.model_validate(app) for app in content["program"]]
         phases = [Phase.model_validate(phase) for phase in content.get("phases", ())]
         safety = Safety(force_n=content.get("force_limit_n"))
-        taught: dict[str, Any] = {key: content[key] for key in ("gaps", "wrench", "robot") if key in content}
+        taught: dict[str, Any] = {
+            key: content[key] for key in ("gaps", "wrench", "robot", "up") if key in content
+        }
         taught["notes"] = _with_warnings(content.get("notes", []), content.get("warnings"))
         written = document_of_apps(tuple(apps), name, safety)
         groups = {"groups": [group.model_dump() for group in groups_of(apps, phases)]}

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Vector
+from caesura_protocol.upright import up_text
 from caesura_protocol.validation_words import first_finding
 
 PLANNED_SHARE = 0.9  # of a limit of speed or turn that a movement may reach
@@ -60,13 +61,20 @@ class CellSettings(NamedTuple):
     """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
 
     force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad];
-    robot: which arm works there, by its name.
+    robot: which arm works there, by its name; up: away from gravity, of length 1, in the arm's base frame.
     """
 
     force_limit_n: float | None = None
     path_tolerance_m: float | None = None
     path_tolerance_rad: float | None = None
     robot: str | None = None
+    up: Vector | None = None
+
+    @property
+    def stated_texts(self) -> dict[str, str]:
+        """What is stated by name, as files have it."""
+        stated = {key: value for key, value in self._asdict().items() if value is not None}
+        return {key: up_text(value) if key == "up" else str(value) for key, value in stated.items()}
 
     def completed_by(self, other: CellSettings) -> CellSettings:
         """Return this setting, completed by another where it states nothing."""

@@ -29,7 +29,10 @@ UNTURNED.setflags(write=False)
 
 
 class ModelInput(NamedTuple):
-    """What a model sees of one moment, in the base frame."""
+    """What a model sees of one moment, in the base frame.
+
+    Gravity pulls along −z. Of a tilted base, vectors are turned by the least rotation that makes it so.
+    """
 
     position: Array  # (3,) [m]
     force: Array  # (3,) [N] of the environment on the robot

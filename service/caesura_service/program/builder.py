@@ -25,6 +25,7 @@ import numpy as np
 from caesura_protocol.app_kinds import AppKind
 from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
 from caesura_protocol.screw_motion import exerted
+from caesura_protocol.upright import UP
 from caesura_service.program.contacts import ARRIVES_M, pushes_back
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
@@ -68,15 +69,16 @@ def task_program(
     gaps: Sequence[Gap] = (),
     known: Sequence[GripperAction] | None = None,
     app_before: App | None = None,
+    up: Vector = UP,
 ) -> tuple[App, ...]:
     """The apps of a demonstration, in time order.
 
     least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
     force_limit_n [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in
     time order; known: every grip, where `grips` are those of these steps alone; app_before: the last
-    app of the steps before them.
+    app of the steps before them; up: away from gravity, base frame.
     """
-    kept = kept_steps(steps, grips if known is None else known, moment_at, least_s)
+    kept = kept_steps(steps, grips if known is None else known, moment_at, least_s, up)
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
     rest = list(grips)
     apps: list[App] = []

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import mul
 
 import numpy as np
 
-from caesura_protocol.messages import Segment
+from caesura_protocol.messages import Segment, Vector
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import (
@@ -69,18 +70,25 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
 
     What a hand slides along pushes back; only a load pulls straight down.
     """
-    if not step.touches or not _hangs(step.segment):
+    if not step.touches or not _hangs(step.segment, context.up):
         return step
     if step.segment.kind == "contact" and not holds(step, context.grips):
         return step
-    down = -step.segment.force[2]
+    down = _down(step.segment.force, context.up)
     return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
 
 
-def _hangs(segment: Segment) -> bool:
+def _hangs(segment: Segment, up: Vector) -> bool:
     """Does its force pull straight down on the robot?"""
-    down, aside = -segment.force[2], length(segment.force[:2])
+    (x, y, z), (ux, uy, uz), down = segment.force, up, _down(segment.force, up)
+    aside = length((x + down * ux, y + down * uy, z + down * uz))
     return down >= HANGING_N and aside <= HANGING_ASIDE * down
+
+
+def _down(force: Vector, up: Vector) -> float:
+    """[N] of a force, against up."""
+    against: float = -sum(map(mul, force, up))
+    return against
 
 
 def resting(step: ProgramSegment, context: Context) -> ProgramSegment:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
+from caesura_protocol.upright import UP
 from caesura_service.constants import TARED_BIAS_N
 
 OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a boundary, which lies midway
@@ -58,10 +59,14 @@ class GripperAction:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What the segments of a demonstration are read beside; grips: all that are known."""
+    """What the segments of a demonstration are read beside.
+
+    grips: all that are known; up: away from gravity, of length 1, base frame.
+    """
 
     grips: Sequence[GripperAction]
     moment_at: MomentAt
+    up: Vector = UP
 
     def fingers_move(self, t0: float, tn: float) -> bool:
         """Do they move between two times [s], or close to them?"""

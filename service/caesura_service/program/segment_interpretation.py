@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
+from caesura_protocol.messages import Vector
+from caesura_protocol.upright import UP
 from caesura_service.program.contacts import as_touching, set_down, still_touching
 from caesura_service.program.departures import leaving, lets_go, with_departures
 from caesura_service.program.loads import as_one_hold, hanging, in_hand, is_from_air, is_not_yet_held, resting
@@ -52,10 +54,14 @@ class _Place(NamedTuple):
 
 
 def kept_steps(
-    steps: Sequence[ProgramSegment], grips: Sequence[GripperAction], moment_at: MomentAt, least_s: float
+    steps: Sequence[ProgramSegment],
+    grips: Sequence[GripperAction],
+    moment_at: MomentAt,
+    least_s: float,
+    up: Vector = UP,
 ) -> list[ProgramSegment]:
     """Those that apps are made of, as what they are taken for; grips: all that are known."""
-    context = Context(grips, moment_at)
+    context = Context(grips, moment_at, up)
     kept: list[ProgramSegment] = []
     short: dict[int, tuple[ProgramSegment, ...]] = {}
     for place in _places(steps, least_s):

@@ -185,6 +185,7 @@ def _program_context(view: PipelineView) -> dict[str, Any]:
         "wrench": view.wrench,
         "force_limit_n": view.force_limit_n,
         "robot": view.robot,
+        "up": view.up,
     }
 
 

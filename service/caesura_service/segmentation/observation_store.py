@@ -6,6 +6,7 @@ import math
 import struct
 from bisect import bisect_left
 from functools import lru_cache, partial
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -38,9 +39,15 @@ EMPTY_GRIPPER_M = 0.003  # fingers that settle closer than this hold nothing
 
 
 class ObservationStore:
-    """Rows of observations, with running sums of the vertical force so that any mean costs the same."""
+    """Rows of observations, with running sums of the vertical force so that any mean costs the same.
 
-    def __init__(self) -> None:
+    Everything is stored in the robot's base frame. upright: (3, 3) the rotation that turns up to +z; the
+    segment models see what it has turned. None where the base is upright.
+    """
+
+    def __init__(self, upright: Array | None = None) -> None:
+        self._upright = upright
+        self._up = (0.0, 0.0, 1.0) if upright is None else tuple(upright[2].tolist())
         self._log, self._count = AppendLog(), 0  # observations
         self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
         self._row = lru_cache(ROWS_AT_HAND)(partial(_read, self._log))
@@ -57,8 +64,9 @@ class ObservationStore:
     def append(self, observation: Observation) -> None:
         """Keep one more observation."""
         force = observation.force_base.tolist()
-        self._sum += force[2]
-        self._sum2 += force[2] * force[2]
+        vertical_n = force[2] if self._upright is None else sum(map(mul, self._up, force))
+        self._sum += vertical_n
+        self._sum2 += vertical_n * vertical_n
         orientation, joints, width = observation.orientation, observation.joints, observation.gripper_width
         self._log.append(
             _ROW.pack(
@@ -85,8 +93,9 @@ class ObservationStore:
         row = self._row(index)
         force, rotation = np.array(row[_FORCE]), np.array(row[_ROTATION])
         torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
-        torsion = torsion_of(force, torque)
-        return ModelInput(np.array(row[_POSITION]), force / row[_SCALE], row[_HOLDING], rotation, torsion)
+        torsion, position = torsion_of(force, torque), np.array(row[_POSITION])
+        found = ModelInput(position, force / row[_SCALE], row[_HOLDING], rotation, torsion)
+        return turned_upright(found, self._upright)
 
     def after_gap(self, index: int) -> bool:
         """Are samples missing before it?"""
@@ -236,6 +245,16 @@ def _upper_decile(values: Array) -> float:
     below, share = divmod(0.9 * (len(ordered) - 1), 1.0)
     low, high = ordered[int(below)], ordered[min(int(below) + 1, len(ordered) - 1)]
     return float(low + share * (high - low))
+
+
+def turned_upright(seen: ModelInput, upright: Array | None) -> ModelInput:
+    """What the segment models see, with the direction away from gravity as +z; None: it is so already."""
+    if upright is None:
+        return seen
+    position, force, rotation, torsion = upright.dot(
+        np.column_stack([seen.position, seen.force, seen.rotation, seen.torsion])
+    ).T.copy()
+    return ModelInput(position, force, seen.holding, rotation, torsion)
 
 
 def force_scale(observation: Observation) -> float:

@@ -6,6 +6,7 @@ from caesura_protocol.columns import signal_columns
 from caesura_protocol.messages import Open
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.robots import RobotError
+from caesura_protocol.upright import UP
 from caesura_service.coaching import ArmLimits
 from caesura_service.constants import JOINTS
 from caesura_service.robot import Robot, load_robot
@@ -54,4 +55,5 @@ def sample_layout(opening: Open, robot: Robot | None) -> SampleLayout:
         pose_of_joints=None if robot is None else robot.flange_poses,
         wrench_of_joint_torques=None if robot is None else robot.wrenches_of_joint_torques,
         joints=_joints_of(opening) or JOINTS,
+        up=opening.up or UP,
     )

@@ -21,6 +21,8 @@ from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment, Wr
 from caesura_protocol.plausibility import FirstSecond
 from caesura_protocol.recording import ASSUMED
 from caesura_protocol.robots import RobotError
+from caesura_protocol.rotations import upright_rotation
+from caesura_protocol.upright import UP, up_in_words
 from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.preset import Preset
@@ -58,7 +60,12 @@ from caesura_service.segmentation.corrections import (
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
-from caesura_service.segmentation.observation_store import ObservationStore, force_scale, holding
+from caesura_service.segmentation.observation_store import (
+    ObservationStore,
+    force_scale,
+    holding,
+    turned_upright,
+)
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
@@ -123,19 +130,21 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
         raise ProtocolError("malformed", str(error), value=value) from error
 
 
-def observed(observation: Observation) -> ModelInput:
-    """What the segment models see of an observation."""
+def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:
+    """What the segment models see of an observation; upright: as of `ObservationStore`."""
     force = observation.force_base / force_scale(observation)
     rotation = UNTURNED if observation.rotation is None else observation.rotation
     torsion = torsion_of(observation.force_base, observation.torque_base)
-    return ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
+    seen = ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
+    return turned_upright(seen, upright)
 
 
-def _pose(observation: Observation) -> ObservedPose:
-    """What coaching sees of an observation."""
-    x, y, z = observation.position_base.tolist()
-    vx, vy, vz = observation.velocity_base.tolist()
-    fx, fy, fz = observation.force_base.tolist()
+def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> ObservedPose:
+    """What coaching sees of an observation; upright: as of `ObservationStore`."""
+    vectors = observation.position_base, observation.velocity_base, observation.force_base
+    if upright is not None:
+        vectors = upright.dot(vectors[0]), upright.dot(vectors[1]), upright.dot(vectors[2])
+    (x, y, z), (vx, vy, vz), (fx, fy, fz) = (vector.tolist() for vector in vectors)
     return ObservedPose(
         observation.t,
         (x, y, z),
@@ -189,6 +198,8 @@ class SegmentationPipeline:
         self._in_use = layout.source.with_preset(
             preset.name, contact=preset.has_kind_in("contact"), load=preset.has_kind_in("transport")
         )
+        if opening.up is not None:
+            self._in_use = replace(self._in_use, up=up_in_words(opening.up))
         weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
         without = weighs and "gripper" not in opening.columns
         of_file = (words for key, words in ASSUMED.items() if key in opening.assumed)
@@ -200,10 +211,11 @@ class SegmentationPipeline:
             *([UNREAD_JOINTS] if layout.has("q") and not layout.has_orientation else []),
             *of_file,
         )
+        self._upright = upright_rotation(opening.up)
         self._conditioner = Conditioner(layout)
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
         self._heeded = FilterConstraints()
-        self._history = ObservationStore()
+        self._history = ObservationStore(self._upright)
         self._arm = arm
         self._coach = self._signal_coach(tared=True)
         self._begin(tared=True)
@@ -314,6 +326,7 @@ class SegmentationPipeline:
             paths,
             opening.force_limit_n,
             limited=self._limited if self._heeded.limits_forces else None,
+            up=opening.up or UP,
         )
 
     def _begin(self, *, tared: bool) -> None:
@@ -364,7 +377,7 @@ class SegmentationPipeline:
         looked = self._looked
         for observation in conditioned.observations:
             self._history.append(observation)
-            self._coach.observe(_pose(observation))
+            self._coach.observe(_pose(observation, self._upright))
             self._step(len(self._history) - 1)
             self._keep_up()
             give_way()
@@ -449,6 +462,7 @@ class SegmentationPipeline:
             length_unit=self._opening.length_unit,
             force_limit_n=self._opening.force_limit_n,
             robot=self._opening.robot,
+            up=self._opening.up,
             phases=phases,
             unapplied=unapplied,
         )
@@ -571,4 +585,5 @@ def _wrench_report(
         note=f"{worth.note} {tare_note}",
         frame=opening.force_frame,
         frame_stated="force_frame" not in opening.assumed,
+        up=opening.up,
     )

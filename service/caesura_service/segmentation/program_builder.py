@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from caesura_protocol.messages import App, Gap
+from caesura_protocol.messages import App, Gap, Vector
+from caesura_protocol.upright import UP
 from caesura_service.cooperative_scheduler import give_way
 from caesura_service.program import (
     GRIP_SLACK_S,
@@ -48,6 +49,7 @@ class IncrementalProgramBuilder:
     paths: Paths | None = None
     force_limit_n: float | None = None  # [N] of the cell
     limited: Callable[[App], App] | None = None  # an app with the force limits of corrections
+    up: Vector = UP  # away from gravity, base frame
     first: int = 0  # the segment from which on apps are built anew
     since: float = -np.inf  # [s] grips after this may still be used
     built: EncodedMessageLog[App] = field(
@@ -105,6 +107,7 @@ class IncrementalProgramBuilder:
             gaps=gaps,
             known=known,
             app_before=self._last_built,
+            up=self.up,
         )
         return apps if self.limited is None else tuple(map(self.limited, apps))
 

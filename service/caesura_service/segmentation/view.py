@@ -22,6 +22,7 @@ from caesura_protocol.messages import (
     LengthUnit,
     Phase,
     Segment,
+    Vector,
     WrenchReport,
 )
 from caesura_protocol.recording import ASSUMED
@@ -66,6 +67,7 @@ class PipelineView(NamedTuple):
     length_unit: LengthUnit = "m"  # of the samples that came
     force_limit_n: float | None = None  # [N] of the cell
     robot: str | None = None  # None: not stated
+    up: Vector | None = None  # away from gravity, base frame; None: not stated, z is assumed
     phases: Sequence[Phase] = ()
     hints: tuple[Hint, ...] = ()  # active ones, and the newest of those that are cleared
     unapplied: Mapping[int, str] = MappingProxyType({})  # why corrections are not applied, by their numbers

@@ -83,6 +83,7 @@ def view_from_snapshot(snapshot: Snapshot) -> PipelineView:
         length_unit=status.length_unit,
         force_limit_n=snapshot.program.force_limit_n,
         robot=snapshot.program.robot,
+        up=snapshot.program.up,
         phases=packed(Phase, snapshot.segments.phases),
         hints=snapshot.hints.hints if snapshot.hints else (),
         unapplied={one.number: one.reason for one in snapshot.program.corrections if one.reason is not None},

@@ -35,7 +35,7 @@ from caesura_service.signals.observation import (
     turned_to,
 )
 from caesura_service.signals.sample_layout import SampleLayout
-from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
+from caesura_service.signals.tare import UNTARED_BIAS_N, UP, RestCriterion, Tare, TareEstimator, TareState
 from caesura_service.signals.tared_torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 
@@ -81,10 +81,10 @@ class ConditioningParameters:
         """Grid rows per observation."""
         return round(self.grid_hz / self.segmentation_hz)
 
-    def taring(self, source: WrenchCapabilities) -> TareEstimator:
-        """The tare at the start."""
+    def taring(self, source: WrenchCapabilities, up: tuple[float, float, float] = UP) -> TareEstimator:
+        """The tare at the start; up: away from gravity, of length 1, base frame."""
         criterion = RestCriterion(source.tare_speed_m_per_s, self.tare_scatter_limit_n)
-        return TareEstimator(round(self.tare_window_s * self.grid_hz), criterion)
+        return TareEstimator(round(self.tare_window_s * self.grid_hz), criterion, up)
 
 
 class ConditioningOutput(NamedTuple):
@@ -137,7 +137,7 @@ class Conditioner:
         self.parameters = parameters or ConditioningParameters()
         self._columns = columns_of(layout)
         self._filter, self._every = self.parameters.filter, self.parameters.decimation
-        self._taring = self.parameters.taring(layout.source)
+        self._taring = self.parameters.taring(layout.source, layout.up)
         self._has_wrench = layout.source_in_use != "none"
         self._tracks_bias = layout.source.bias != "tare"
         self._resampler = Resampler(

@@ -57,7 +57,7 @@ class SampleLayout:
     columns: names as in `SIGNALS`, after a leading `t` [s]. wrench_source: one of `WRENCH_SOURCES`; None: not
     stated. hand_on_robot: does a person guide this robot, "yes", "no" or "unknown"?
     force_frame: "base" or "flange". metres_per_unit: of the position columns (1, 0.01, 0.001).
-    joints: how many the robot has.
+    joints: how many the robot has. up: away from gravity, of length 1, base frame.
     pose_of_joints: q (n, joints) [rad] → flange positions (n, 3) [m] and quaternions (n, 4) x y z w.
     wrench_of_joint_torques: q, tau (n, joints) [Nm] → wrench on the flange (n, 6) [N, Nm].
     Both answer in the base frame, for any number of rows; each row of the answer may depend on its own row
@@ -73,6 +73,7 @@ class SampleLayout:
     wrench_of_joint_torques: WrenchOfJointTorques | None = None
     hand_on_robot: str = "unknown"
     joints: int = JOINTS
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))

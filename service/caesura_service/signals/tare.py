@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from caesura_service.constants import FREE_M_PER_S, GRAVITY, LOAD_KG, REST_M_PER_S, TARED_BIAS_N
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
 
 UNTARED = (
     "The sensor's bias, often 1 to 5 N, stays in every force and load, and hides light contacts: to have it "
@@ -38,6 +39,7 @@ TOUCHED_N, PRESSED_N = 2.0 * UNTARED_BIAS_N, 50.0
 # For so many observations a fast movement has a force that a bias explains: it is free space without a tare.
 FREE_OBSERVATIONS = 4
 ORIGIN = (0.0, 0.0, 0.0)
+UP = (0.0, 0.0, 1.0)  # away from gravity, base frame
 
 
 @dataclass(frozen=True)
@@ -53,18 +55,19 @@ class Tare:
     """What is taken off every force. bias: (fx, fy, fz) [N] base frame; None: nothing is taken off.
 
     torque_bias: (3,) [Nm] likewise, axes as of `torque.in_flange`; None without a tare or a torque.
-    doubt: why the force may have been a contact, "" where nothing speaks for one.
+    doubt: why the force may have been a contact, "" where nothing speaks for one; up: away from gravity.
     """
 
-    bias: tuple[float, float, float] | None
+    bias: Vector | None
     note: str
-    torque_bias: tuple[float, float, float] | None = None
+    torque_bias: Vector | None = None
     doubt: str = ""
+    up: Vector = UP
 
     @property
     def may_be_contact(self) -> bool:
         """Return whether a press of a hand explains what is taken off, and neither bias nor weight does."""
-        return self.bias is not None and _is_press(_without_weight(self.bias))
+        return self.bias is not None and _is_press(_without_weight(self.bias, self.up))
 
     def withdrawn(self, after_s: float) -> Tare:
         """Return what is left of a tare that was a contact, so long after the start [s]: nothing."""
@@ -88,10 +91,17 @@ def baseline(forces: Array) -> tuple[Array, Array]:
     return forces.mean(axis=0), forces.std(axis=0)
 
 
-def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Array | None = None) -> Tare:
+def tare_of(
+    forces: Array,
+    speeds: Array,
+    criterion: RestCriterion,
+    torques: Array | None = None,
+    up: Vector = UP,
+) -> Tare:
     """Tare from a window at the start: its mean force and torque if it is at rest, else nothing.
 
-    forces: (n, 3) [N] base frame; speeds: (n,) [m/s]; torques: (n, 3) [Nm], or none with n = 0.
+    forces: (n, 3) [N] base frame; speeds: (n,) [m/s]; torques: (n, 3) [Nm], or none with n = 0; up: away from
+    gravity, of length 1, base frame.
     """
     mean, scatter = baseline(forces)
     fastest, worst = float(speeds.max()), float(scatter.max())
@@ -102,7 +112,7 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
         limit = f"limit {criterion.scatter_limit_n:g} N"
         return _untared(f"the force varied by {worst:.2f} N at the start ({limit})")
     x, y, z = mean.tolist()
-    if float(np.median(speeds)) > REST_M_PER_S and _is_press(_without_weight((x, y, z))):
+    if float(np.median(speeds)) > REST_M_PER_S and _is_press(_without_weight((x, y, z), up)):
         return _untared(
             f"the robot moved at the start with a force of {_rounded(mean)} N, which no bias below "
             f"{TOUCHED_N:g} N and no weight explains: it touched something"
@@ -111,7 +121,7 @@ def tare_of(forces: Array, speeds: Array, criterion: RestCriterion, torques: Arr
     if torques is not None and len(torques):
         a, b, c = torques.mean(axis=0).tolist()
         taken, torque_bias = f"{taken} and {_rounded(torques.mean(axis=0))} Nm", (a, b, c)
-    return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", torque_bias, _doubt(mean))
+    return Tare((x, y, z), f"Tared at the start: {taken} are taken off.", torque_bias, _doubt(mean), up)
 
 
 def _doubt(mean: Array) -> str:
@@ -130,10 +140,11 @@ def _is_press(force_n: float) -> bool:
     return TOUCHED_N < force_n < PRESSED_N
 
 
-def _without_weight(force: tuple[float, float, float]) -> float:
-    """[N] What the weight of a tool or a load leaves of a force [N]."""
-    x, y, z = force
-    return math.hypot(x, y, z + min(max(-z, 0.0), LOAD_KG * GRAVITY))
+def _without_weight(force: Vector, up: Vector) -> float:
+    """[N] What the weight of a tool or a load leaves of a force [N]; it pulls against up."""
+    (x, y, z), (ux, uy, uz) = force, up
+    weight_n = min(max(-(x * ux + y * uy + z * uz), 0.0), LOAD_KG * GRAVITY)
+    return math.hypot(x + weight_n * ux, y + weight_n * uy, z + weight_n * uz)
 
 
 def _untared(why: str) -> Tare:
@@ -188,6 +199,7 @@ class TareEstimator:
 
     last_row: int
     criterion: RestCriterion
+    up: Vector = UP  # away from gravity, of length 1, base frame
 
     def advance(
         self, state: TareState, first: int, forces: Array, speeds: Array, torques: Array | None = None
@@ -202,7 +214,7 @@ class TareEstimator:
             torques = np.concatenate([state.torques, torques[:n]])
         if first + len(speeds) - len(state.speeds) <= self.last_row:
             return TareState(None, forces, speeds, state.torques if torques is None else torques)
-        return TareState(tare_of(forces, speeds, self.criterion, torques))
+        return TareState(tare_of(forces, speeds, self.criterion, torques, self.up))
 
     def interrupted(self, state: TareState, why: str) -> TareState:
         """Give up on a window that will not become complete: nothing is taken off."""

@@ -33,6 +33,7 @@ class WrenchCapabilities:
     reason: str  # the source in use and what it measures, for operators
     advice: str = ""  # a further sentence for operators
     limiting_preset: str = ""  # the preset that lacks a model which the wrench supports
+    up: str = ""  # the stated direction away from gravity, in words; "" where the base's z axis is assumed
 
     def with_preset(self, name: str, *, contact: bool, load: bool) -> WrenchCapabilities:
         """Return what a preset uses of them; contact, load: whether it has models of these."""
@@ -52,7 +53,7 @@ class WrenchCapabilities:
             if names
         )
         if self.transport_models:
-            found += ", for a base whose z axis points up"
+            found += f", with {self.up} upwards" if self.up else ", for a base whose z axis points up"
         if self.limiting_preset:
             found += f": preset {self.limiting_preset} has no model of {' or '.join(states['off'])}"
         return f"{self.reason}; {found}. {self.advice}".rstrip()

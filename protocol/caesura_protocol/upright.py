@@ -1,0 +1,92 @@
+"""Which way is up: the unit vector in the base frame that points away from gravity.
+
+(0, 0, 1) for an arm on a table, (0, 0, −1) for one that hangs from a ceiling; on a wall it lies in the plane
+of the mounting face. A load weighs against it. Positions, forces and programs stay in the robot's base frame:
+only what looks for a weight uses the direction.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from types import MappingProxyType
+
+Vector = tuple[float, float, float]
+
+UP: Vector = (0.0, 0.0, 1.0)  # where none is stated
+NORM_TOLERANCE = 1e-3  # by which the length of a direction may differ from 1
+APART_RAD = math.radians(5.0)  # two bases that are tilted alike: a level shows less, a mounting more
+WORDS = MappingProxyType(
+    {
+        f"{sign}{axis}": tuple((-1.0 if sign else 1.0) * (axis == one) + 0.0 for one in "xyz")
+        for axis in "xyz"
+        for sign in ("", "-")
+    }
+)
+EXPECTED = f"three numbers x,y,z of length 1 ± {NORM_TOLERANCE:g}, or one of {', '.join(WORDS)}"
+
+
+def checked_up(up: Sequence[float]) -> Vector:
+    """Return the direction with length 1. Raises ValueError with the value, the limit and a remedy.
+
+    >>> checked_up((0.0, 0.0, -1.0)), checked_up((0.0, 0.0, 1.0005))
+    ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
+    """
+    if len(up) != len(UP) or not all(map(math.isfinite, up)):
+        raise ValueError(f"up is {up_text(up)}, expected {EXPECTED}")
+    size = math.hypot(*up)
+    if abs(size - 1.0) > NORM_TOLERANCE:
+        remedy = "" if size == 0.0 else f": is it {','.join(f'{value / size:.6g}' for value in up)}?"
+        raise ValueError(f"up is {up_text(up)} of length {size:.6g}, expected 1 ± {NORM_TOLERANCE:g}{remedy}")
+    x, y, z = (value / size + 0.0 for value in up)
+    return x, y, z
+
+
+def parse_up(text: str) -> Vector:
+    """Read a direction: an axis of the base such as `-z`, or three numbers. Raises ValueError.
+
+    >>> parse_up("-z"), parse_up("0, 1, 0")
+    ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
+    """
+    bare = text.strip().strip("()[]")
+    if (named := WORDS.get(bare.lower().removeprefix("+"))) is not None:
+        return checked_up(named)
+    try:
+        numbers = [float(part) for part in re.split(r"[,;\s]+", bare.strip())]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(UP):
+        raise ValueError(f"up is {text!r}, expected {EXPECTED}")
+    return checked_up(numbers)
+
+
+def up_text(up: Sequence[float]) -> str:
+    """Write a direction as files and `--up` have it, in the shortest form that reads as the same numbers.
+
+    >>> up_text((0.0, 0.0, -1.0))
+    '0,0,-1'
+    """
+    return ",".join(repr(value).removesuffix(".0") for value in (float(one) + 0.0 for one in up))
+
+
+def up_in_words(up: Sequence[float]) -> str:
+    """Name a direction for people: an axis of the base, or three numbers.
+
+    >>> up_in_words((0.0, 0.0, -1.0)), up_in_words((0.0, 0.6, 0.8))
+    ('-z of the base', '(0, 0.6, 0.8) in the base frame')
+    """
+    for word, axis in WORDS.items():
+        if tuple(up) == axis:
+            return f"{word} of the base"
+    return f"({', '.join(f'{value:.4g}' for value in up)}) in the base frame"
+
+
+def tilt_between(one: Vector | None, other: Vector | None) -> float:
+    """Return the angle [rad] between two directions; None is (0, 0, 1).
+
+    >>> round(math.degrees(tilt_between(None, (0.0, 0.0, -1.0))))
+    180
+    """
+    a, b = one or UP, other or UP
+    return 2.0 * math.asin(min(0.5 * math.dist(a, b), 1.0))

@@ -139,12 +139,15 @@ class ObservationStore:
         """[N] median of the force from start to end, the end not included, while it was strong.
 
         Strong is PRESS_SHARE of what a tenth of the time exceeds: touching and letting go are left out. At
-        most PRESS_LOOKS observations are looked at, evenly spread.
+        most PRESS_LOOKS observations are looked at, evenly spread. The median is that of each axis, of which
+        one is vertical.
         """
         forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
         sizes = np.sqrt(np.square(forces) @ np.ones(3))
-        strong = np.sort(forces[sizes >= PRESS_SHARE * _upper_decile(sizes)], axis=0)
-        x, y, z = (0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])).tolist()
+        strong = forces[sizes >= PRESS_SHARE * _upper_decile(sizes)]
+        strong = np.sort(strong if self._upright is None else strong @ self._upright.T, axis=0)
+        median = 0.5 * (strong[(len(strong) - 1) // 2] + strong[len(strong) // 2])
+        x, y, z = (median if self._upright is None else median @ self._upright).tolist()
         return x, y, z
 
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:

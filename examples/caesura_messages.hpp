@@ -30,6 +30,7 @@ struct Opening {
     std::string length_unit = "m";          // cm, mm
     std::string bridge;                     // names this one among all, [a-z0-9][a-z0-9_-]*; empty: not named
     std::string robot;                      // a name as of `caesura robots`; empty: not stated
+    std::vector<double> up;                 // x y z away from gravity in the base frame; empty: z is assumed
     std::string task;                       // what is shown; empty: not named
     std::string operator_name;              // who shows it
 };
@@ -47,6 +48,16 @@ template <class Packer>
 void pack_names(Packer& pk, const std::vector<std::string>& names) {
     pk.pack_array(static_cast<std::uint32_t>(names.size()));
     for (const auto& name : names) pk.pack(name);
+}
+
+template <class Packer>
+void pack_direction(Packer& pk, const std::vector<double>& direction) {
+    if (direction.empty()) {
+        pk.pack_nil();
+        return;
+    }
+    pk.pack_array(static_cast<std::uint32_t>(direction.size()));
+    for (const double value : direction) pk.pack(value);
 }
 
 template <class Packer>
@@ -71,7 +82,7 @@ template <class Packer>
 void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_map(1);
     pk.pack(std::string("command"));
-    pk.pack_map(17);
+    pk.pack_map(18);
     pk.pack(std::string("type"));
     pk.pack(std::string("open"));
     pk.pack(std::string("session"));
@@ -100,6 +111,8 @@ void pack_open(Packer& pk, const Opening& opening) {
     pk.pack_nil();
     pk.pack(std::string("robot"));
     pack_text(pk, opening.robot);
+    pk.pack(std::string("up"));
+    pack_direction(pk, opening.up);
     pk.pack(std::string("declared_units"));
     pk.pack_array(0);  // implausible values are refused
     pk.pack(std::string("assumed"));

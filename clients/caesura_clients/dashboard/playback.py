@@ -37,6 +37,7 @@ from caesura_protocol.messages import Description, Quantity
 from caesura_protocol.plausibility import WIRE_UNIT
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording, RecordingError
+from caesura_protocol.upright import parse_up
 
 CONNECT_S = 5.0
 OPEN_S = 20.0  # until a service has opened the session
@@ -149,7 +150,8 @@ def is_bag(path: Path) -> bool:
 
 def play(job: Job) -> dict[str, Any]:
     """Play a recording to the service as a session. Raises CaesuraError or ProtocolError."""
-    source, setting = source_of(job), CellSettings(robot=job["answers"].get("robot"))
+    source, up = source_of(job), job["answers"].get("up")
+    setting = CellSettings(robot=job["answers"].get("robot"), up=None if up is None else parse_up(up))
     of = int(source.recording.t.size)
     config = None if job["config"] is None else Path(job["config"])
     with (

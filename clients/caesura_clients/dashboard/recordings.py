@@ -19,11 +19,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
 from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
+from caesura_protocol.upright import parse_up, up_text
 from caesura_protocol.validation_words import first_finding
 
 MEGABYTE = 1 << 20
@@ -42,6 +43,11 @@ _PART = re.compile(r"(?!\.)[^/\\\x00-\x1f]{1,120}")
 Text = Annotated[str, StringConstraints(max_length=200)]
 
 
+def _checked_up(text: str) -> str:
+    """The direction as a mapping states it. Raises ValueError."""
+    return up_text(parse_up(text))
+
+
 class Answers(BaseModel):
     """What an operator answers about a recording; empty where a question does not arise."""
 
@@ -58,6 +64,7 @@ class Answers(BaseModel):
     force_frame: ForceFrame | None = None  # as in the file
     force_of: Literal["environment", "robot"] = "environment"
     robot: Name | None = None
+    up: Annotated[Text, AfterValidator(_checked_up)] | None = None
 
 
 class PlayRequest(BaseModel):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +17,7 @@ from caesura_clients.cli.options import (
     GripperOption,
     Retarget,
     RobotOption,
+    parsed_up,
     reported,
     safety_of,
 )
@@ -23,13 +25,25 @@ from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
+from caesura_protocol.programs.checks.findings import CheckReport
+from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.document import ProgramFile, on_robot, read_document
 from caesura_protocol.programs.gripping import gripper_of, with_gripper
 from caesura_protocol.robots import robot_description
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_from
+from caesura_protocol.upright import APART_RAD, UP, tilt_between, up_in_words
 
 ProgramPath = Annotated[
     Path, typer.Argument(metavar="PROGRAM", help="JSON of `caesura program --format json`.")
+]
+UpOfBase = Annotated[
+    str | None,
+    typer.Option(
+        "--up",
+        metavar="X,Y,Z",
+        help="Away from gravity in the frame of the base that runs it: three numbers, or an axis such as -z.",
+        show_default="not compared",
+    ),
 ]
 ScenarioName = Annotated[
     str | None,
@@ -45,6 +59,7 @@ def check(
     robot: RobotOption = None,
     retarget: Retarget = False,
     gripper: GripperOption = None,
+    up: UpOfBase = None,
     as_json: Json = False,
 ) -> None:
     """Say what of a program cannot be run, app by app. The exit code is 1 where anything cannot."""
@@ -70,6 +85,8 @@ def check(
             None if program.robot is None else load_robot(program.robot),
             gripper_of(program),
         )
+        mounting = mounting_findings(program.up, parsed_up(up))
+        report = CheckReport((*mounting, *report.findings))
     if as_json:
         typer.echo(json.dumps([asdict(one) for one in report.findings], indent=1))
     else:
@@ -111,6 +128,11 @@ def execute(
         if out is not None and out.suffix != ".npz":
             raise CaesuraError(f"{out} has suffix {out.suffix!r}, expected .npz")
         program = with_gripper(on_robot(read_document(file), robot, retarget=retarget), gripper)
+        if tilt_between(program.up, UP) > APART_RAD:
+            raise CaesuraError(
+                f"{file}: taught with {up_in_words(program.up or UP)} upwards, and the simulated robot "
+                f"stands upright: it runs what was taught with at most {math.degrees(APART_RAD):g}° of tilt"
+            )
         limits = safety_of(program, cell_file, force_limit)
         stopped = _run(program.model_copy(update={"safety": limits}), scenario, seed, out)
     if stopped:

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console, RenderableType
 from rich.progress import MofNCompleteColumn, Progress
 
-from caesura_clients.cli.options import AngleUnit, ForceFrame, ForceUnit, TimeUnit, reported
+from caesura_clients.cli.options import AngleUnit, ForceFrame, ForceUnit, TimeUnit, UpOption, reported
 from caesura_lab.annotations import ToleranceOptions, TruthError
 from caesura_lab.evaluation import calibration, diagram
 from caesura_lab.evaluation import library_comparison as libraries
@@ -166,6 +166,7 @@ def evaluate(
     time_unit: TimeUnit = None,
     angle_unit: AngleUnit = None,
     force_unit: ForceUnit = None,
+    up: UpOption = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = WORKERS,
 ) -> None:
     """Judge segmentations against the truth: boundaries, classes, delays, load and force."""
@@ -176,7 +177,7 @@ def evaluate(
             )
             _check_robot(robot, suite_name)
             _check_speed(speed, suite_name, spoilt=mutated is not None)
-            reading = ReadingOptions(mapping, force_frame, length_unit, time_unit, angle_unit, force_unit)
+            reading = ReadingOptions(mapping, force_frame, length_unit, time_unit, angle_unit, force_unit, up)
             _check_reading(reading, suite_name)
             if evidence:
                 extent = SuiteOptions(seeds or SEEDS, first_seed, data, robot=robot)

@@ -68,6 +68,7 @@ class ReadingOptions(NamedTuple):
     time_unit: str | None = None
     angle_unit: str | None = None
     force_unit: str | None = None
+    up: str | None = None
 
 
 AS_STATED = ReadingOptions()

@@ -37,6 +37,7 @@ from caesura_protocol.rotations import align_signs, matrix_of, rotation_vector
 from caesura_protocol.screw_motion import stop_torque_nm
 
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
+GRAVITY_M_PER_S2 = 9.82  # as the controller's installation has it; the vector points away from the ground
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
 LEAST_PAUSE_S = 0.05
 PERIOD_S = 0.02  # between two looks at the depth of a press
@@ -61,11 +62,20 @@ def ur_script(program: ProgramFile) -> str:
         "<ROBOT>": title,
         "<FINDINGS>\n": head_comments(program),
         "<LIMITS>": "\n".join(f"{INDENT}{line}" for line in acting_limits(program.safety)),
+        "<GRAVITY>\n": _gravity(program),
         "<ACCELERATION>": f"{acceleration:g}",
         "<GRIPPER>": "\n".join(_gripper_functions(program)),
         "<APPS>": "\n".join(f"{INDENT}{line}" if line else "" for line in lines),
     }
     return _ascii(filled_template("ur_template.script.txt", texts))
+
+
+def _gravity(program: ProgramFile) -> str:
+    """The mounting that a program states; without one that of the installation stays."""
+    if program.up is None:
+        return ""
+    away = _list([GRAVITY_M_PER_S2 * value for value in program.up])
+    return f"{INDENT}set_gravity({away})  # [m/s2] away from the ground: as it was taught, not as installed\n"
 
 
 def _ascii(text: str) -> str:

@@ -32,10 +32,12 @@ from caesura_protocol.formats.signal_aligner import Row, SignalAligner
 from caesura_protocol.formats.topic_selection import Topic, TopicSelection, select_topics
 from caesura_protocol.messages import ForceFrame, HandOnRobot, LengthUnit, WrenchSource
 from caesura_protocol.number_words import fixed, interval
+from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
+from caesura_protocol.upright import parse_up
 
 CHUNK_SAMPLES = 20
 PATIENCE_S = 0.1  # that a row waits for a topic that lags behind
@@ -131,6 +133,8 @@ class Ros2Source:
         self.wrench_source = cast(WrenchSource, self._plan.options["wrench_source"])
         stated = hand_on_robot or self._plan.options.get("hand_on_robot", "unknown")
         self.hand_on_robot = cast(HandOnRobot, stated)
+        up = self._plan.options.get("up")
+        self.setting = UNSET if up is None else CellSettings(up=parse_up(up))
         self.force_frame = cast(ForceFrame, self._plan.options.get("force_frame", "base"))
         has_mode = any(one.topic.type == FRANKA_STATE for one in self._first_messages)
         self.button_pressed: bool | None = False if has_mode else None  # as of the newest chunk

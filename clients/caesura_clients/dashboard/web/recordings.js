@@ -12,7 +12,7 @@ const SOURCES = {
   joint_torque_estimate: "estimated from joint torques", none: "there is no wrench",
 };
 const HANDS = { yes: "yes", no: "no: replayed or remote", unknown: "not known" };
-const STATED = ["wrench_source", "hand_on_robot", "force_frame", "robot"]; // by a file, which goes before what is remembered
+const STATED = ["wrench_source", "hand_on_robot", "force_frame", "robot", "up"]; // by a file, which goes before what is remembered
 const newUpload = () => `u-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 12)}`;
 const remembered = () => {
   try {
@@ -107,6 +107,9 @@ export default {
             <option v-for="one in frames" :key="one">{{ one }}</option></select></label>
           <label>Robot <select class="robot" v-model="form.robot"><option value="">another, or as in the file</option>
             <option v-for="one in robots" :key="one">{{ one }}</option></select></label>
+          <label>Up, in its base frame <input class="up" v-model.trim="form.up" list="mountings" placeholder="z, or as in the file" maxlength="100"></label>
+          <datalist id="mountings"><option value="z">on a table</option><option value="-z">from a ceiling</option>
+            <option v-for="one in ['x', '-x', 'y', '-y']" :key="one" :value="one">on a wall</option></datalist>
         </fieldset>
         <fieldset><legend>as a session</legend>
           <label>Station <input class="station" v-model="form.station" required pattern="[a-z0-9][a-z0-9_\\-]{0,63}" list="known-stations"></label>
@@ -192,7 +195,7 @@ export default {
         declared: { ...Object.fromEntries(Object.keys(this.quantities).map((one) => [one, ""])), ...found.likely },
         form: {
           wrench_source: stated.wrench_source || "", hand_on_robot: stated.hand_on_robot || "unknown", force_frame: stated.force_frame || (found.header ? "base" : ""),
-          force_of: "environment", robot: stated.robot || "", ...old.form,
+          force_of: "environment", robot: stated.robot || "", up: stated.up || "", ...old.form,
           ...Object.fromEntries(STATED.filter((one) => stated[one]).map((one) => [one, stated[one]])), station: this.station, session: found.session, task: "", sure: false,
         },
       });
@@ -206,7 +209,7 @@ export default {
         localStorage.setItem(ANSWERS, JSON.stringify({ [key]: { columns, units, form } }));
       }
       const answers = {
-        ...form, force_frame: form.force_frame || null, wrench_source: this.hasWrench ? form.wrench_source || null : null, robot: form.robot || null, columns, units, sure,
+        ...form, force_frame: form.force_frame || null, wrench_source: this.hasWrench ? form.wrench_source || null : null, robot: form.robot || null, up: form.up || null, columns, units, sure,
         declared: this.found.header ? {} : filled(this.declared), delimiter: this.found.delimiter || ",", decimal: this.found.decimal || ".",
       };
       const operator = (localStorage.getItem(OPERATOR) || "").trim();

@@ -1,4 +1,4 @@
-"""Checks of a program that need no robot: numbers, order, timing, workspace, and what was taught and is lost.
+"""Checks of a program that need no robot: numbers, order, timing, workspace, mounting, and fidelity.
 
 `caesura check` adds reach, in the lab, because that needs the kinematics of a robot.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_protocol.programs.checks.findings import Finding
 from caesura_protocol.programs.checks.gripping import gripper_findings
+from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.checks.timing import timing_findings
 from caesura_protocol.programs.checks.value_ranges import value_findings
@@ -21,6 +22,7 @@ __all__ = [
     "document_findings",
     "fidelity_findings",
     "gripper_findings",
+    "mounting_findings",
     "order_findings",
     "timing_findings",
     "value_findings",
@@ -31,7 +33,7 @@ __all__ = [
 def document_findings(program: ProgramFile) -> list[Finding]:
     """Find everything in a program that needs no robot, errors first."""
     quality = DemonstrationQuality(program.gaps, program.wrench, program.timing, program.notes)
-    found: list[Finding] = []
+    found = mounting_findings(program.up)
     try:
         held_by = gripper_of(program)
     except (GripperError, RobotError) as error:

@@ -311,6 +311,7 @@ def examples() -> dict[str, Message]:
         wrench_source="flange_sensor",
         hand_on_robot="yes",
         bridge=BRIDGE,
+        up=(0.0, 0.0, -1.0),
         description=Description(task="pick and place", operator="Ann"),
     )
     closing = Close(session=SESSION, last_seq=624, bridge=BRIDGE, success=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from caesura_lab.joint_agreement import compared, contradiction_of_joints
 from caesura_protocol.plausibility import METRES
-from caesura_protocol.recording import ASSUMED_ORDER, ASSUMED_UP, Recording
+from caesura_protocol.recording import ASSUMED_ORDER, Recording
 from caesura_protocol.rotations import matrices_of
 from caesura_protocol.sample_limits import TARE_S
 from caesura_protocol.upright import UP
@@ -38,6 +38,7 @@ ASSUMED_ARM = "panda"  # of seven joints, as the service reads them
 CELL_S = 0.1
 RISING_M_PER_S = 0.01
 LIFT_M = 0.03  # by which something held must be lifted in all
+UP_UNSTATED = " State --up where the arm is tilted or hangs: the z axis of its base is taken as up."
 UPWARD_N = 2.0  # the bias of a sensor wanders by as much within a recording
 
 
@@ -53,8 +54,6 @@ def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
 def _of_assumptions(recording: Recording) -> Iterator[str]:
     """What the reader assumed; where joints show another order of the quaternions, that order."""
     yield from without_confirmed(recording).assumed
-    if recording.assumes_up:
-        yield ASSUMED_UP
     order = order_of_quaternions(recording)
     if order in WRONG_ORDERS:
         yield f"Warning: the quaternions agree with the joints in the order {WRONG_ORDERS[order]}"
@@ -122,6 +121,7 @@ def _of_models(recording: Recording, preset: Preset | None) -> Iterator[str]:
             f"Warning: while something held is lifted, the force points upwards by {upward:.1f} N, at most "
             f"{UPWARD_N:g} N are plausible: a load pulls down. The force is taken as that of the environment "
             "on the robot. Negate force and torque where they are the robot's on the environment."
+            f"{'' if recording.up else UP_UNSTATED}"
         )
 
 

@@ -155,15 +155,6 @@ class Recording:
         return self.setting.up
 
     @property
-    def assumes_up(self) -> bool:
-        """Whether a load is weighed against a direction that nobody states, in the words of ASSUMED_UP."""
-        is_clean = self.wrench_source == "flange_sensor" or (self.wrench_source, self.hand_on_robot) == (
-            "joint_torque_estimate",
-            "no",
-        )
-        return self.up is None and self.has_wrench and is_clean
-
-    @property
     def has_wrench(self) -> bool:
         """Whether forces or joint torques are there."""
         return "force" in self.signals or "tau" in self.signals
@@ -261,11 +252,6 @@ ASSUMED_FRAME = (
     "which needs an orientation."
 )
 ASSUMED: Mapping[Assumption, str] = {"quaternion_order": ASSUMED_ORDER, "force_frame": ASSUMED_FRAME}
-#: Said where a load is weighed and no file or option states the direction; the wrench's note has it too.
-ASSUMED_UP = (
-    "Up: the z axis of the base, assumed. On a tilted or hanging arm state up in the file, or --up: x,y,z of "
-    "the base frame, or an axis such as -z."
-)
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 
 

@@ -36,8 +36,6 @@ from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import Change, watch_services
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
-from caesura_protocol.programs.safety import CellSettings
-from caesura_protocol.recording import ASSUMED_UP
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
@@ -168,7 +166,7 @@ def bridge(
                 stand_by(
                     caesura,
                     station,
-                    lambda: _opened_source(source, options, settings.setting),
+                    lambda: _opened_source(source, options),
                     source=source,
                     preset=preset,
                     settings=settings,
@@ -176,7 +174,7 @@ def bridge(
                 )
             return
         with (
-            _opened_source(source, options, settings.setting) as samples,
+            _opened_source(source, options) as samples,
             connected(endpoint, config, patient=True) as caesura,
             caesura.bridge(
                 station,
@@ -233,15 +231,14 @@ def _pace(text: str) -> float:
 
 
 @contextmanager
-def _opened_source(name: str, options: SourceOptions, setting: CellSettings) -> Iterator[Source]:
-    """The source, closed in the end where it can be; says what of a file is assumed, or not read."""
+def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
+    """The source, closed in the end where it can be; says what of a file it does not read."""
     source = open_source(name, options)
     if isinstance(source, FileSource):
         recording = source.recording
         said = (
             ignored_line(recording),
             *(f"note: {one}" for one in recording.assumed),
-            f"note: {ASSUMED_UP}" if recording.assumes_up and setting.up is None else "",
             *(f"warning: {one}" for one in (*recording.cautions, *recording.doubts)),
         )
         for line in filter(None, said):

@@ -16,6 +16,7 @@ Vector = tuple[float, float, float]
 
 UP: Vector = (0.0, 0.0, 1.0)  # where none is stated
 NORM_TOLERANCE = 1e-3  # by which the length of a direction may differ from 1
+ROUNDED = 1e-12  # by which the length differs once it was made 1
 APART_RAD = math.radians(5.0)  # two bases that are tilted alike: a level shows less, a mounting more
 WORDS = MappingProxyType(
     {
@@ -30,6 +31,8 @@ EXPECTED = f"three numbers x,y,z of length 1 ± {NORM_TOLERANCE:g}, or one of {'
 def checked_up(up: Sequence[float]) -> Vector:
     """Return the direction with length 1. Raises ValueError with the value, the limit and a remedy.
 
+    What it has returned stays as it is: an opening that is sent again is the same one.
+
     >>> checked_up((0.0, 0.0, -1.0)), checked_up((0.0, 0.0, 1.0005))
     ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
     """
@@ -39,6 +42,7 @@ def checked_up(up: Sequence[float]) -> Vector:
     if abs(size - 1.0) > NORM_TOLERANCE:
         remedy = "" if size == 0.0 else f": is it {','.join(f'{value / size:.6g}' for value in up)}?"
         raise ValueError(f"up is {up_text(up)} of length {size:.6g}, expected 1 ± {NORM_TOLERANCE:g}{remedy}")
+    size = 1.0 if abs(size - 1.0) < ROUNDED else size
     x, y, z = (value / size + 0.0 for value in up)
     return x, y, z
 

@@ -14,6 +14,7 @@ from caesura_protocol.messages import App
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.rotations import angle_between
+from caesura_protocol.upright import up_text
 
 ALONE, FAR_M = 0.7, 0.1  # cost of an app that only one has; targets this far apart cost 1
 
@@ -116,6 +117,7 @@ def _of_programs(one: ProgramFile, other: ProgramFile) -> Iterator[str]:
     for what, mine, others in (
         ("name", one.name, other.name),
         ("robot", one.robot, other.robot),
+        ("up", one.up and up_text(one.up), other.up and up_text(other.up)),
         ("force limit [N]", one.safety.force_n, other.safety.force_n),
     ):
         if mine != others:

@@ -53,7 +53,7 @@ def still_touching(
     """What follows a contact is one too, where its force lasts and the tool does not leave."""
     base = base_after(last, context)
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
-    return _touching(normal, PUSHES_BACK_N, base, step, forces)
+    return _touching(normal, PUSHES_BACK_N, base, step, forces, context)
 
 
 def set_down(
@@ -69,8 +69,8 @@ def set_down(
         return step
     base = base_after(last, context)
     forces = _felt(step, context)
-    changed = np.median(forces, axis=0) - base if len(forces) else np.zeros(3)
-    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces)
+    changed = context.median(forces) - base if len(forces) else np.zeros(3)
+    return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
 
 
 def _felt(step: ProgramSegment, context: Context) -> NDArray[np.float64]:
@@ -89,12 +89,13 @@ def _touching(
     base: Vector,
     step: ProgramSegment,
     forces: NDArray[np.float64],
+    context: Context,
 ) -> ProgramSegment:
     """A step as a contact, where its forces along a normal stay above a base and the tool does not leave."""
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step
-    held: tuple[float, ...] = tuple(np.median(forces, axis=0).tolist())
+    held: tuple[float, ...] = tuple(context.median(forces).tolist())
     return replace(step.read_as("contact", force_held=held), base=base)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Joints, Quaternion, Segment, Vector
+from caesura_protocol.rotations import upright_rotation
 from caesura_protocol.upright import UP
 from caesura_service.constants import TARED_BIAS_N
 
@@ -71,6 +72,13 @@ class Context:
     def fingers_move(self, t0: float, tn: float) -> bool:
         """Do they move between two times [s], or close to them?"""
         return any(grip.is_near(t0, tn) for grip in self.grips)
+
+    def median(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3,) [N] median of each axis of forces (n, 3), of which one is vertical."""
+        upright = upright_rotation(self.up)
+        if upright is None:
+            return np.asarray(np.median(forces, axis=0))
+        return np.asarray(np.median(forces @ upright.T, axis=0) @ upright)
 
     def forces(self, times: Sequence[float]) -> NDArray[np.float64]:
         """(n, 3) [N] at some times [s], where they are known."""

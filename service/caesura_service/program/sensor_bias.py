@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby
-from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +127,7 @@ def _free_force(times: Sequence[float], context: Context) -> Vector:
     forces = context.forces(times[: 2 * looks])
     if not len(forces):
         return 0.0, 0.0, 0.0
-    apart = np.linalg.norm(forces - np.median(forces, axis=0), axis=1) >= PUSHES_BACK_N
+    apart = np.linalg.norm(forces - context.median(forces), axis=1) >= PUSHES_BACK_N
     begun = 0 if apart.all() else int(np.argmin(apart))
-    x, y, z = map(median, forces[begun : begun + looks].T.tolist())
+    x, y, z = context.median(forces[begun : begun + looks]).tolist()
     return x, y, z

@@ -6,6 +6,7 @@ from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_PART_APPS, MAX_PART_BYTES, App, Program
 from caesura_protocol.programs.app_times import edited_times
+from caesura_protocol.upright import APART_RAD, UP, tilt_between, up_text
 
 
 def apps_for(program: Program, taught_again: Program) -> tuple[App, ...]:
@@ -29,6 +30,10 @@ def apps_for(program: Program, taught_again: Program) -> tuple[App, ...]:
         if of_part != of_program:
             why = f"session {name} has another {what} than the program"
             raise ProtocolError("conflict", why, value=of_part, expected=of_program)
+    if tilt_between(taught_again.up, program.up) > APART_RAD:
+        why = f"session {name} was taught on a base that is mounted otherwise than that of the program"
+        value, expected = up_text(taught_again.up or UP), up_text(program.up or UP)
+        raise ProtocolError("conflict", why, value=value, expected=expected)
     _check_size(name, apps)
     return apps
 

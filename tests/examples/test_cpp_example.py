@@ -82,6 +82,7 @@ int main() {
     opening.wrench_source = "flange_sensor";
     opening.hand_on_robot = "yes";
     opening.bridge = "robot-1-4711-58af";
+    opening.up = {0.0, 0.0, -1.0};
     opening.task = "pick and place";
     opening.operator_name = "Ann";
     { StandIn pk; caesura::pack_open(pk, opening); show(pk); }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Callable
 from functools import cache
@@ -12,8 +13,14 @@ from pydantic.fields import FieldInfo
 
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import Message
+from caesura_protocol.upright import checked_up
 
 NAMES = st.from_regex(NAME_PATTERN.replace("$", r"\Z"))
+DIRECTIONS = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+    .filter(lambda vector: math.hypot(*vector) > 0.1)
+    .map(lambda vector: checked_up([value / math.hypot(*vector) for value in vector]))
+)
 SCALARS: dict[Any, st.SearchStrategy[Any]] = {
     bytes: st.binary(max_size=64),
     bool: st.booleans(),
@@ -42,6 +49,8 @@ def of(annotation: Any) -> st.SearchStrategy[Any]:
 
 
 def _bounded(annotation: Any, bounds: dict[str, Any]) -> st.SearchStrategy[Any]:
+    if bounds.get("func") is checked_up:
+        return DIRECTIONS
     origin, arguments = get_origin(annotation), get_args(annotation)
     strategies: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {
         int: lambda: st.integers(bounds.get("ge", 0), bounds.get("le", bounds.get("lt", 2**53) - 1)),
@@ -59,14 +68,14 @@ def _bounded(annotation: Any, bounds: dict[str, Any]) -> st.SearchStrategy[Any]:
         Union: lambda: st.one_of([of(argument) for argument in arguments]),
         types.UnionType: lambda: st.one_of([of(argument) for argument in arguments]),
         dict: lambda: st.dictionaries(of(arguments[0]), of(arguments[1]), max_size=3),
-        tuple: lambda: _tuple(arguments, bounds.get("min_length", 0)),
+        tuple: lambda: _tuple(arguments, bounds.get("min_length", 0), bounds.get("max_length") or 4),
     }
     if annotation in SCALARS:
         return SCALARS[annotation]
     return strategies.get(origin or annotation, lambda: messages(annotation))()
 
 
-def _tuple(arguments: tuple[Any, ...], min_length: int) -> st.SearchStrategy[Any]:
+def _tuple(arguments: tuple[Any, ...], min_length: int, max_length: int) -> st.SearchStrategy[Any]:
     if arguments[-1] is Ellipsis:
-        return st.lists(of(arguments[0]), min_size=min_length, max_size=4).map(tuple)
+        return st.lists(of(arguments[0]), min_size=min_length, max_size=min(max_length, 4)).map(tuple)
     return st.tuples(*map(of, arguments))

@@ -58,7 +58,7 @@ from caesura_protocol.recording import (
     unit_remedy,
     wrong_option,
 )
-from caesura_protocol.upright import parse_up
+from caesura_protocol.upright import parse_up, up_text
 from caesura_protocol.wrench_reading import read_wrench
 
 BAG_METADATA = "metadata.yaml"  # of a rosbag2, in its directory
@@ -106,6 +106,7 @@ def load_recording(
     for key, value in overrides.items():
         if value is not None and not is_option(key, value):
             raise RecordingError(wrong_option(key, value, OPTIONS[key]))
+    of_cell = _stated_up(up)
     raw = _read(path, mapping, WrenchStatement(wrench_source, force_frame))
     arrays, options, ignored = raw.arrays, raw.options, raw.ignored
     if "t" not in arrays or not {"pos", "q"} & set(arrays):
@@ -122,7 +123,7 @@ def load_recording(
     _convert(path, raw, stated)
     signals = {s: _as_matrix(arrays[s]) for s in COLUMNS_OF_SIGNAL if s in arrays}
     assumes_frame = "force" in signals and "force_frame" not in options
-    options |= {} if up is None else {"up": up}
+    options |= of_cell
     asked = {key: _asked(path, key, options.pop(key)) for key in CellSettings._fields if key in options}
     recording = Recording(
         arrays["t"],
@@ -217,6 +218,14 @@ def _check_overrides(path: Path, options: Mapping[str, str], overrides: Mapping[
         given = " and ".join(f"--{key.replace('_', '-')} {value}" for key, value in stated.items())
         other = f" does not fit {path.name}" if len(stated) == 1 else " do not fit each other"
         raise RecordingError(f"{given}{other}: {wrong}")
+
+
+def _stated_up(up: str | None) -> dict[str, str]:
+    """The direction of the command line as an option of a file. Raises RecordingError."""
+    try:
+        return {} if up is None else {"up": up_text(parse_up(up))}
+    except ValueError as error:
+        raise RecordingError(f"--{error}") from error
 
 
 def _asked(path: Path, key: str, value: str) -> Any:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import MappingProxyType
 
 Vector = tuple[float, float, float]
 
 UP: Vector = (0.0, 0.0, 1.0)  # where none is stated
 NORM_TOLERANCE = 1e-3  # by which the length of a direction may differ from 1
+GRAVITY, NEAR_GRAVITY = 9.81, 0.5  # [m/s²] the length of a vector that was meant as gravity
 ROUNDED = 1e-12  # by which the length differs once it was made 1
 APART_RAD = math.radians(5.0)  # two bases that are tilted alike: a level shows less, a mounting more
 WORDS = MappingProxyType(
@@ -40,11 +41,24 @@ def checked_up(up: Sequence[float]) -> Vector:
         raise ValueError(f"up is {up_text(up)}, expected {EXPECTED}")
     size = math.hypot(*up)
     if abs(size - 1.0) > NORM_TOLERANCE:
-        remedy = "" if size == 0.0 else f": is it {','.join(f'{value / size:.6g}' for value in up)}?"
-        raise ValueError(f"up is {up_text(up)} of length {size:.6g}, expected 1 ± {NORM_TOLERANCE:g}{remedy}")
+        found = f"up is {up_text(up)} of length {size:.6g}, expected 1 ± {NORM_TOLERANCE:g}"
+        raise ValueError(found + _remedy(up, size))
     size = 1.0 if abs(size - 1.0) < ROUNDED else size
     x, y, z = (value / size + 0.0 for value in up)
     return x, y, z
+
+
+def _remedy(up: Sequence[float], size: float) -> str:
+    """Propose the direction of a vector, or the opposite one of a vector of gravity."""
+    if size == 0.0:
+        return ""
+    if abs(size - GRAVITY) < NEAR_GRAVITY:
+        return f": up points away from gravity: is it {_rounded(-value / size for value in up)}?"
+    return f": is it {_rounded(value / size for value in up)}?"
+
+
+def _rounded(values: Iterable[float]) -> str:
+    return ",".join(f"{value + 0.0:.6g}" for value in values)
 
 
 def parse_up(text: str) -> Vector:

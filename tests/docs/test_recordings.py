@@ -31,7 +31,7 @@ def mapped(request, tmp_path) -> ColumnMapping:
 def test_the_mappings_are_read(mapped):
     options = {"wrench_source": "flange_sensor", "hand_on_robot": "yes", "force_frame": "flange"}
     if mapped.section("columns"):
-        options |= {"force_frame": "base", "robot": "panda"}
+        options |= {"force_frame": "base", "robot": "panda", "up": "0,0,1"}
     assert mapped.options == options
     if mapped.section("columns"):
         assert {rule.column: rule.factor for rule in rules_of(mapped)} == pytest.approx(

@@ -75,7 +75,7 @@ def _gravity(program: ProgramFile) -> str:
     if program.up is None:
         return ""
     away = _list([GRAVITY_M_PER_S2 * value for value in program.up])
-    return f"{INDENT}set_gravity({away})  # [m/s2] away from the ground: as it was taught, not as installed\n"
+    return f"{INDENT}set_gravity({away})  # [m/s2] away from the ground, as this program states it\n"
 
 
 def _ascii(text: str) -> str:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Close, Open, SampleBatch, Snapshot
 from caesura_protocol.recording import Recording
+from caesura_protocol.rotations import upright_rotation
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -18,6 +22,7 @@ from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of
 from clients.conftest import FULL_S
 from harness.demonstrations import guided
 from harness.peer import Peer
+from harness.tilted import tilted
 
 FULL = BridgeSettings(max_latency_s=FULL_S)  # no batch goes before it is full, as those of `sent`
 LOCAL = ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0")
@@ -60,12 +65,14 @@ def test_a_service_that_starts_again_with_its_journal_has_the_same_results():
     assert after.status.epoch > before.status.epoch
 
 
-def test_a_service_that_starts_again_on_its_journal_goes_on_where_it_was(tmp_path):
+@pytest.mark.parametrize("up", [None, (0.48, -0.6, 0.64)], ids=["upright", "tilted"])
+def test_a_service_that_starts_again_on_its_journal_goes_on_where_it_was(tmp_path, up):
+    taught = tilted(guided(), np.eye(3) if up is None else upright_rotation(up).T, up)
     config = replace(LOCAL, journal=tmp_path)
     with Service(config) as service:
-        undisturbed = teach(service.endpoint, guided())
+        undisturbed = teach(service.endpoint, taught)
     with Service(config) as service, Peer(service.endpoint) as peer:
-        opening, batches = sent(guided(), "s2")
+        opening, batches = sent(taught, "s2")
         peer.command(opening)
         for batch in batches[: len(batches) // 2]:
             peer.send(batch)

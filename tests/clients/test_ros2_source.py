@@ -153,14 +153,14 @@ def recording_of(source: Ros2Source, rows: np.ndarray) -> Recording:
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_topics_of_their_own_give_the_segments_of_the_npz(router, demonstration, layout):
     messages = list(ros.sensor_topics(demonstration))
-    mapped = ColumnMapping("map.toml", MAPPING)
+    mapped = ColumnMapping("map.toml", {**MAPPING, "up": "-z"})
     with (
         publisher(router, layout) as node,
         opened(router, node, early(messages), mapped=mapped) as source,
     ):
         rows = rows_of(source, node, messages, demonstration.t.size)
     found = recording_of(source, rows[rows[:, 0] > MUCH_LATER_S])
-    assert source.dropped == 0
+    assert (source.dropped, source.setting.up) == (0, (0.0, 0.0, -1.0))
     for name, values in demonstration.signals.items():
         assert np.array_equal(found.signals[name], values)
     np.testing.assert_allclose(found.t, demonstration.t, atol=1e-9)

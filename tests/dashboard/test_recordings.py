@@ -26,6 +26,7 @@ from caesura_clients.dashboard import playback, recordings
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.pages.recordings import received
 from caesura_clients.dashboard.recordings import RecordingDesk
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME
 from dashboard.conftest import ran
 from harness.demonstrations import guided
@@ -162,6 +163,23 @@ def test_a_file_without_a_frame_of_its_force_takes_the_answer(tmp_path: Path):
         answers = recordings.Answers(wrench_source="flange_sensor", force_frame=frame).model_dump()
         source = playback.source_of({"file": str(tmp_path / "a.npz"), "answers": answers})
         assert (source.force_frame, source.assumed) == (stated, () if frame else ("force_frame",))
+
+
+def test_the_direction_that_is_up_is_answered_or_as_in_the_file(tmp_path: Path, capsys):
+    hangs = (0.0, 0.0, -1.0)
+    replace(guided(), setting=CellSettings(up=hangs)).save(tmp_path / "a.npz")
+    assert looked(tmp_path / "a.npz")["stated"]["up"] == "0,0,-1"
+    (tmp_path / "odd.csv").write_text(CSV)
+    answers = recordings.Answers(columns={"t": "time", "px": "x", "py": "y", "pz": "z"}, up="-z").model_dump()
+    source = playback.source_of({"file": str(tmp_path / "odd.csv"), "answers": answers})
+    assert source.recording.up == hangs
+    assert 'up = "0,0,-1"' in json.loads(capsys.readouterr().out)["mapping"]
+
+
+def test_a_direction_that_is_none_is_refused_in_words(desk: RecordingDesk):
+    sent(desk, "u-1", "a.csv", CSV.encode())
+    with pytest.raises(EditRefused, match=r"up is '?0,1,1'?.* of length 1\.41421, expected 1 ± 0\.001"):
+        desk.play(asked("u-1", answers={"up": "0,1,1"}), frozenset())
 
 
 def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsys):

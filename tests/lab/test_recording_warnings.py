@@ -11,6 +11,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import ASSUMED_ORDER
 from caesura_protocol.rotations import matrices_of
 from caesura_service.offline_segmentation import segment_recording
+from harness.tilted import tilted
 
 PICK_AND_PLACE = load_recording(Path(__file__).parents[2] / "data" / "pick_and_place.npz")
 
@@ -88,6 +89,20 @@ def test_a_load_that_pulls_upwards_while_it_is_lifted_is_named():
     (warning,) = recording_warnings(wrong, "default")
     assert "the force points upwards by 2.1 N, at most 2 N are plausible" in warning
     assert "Negate force and torque" in warning
+    assert warning.endswith(
+        "State --up where the arm is tilted or hangs: the z axis of its base is taken as up."
+    )
+
+
+def test_a_load_pulls_against_the_direction_that_is_up():
+    hangs = tilted(PICK_AND_PLACE, np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, -1.0))
+    hangs = replace(hangs, assumed=())  # its joints, which confirm the order of its quaternions, are left out
+    assert upward_force_of_load(hangs) == pytest.approx(upward_force_of_load(PICK_AND_PLACE))
+    assert recording_warnings(hangs, "default") == ()
+    wrong = replace(hangs, signals={**hangs.signals, "force": -hangs.signals["force"]})
+    (warning,) = recording_warnings(wrong, "default")
+    assert "the force points upwards by 2.1 N" in warning
+    assert "--up" not in warning
 
 
 def test_what_is_not_used_is_a_warning():

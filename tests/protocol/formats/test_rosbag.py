@@ -157,7 +157,7 @@ def mixed(demonstration: Recording, arm: tuple[str, ...] = ros.ARM) -> list[ros.
 def test_joints_come_in_their_order_and_a_slower_wrench_is_held(demonstration, tmp_path):
     mapping = tmp_path / "map.toml"
     mapping.write_text(
-        'wrench_source = "flange_sensor"\nforce_frame = "flange"\n'
+        'wrench_source = "flange_sensor"\nforce_frame = "flange"\nup = [0, 1, 0]\n'
         '[topics."/joint_states"]\n[topics."/wrench"]\nforce_of = "robot"\nsignals = ["force"]\n'
     )
     bag = ros.write_bag(tmp_path / "bag", mixed(demonstration), "mcap")
@@ -167,6 +167,7 @@ def test_joints_come_in_their_order_and_a_slower_wrench_is_held(demonstration, t
     assert found.signals["gripper"][:, 0].tolist() == [0.04] * 200
     assert found.signals["force"][4:8, 0].tolist() == [-4.0, -4.0, -6.0, -6.0]
     assert (found.wrench_source, found.force_frame) == ("flange_sensor", "flange")
+    assert found.up == (0.0, 1.0, 0.0)
     with pytest.raises(RecordingError, match="Say force_frame in a mapping or --force-frame: base or flange"):
         load_recording(bag, wrench_source=SENSOR, angle_unit="rad")
     stated = load_recording(bag, wrench_source=SENSOR, angle_unit="rad", force_frame="flange")

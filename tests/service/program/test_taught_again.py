@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -43,6 +44,7 @@ def test_the_apps_are_those_of_the_edited_program_as_they_are():
     [
         (program(robot="ur5e"), "conflict", "another robot than the program"),
         (program(robot=None), "conflict", "another robot than the program"),
+        (program(up=(0.0, 0.0, -1.0)), "conflict", "on a base that is mounted otherwise"),
         (program(complete=False), "conflict", "still open"),
         (program(apps=()), "conflict", "no apps"),
         (program(gaps=(Gap(t0=0.5, tn=0.6, reason="evicted"),)), "conflict", "lost samples within its apps"),
@@ -55,6 +57,12 @@ def test_a_session_that_does_not_fit_is_refused_in_plain_words(taught_again: Pro
     with pytest.raises(ProtocolError, match=reason) as refused:
         apps_for(program("s1"), taught_again)
     assert refused.value.code == code
+
+
+def test_a_base_that_is_mounted_alike_within_the_reading_of_a_level_is_the_same_one():
+    leaning = math.sin(0.05), 0.0, math.cos(0.05)
+    assert apps_for(program("s1", up=(0.0, 0.0, 1.0)), program(up=leaning)) == pick_and_place()[:2]
+    assert apps_for(program("s1"), program(up=leaning)) == pick_and_place()[:2]
 
 
 def test_a_gap_outside_the_apps_does_no_harm():

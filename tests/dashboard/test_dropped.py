@@ -89,6 +89,7 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
     expect(form.locator(".summary")).to_contain_text(f"{len(TAUGHT.t)} samples")
     for label, value in (("wrench-source", "flange_sensor"), ("hand", "yes"), ("robot", "panda")):
         form.locator(f".{label}").select_option(value)
+    form.locator(".up").fill("z")
     form.locator(".station").fill("cell-files")
     form.locator(".session").fill(name)
     form.locator(".task").fill("press")
@@ -106,7 +107,7 @@ def test_what_is_dropped_is_asked_about_and_becomes_a_session(
         assert (opened.state, opened.samples, opened.description.task) == ("closed", len(TAUGHT.t), "press")
         assert opened.wrench.source == "flange_sensor"
         assert opened.wrench.hand_on_robot == "yes"
-        assert played.program.robot == "panda"
+        assert (played.program.robot, played.program.up) == ("panda", (0.0, 0.0, 1.0))
         kinds = [one.kind for one in played.segments.segments]
         assert kinds[:3] == ["steady", "motion", "contact"]
     played_here.get_by_role("link").click()

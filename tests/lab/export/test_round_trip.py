@@ -152,7 +152,8 @@ def test_a_damaged_file_is_refused(tmp_path):
 def test_an_exported_session_keeps_the_limit_and_the_tolerances_of_its_cell(tmp_path: Path) -> None:
     whole = load_recording(DATA / "dispenser.npz")
     recording = replace(whole, t=whole.t[::5], signals={s: v[::5] for s, v in whole.signals.items()})
-    asked = {"force_limit_n": 10.0, "path_tolerance_m": 0.005, "path_tolerance_rad": 0.05, "robot": "panda"}
+    asked = {"force_limit_n": 10.0, "path_tolerance_m": 0.005, "path_tolerance_rad": 0.05}
+    asked |= {"robot": "panda", "up": (0.0, 0.0, 1.0)}
     journal = kept(recording, **asked)
     write_session(tmp_path / "taught.mcap", read_session_export(journal, "cell-1", "s1"))
     recording_of(journal.replay("cell-1", "s1")).save(tmp_path / "taught.npz")

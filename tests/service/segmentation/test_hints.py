@@ -9,6 +9,7 @@ import pytest
 
 from caesura_protocol.messages import Hints, Insert, WrenchSource
 from caesura_protocol.recording import Recording
+from caesura_protocol.rotations import upright_rotation
 from caesura_service.offline_segmentation import batches, opening_of, segment_recording
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import Owner
@@ -17,6 +18,7 @@ from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.sessions.closed_pipeline import view_from_snapshot
 from harness.demonstrations import guided
+from harness.tilted import tilted
 
 FAULT_S = 3.6  # [s] when the last reach of the demonstration begins
 
@@ -47,6 +49,32 @@ def test_a_hand_is_hinted_at_while_it_holds_and_no_hint_is_active_at_the_end(hel
     assert held.t[raised.samples - 1] - FAULT_S <= 0.5
     assert [one.until for one in raised.hints] == [None]
     assert all(one.until is not None for one in found[-1].hints)
+
+
+def laden(recording: Recording) -> Recording:
+    """Something heavy is in the fingers from 2 s on."""
+    shut = (recording.t > 2.0).astype(float)[:, None]
+    force = recording.signals["force"] + shut * [0.0, 0.0, -12.0]
+    return replace(recording, signals={**recording.signals, "force": force, "gripper": shut})
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, -1.0), (0.48, -0.6, 0.64)])
+def test_the_hints_of_a_tilted_arm_are_those_of_one_on_a_table(held: Recording, up):
+    turn = upright_rotation(up)
+    for recording in (held, laden(held)):
+        table, tilt = (steps(one)[-1].hints for one in (recording, tilted(recording, turn.T, up)))
+        assert [(one.kind, one.since, one.until) for one in tilt] == [
+            (one.kind, one.since, one.until) for one in table
+        ]
+        assert "hand_in_wrench" in {one.kind for one in table}
+
+
+def test_a_load_that_sinks_passes_for_a_hand_where_the_direction_is_not_stated():
+    whole, up = laden(guided()), (0.0, 0.0, -1.0)
+    lowered = whole.signals["pos"] * [1.0, 1.0, -1.0]  # the last reach leads down
+    recording, turn = replace(whole, signals={**whole.signals, "pos": lowered}), upright_rotation(up)
+    assert steps(tilted(recording, turn.T, up))[-1].hints == ()
+    assert steps(tilted(recording, turn.T, None))[-1].hints != ()
 
 
 def test_samples_cut_otherwise_give_the_same_hints(held: Recording):

@@ -66,7 +66,8 @@ GUIDED_RULE = (
     " accepted at either end. A pause below 0.3 s, a rest that is never below 5 mm/s for 0.3 s, a corner with"
     " less than 10 mm beside it, one within 0.25 s of a start or stop, and one whose two readings do not both"
     " exceed 50 deg are optional. A gradual edge has a wider tol, up to 0.4 s."
-    " A release that lasts is accepted at either end."
+    " A release that lasts is accepted at either end. A rest that a contact, or an end of the recording, cuts to"
+    " less than 0.3 s has an optional edge."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
 HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement
@@ -155,7 +156,8 @@ def annotate(state: TrueState, *, guided: bool = False) -> dict[str, Any]:
         speed = _smooth(state.reference_speed, state.dt)
         spans, marks = _without_doubtful_rests(state, speed, spans, marks)
         marks = _with_doubtful_pauses(state, speed, spans, marks)
-        marks, decays = _with_both_ends(marks, decays)
+        marks += _cut_rests(state, spans)
+        _accept_both_ends(marks, decays)
     marks += decays + _within_motions(state, spans, guided=guided)
     gripper = _gripper(state)
     marks += [_mark(event["t"], "optional", str(event["event"])) for event in gripper]
@@ -495,16 +497,30 @@ def _is_rest(speed: Array, span: TickSpan, dt: float) -> bool:
     return longest >= min(round(REST_S / dt), span.last - span.first)
 
 
-def _with_both_ends(
-    marks: list[dict[str, Any]], decays: list[dict[str, Any]]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Accept a release that lasts at its beginning too; the decays that are left."""
+def _cut_rests(state: TrueState, spans: Sequence[TickSpan]) -> list[dict[str, Any]]:
+    """The edges of rests below 0.3 s that a contact, or an end of the recording, cuts: they are optional.
+
+    Such a rest belongs to the movement beside it. Its edge is where the movement passes 10 mm/s.
+    """
+    marks: list[dict[str, Any]] = []
+    for before, span, after in zip([None, *spans], spans, [*spans[1:], None], strict=False):
+        if not _large(span):
+            continue
+        moving = np.flatnonzero(_smoothed_speed(state, span) > SURE_M_PER_S)
+        for beside, tick, kind in ((before, moving[:1], "start"), (after, moving[-1:] + 1, "stop")):
+            is_cut = beside is None or beside.cls not in RESTS_OF[span.cls]
+            if is_cut and tick.size and 0 < tick[0] < span.last - span.first:
+                mark = _mark(_time(state, span.first + int(tick[0])), "optional", kind)
+                marks.append(_with_edge(state, mark))
+    return marks
+
+
+def _accept_both_ends(marks: Sequence[dict[str, Any]], decays: Sequence[dict[str, Any]]) -> None:
+    """Accept a release that lasts at its beginning too, where the force begins to decay."""
     for mark in marks:
         begun = [d for d in decays if 0.0 < mark["t"] - d["t"] < DECAY_MOST_S]
         if mark["kind"] == "contact_off" and begun:
             mark["t_alt"] = begun[-1]["t"]
-            decays = [d for d in decays if d is not begun[-1]]
-    return marks, decays
 
 
 def _optional(mark: dict[str, Any]) -> dict[str, Any]:
@@ -520,6 +536,12 @@ def _within_motions(state: TrueState, spans: list[TickSpan], *, guided: bool) ->
             level: Level = "optional" if dip.optional else "major"
             marks.append(_mark(_time(state, span.first + dip.tick), level, dip.kind, tol))
     return marks
+
+
+def _smoothed_speed(state: TrueState, span: TickSpan) -> Array:
+    """(n,) [m/s] by which guided people move in the ticks of a span."""
+    velocity = state.velocity_of_class(span.first, span.last, span.cls, guided=True)
+    return _smooth(np.linalg.norm(velocity, axis=1), state.dt)
 
 
 def _smoothed(state: TrueState, span: TickSpan, *, guided: bool) -> Array:

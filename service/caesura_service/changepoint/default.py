@@ -67,6 +67,7 @@ FORCE_IN_MOTION_N = 1.0  # by which the force of a free movement varies: 0.1 to 
 QUIET = Noise(nu0=5.0, floor=0.5, joint=True, correlation=correlation(MEMORY_S))  # of a wrench [N]
 PAUSE_S = 0.3  # shorter rests are part of a movement
 REFRACTORY_S = 0.4  # two submovements; a press of 0.25 s has evidence enough to be shorter
+SINGLE_SHARE = 1e-4  # of the hazard after one observation: what a hand does lasts longer than 0.1 s
 STROKES_REFRACTORY_S = 0.2
 # Of 1, 0.7, 0.5 and 0.35 the one with which stated probabilities and intervals come nearest to the share that
 # is right, on simulated people 4201 to 4210 and the open annotations (docs/judge.md).
@@ -230,6 +231,7 @@ DEFAULT = Preset(
     ALL_KINDS,
     continuous=True,
     refractory_s=REFRACTORY_S,
+    single_share=SINGLE_SHARE,
     unrepeated=UNREPEATED,
     power=JOINT_POWER,
     turn_share=TURN_SHARE,

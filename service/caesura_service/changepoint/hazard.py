@@ -71,18 +71,22 @@ class Geometric:
 class Refractory:
     """Constant hazard 1/mean_samples, but a `share` of that for the first `early` samples of a segment.
 
-    No person makes two movements within one submovement of 0.2 to 0.3 s; an apparent pair is one.
+    No person makes two movements within one submovement of 0.2 to 0.3 s; an apparent pair is one. `single` is
+    the share after the very first sample, None for `share`: nothing that a hand does lasts one observation of
+    0.1 s. It is above 0, because a person may give two changepoints that are so close.
     """
 
     mean_samples: float
     early: int
     share: float = 0.05
+    single: float | None = None
 
     def __post_init__(self) -> None:
-        if not (self.mean_samples > 1.0 and self.early >= 0 and 0.0 < self.share <= 1.0):
+        single = self.share if self.single is None else self.single
+        if not (self.mean_samples > 1.0 and self.early >= 0 and 0.0 < single <= self.share <= 1.0):
             raise ValueError(
-                f"mean is {self.mean_samples}, early {self.early} samples, share {self.share}, "
-                "expected above 1, at least 0, and within 0 to 1"
+                f"mean is {self.mean_samples}, early {self.early} samples, share {self.share}, single {single}, "
+                "expected above 1, at least 0, within 0 to 1, and above 0 and at most share"
             )
 
     @property
@@ -90,18 +94,27 @@ class Refractory:
         """g(early + n) / S(early): a segment that is under way has its early samples behind it."""
         return Geometric(self.mean_samples)
 
+    @property
+    def _shares(self) -> Array:
+        """(early + 1,) of the constant hazard that holds after each of the first samples, and then."""
+        shares = np.full(self.early + 1, self.share)
+        if self.single is not None:
+            shares[0] = self.single
+        shares[-1] = 1.0
+        return shares
+
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """Log g(n) = log S(n − 1) + log h(n)."""
         n = np.asarray(n)
-        first = np.where(n <= self.early, np.log(self.share), 0.0)
-        mass: Array = self.log_survival(n - 1) + first - np.log(self.mean_samples)
+        share = self._shares[np.minimum(n - 1, self.early)]
+        mass: Array = self.log_survival(n - 1) + np.log(share) - np.log(self.mean_samples)
         return mass
 
     def log_survival(self, n: NDArray[np.int64]) -> Array:
         """Log S(n) = Σ log(1 − h) over samples 1 to n."""
-        young = np.minimum(n, self.early)
-        old = (n - young) * np.log1p(-1.0 / self.mean_samples)
-        survival: Array = old + young * np.log1p(-self.share / self.mean_samples)
+        lasts = np.log1p(-self._shares / self.mean_samples)
+        young = np.concatenate([[0.0], np.cumsum(lasts[:-1])])
+        survival: Array = young[np.minimum(n, self.early)] + np.maximum(n - self.early, 0) * lasts[-1]
         return survival
 
 

@@ -33,8 +33,9 @@ class Preset:
     """How a demonstration is segmented.
 
     channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice.
-    `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment. Segments
-    shorter than `least_segment_s` [s] become no app (the thesis' minimum time filter).
+    `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment, and after its
+    first observation `single_share` of what it is later. Segments shorter than `least_segment_s` [s] become
+    no app (the thesis' minimum time filter).
 
     `continuous`: a segment begins where the one before it ends, at its last sample, and the changepoint lies
     midway between that and its own first; otherwise it begins with its own first sample, as in the thesis.
@@ -55,6 +56,7 @@ class Preset:
     continuous: bool = False
     mean_segment_s: float = 2.0
     refractory_s: float = 0.0
+    single_share: float | None = None
     least_segment_s: float = 0.3
     threshold: float | None = None
     unrepeated: tuple[tuple[str, ...], ...] = ()
@@ -126,7 +128,7 @@ class Preset:
     def hazard(self) -> Hazard:
         """The prior of segment lengths, in samples."""
         mean, early = self.mean_segment_s * SEGMENTATION_HZ, round(self.refractory_s * SEGMENTATION_HZ)
-        return Refractory(mean, early) if early else Geometric(mean)
+        return Refractory(mean, early, single=self.single_share) if early else Geometric(mean)
 
 
 def _united(kinds: Iterable[SegmentKind]) -> tuple[SegmentKind, ...]:

@@ -262,7 +262,17 @@ def test_a_release_that_lasts_is_accepted_at_either_end() -> None:
     truth = annotate(state(5.0, [(0.5, 2.0, (0, 0, -0.1))], normal=normal), guided=True)
     (release,) = [c for c in truth["changepoints"] if c["kind"] == "contact_off"]
     assert (release["t"], release["t_alt"]) == pytest.approx((4.0, 3.5), abs=0.05)
-    assert marked(truth, "decay") == []
+    assert [level for level, _ in marked(truth, "decay")] == ["optional"]
+
+
+def test_a_rest_that_a_contact_or_an_end_of_the_recording_cuts_has_an_optional_edge() -> None:
+    """Rests of 0.2 s: before the first movement, after a contact, and after the last movement."""
+    moves = [(0.2, 2.0, (0, 0, -0.1)), (3.2, 4.8, (0, 0, 0.1))]
+    truth = annotate(state(5.0, moves, normal=during(5.0, 2.0, 3.0, 10.0)), guided=True)
+    assert majors(truth) == [("contact_on", 2.0), ("contact_off", 3.0)]
+    assert marked(truth, "start") == [("optional", 0.2), ("optional", 3.2)]
+    assert marked(truth, "stop") == [("optional", 4.8)]
+    assert [s["cls"] for s in truth["segments"]] == ["motion", "contact", "motion"]
 
 
 def test_of_a_corner_and_a_stop_close_by_only_the_stop_counts() -> None:

@@ -66,8 +66,8 @@ GUIDED_RULE = (
     " accepted at either end. A pause below 0.3 s, a rest that is never below 5 mm/s for 0.3 s, a corner with"
     " less than 10 mm beside it, one within 0.25 s of a start or stop, and one whose two readings do not both"
     " exceed 50 deg are optional. A gradual edge has a wider tol, up to 0.4 s."
-    " A release that lasts is accepted at either end. A rest that a contact, or an end of the recording, cuts to"
-    " less than 0.3 s has an optional edge."
+    " A release that lasts is accepted at either end. A rest that a contact, or an end of the recording,"
+    " cuts to less than 0.3 s has an optional edge."
 )
 TRACING_M_PER_S, TRACING_M = 0.004, 0.012  # slow motion of that length is no creep
 HAND_BREADTH_M = 0.1  # at which a turn is as fast as a movement

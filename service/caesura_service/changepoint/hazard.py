@@ -85,8 +85,8 @@ class Refractory:
         single = self.share if self.single is None else self.single
         if not (self.mean_samples > 1.0 and self.early >= 0 and 0.0 < single <= self.share <= 1.0):
             raise ValueError(
-                f"mean is {self.mean_samples}, early {self.early} samples, share {self.share}, single {single}, "
-                "expected above 1, at least 0, within 0 to 1, and above 0 and at most share"
+                f"mean is {self.mean_samples}, early {self.early} samples, share {self.share}, "
+                f"single {single}, expected above 1, at least 0, within 0 to 1, and above 0 and at most share"
             )
 
     @property

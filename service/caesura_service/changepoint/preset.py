@@ -33,9 +33,9 @@ class Preset:
     """How a demonstration is segmented.
 
     channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice.
-    `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment, and after its
-    first observation `single_share` of what it is later. Segments shorter than `least_segment_s` [s] become
-    no app (the thesis' minimum time filter).
+    `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment. After
+    its first observation it is `single_share` of what it is later. Segments shorter than `least_segment_s`
+    [s] become no app (the thesis' minimum time filter).
 
     `continuous`: a segment begins where the one before it ends, at its last sample, and the changepoint lies
     midway between that and its own first; otherwise it begins with its own first sample, as in the thesis.

@@ -24,6 +24,8 @@ T = TypeVar("T")
 
 KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding", "turning")
 LEVELS = ("major", "optional")
+# What happens at a changepoint; decay and the gripper's two are of simulated people. One may name none.
+POINT_KINDS = ("start", "stop", "contact_on", "contact_off", "corner", "dip", "decay", "grasp", "release")
 HAND_ON_ROBOT = ("yes", "no", "unknown")
 SHA256_DIGITS = 64
 SUFFIX = ".ann.json"
@@ -274,7 +276,8 @@ def _point(mark: Mapping[str, Any], window: tuple[float, float]) -> TrueChangepo
         raise ValueError(f"tol is {tolerance}, expected 0 s or more")
     t = _number_within(mark, "t", window)
     t_alt = None if mark.get("t_alt") is None else _number_within(mark, "t_alt", window)
-    return TrueChangepoint(t, tolerance, level == "optional", str(mark.get("kind", level)), t_alt)
+    kind = _choice(mark, "kind", POINT_KINDS) or level
+    return TrueChangepoint(t, tolerance, level == "optional", kind, t_alt)
 
 
 def _number_within(mark: Mapping[str, Any], name: str, window: tuple[float, float]) -> float:

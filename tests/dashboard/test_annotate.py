@@ -86,6 +86,7 @@ def press(page: Page, *keys: str) -> None:
 def test_a_recording_is_annotated_by_keys_alone_and_kept(file: Path, visitor: Visitor):
     with running(Annotate(file)) as tool:
         page = opened(tool, visitor)
+        expect(page.locator(".message")).to_have_text("nothing to save yet")
         press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "Shift+ArrowRight", "q", "+")
         press(page, *["ArrowRight"] * STEPS_TO_A_SECOND, "c", "o", "z", "v")
         expect(page.locator(".selection")).to_contain_text("2 changepoints, not saved")

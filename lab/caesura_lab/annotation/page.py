@@ -74,6 +74,7 @@ class AnnotationSession(NamedTuple):
             "points": [self._as_shown(point) for point in document["changepoints"]],
             "segments": [self._as_shown(segment) for segment in document["segments"]],
             "saved": self.editor.is_saved,
+            "stored": self.path.exists(),
             "message": message,
             "failed": failed,
         }

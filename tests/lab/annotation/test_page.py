@@ -59,3 +59,15 @@ def test_times_of_day_are_shown_from_the_start_and_kept_as_they_are(of_day: Anno
     with pytest.raises(EditError, match=r"^12\.000 s is outside of the window from 0\.000 to 10\.000 s$"):
         of_day.run_command("stop", 12.0)
     assert of_day.run_command("save", 2.0) == f"saved {of_day.path}"
+
+
+def test_an_annotation_without_a_mark_or_a_file_is_not_called_saved(session: AnnotationSession):
+    def standing() -> tuple[bool, bool]:
+        state = session.state()
+        return state["saved"], state["stored"]
+
+    assert standing() == (True, False)
+    session.run_command("start", 2.0)
+    assert standing() == (False, False)
+    session.run_command("save", 2.0)
+    assert standing() == (True, True)

@@ -153,6 +153,10 @@ def test_an_open_annotation_must_name_its_recording(extent: SuiteOptions):
             {"changepoints": [{"t": 1, "tol": 0.1, "level": "major", "t_alt": "x"}]},
             r"changepoints\[0\]: t_alt is 'x', expected a finite number",
         ),
+        (
+            {"changepoints": [{"t": 1, "tol": 0.1, "level": "major", "kind": "strat"}]},
+            r"changepoints\[0\]: kind is 'strat', expected one of \['start', 'stop', 'contact_on'",
+        ),
         (  # it was read in silence, and judged nowhere
             {"changepoints": [{"t": 5.2, "tol": 0.1, "level": "major"}]},
             r"changepoints\[0\]: t is 5\.200 s, expected a time within the window from 0\.000 to 5\.000 s",

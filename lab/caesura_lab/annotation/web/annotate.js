@@ -19,7 +19,7 @@ export default {
     const t = this.signals.t;
     return {
       first: t[0], last: t[t.length - 1], from: t[0], to: t[t.length - 1], cursor: milliseconds(t[0]),
-      points: [], segments: [], window: [t[0], t[t.length - 1]], saved: true, message: "", failed: false, keys, kinds: KINDS,
+      points: [], segments: [], window: [t[0], t[t.length - 1]], saved: true, stored: false, message: "", failed: false, keys, kinds: KINDS,
     };
   },
   created() {
@@ -46,6 +46,10 @@ export default {
     },
     nearest() {
       return this.points.reduce((best, point) => (best && Math.abs(best.t - this.cursor) <= Math.abs(point.t - this.cursor) ? best : point), null);
+    },
+    standing() {
+      if (!this.saved) return "not saved";
+      return this.stored ? "saved" : "nothing to save yet";
     },
     here() {
       const end = this.window[1];

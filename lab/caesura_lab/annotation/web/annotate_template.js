@@ -30,7 +30,7 @@ export const template = `
       <button v-for="one in keys" :key="one.key" :data-command="one.name" @click="command(one.name)" tabindex="-1">
         <kbd>{{ one.key }}</kbd> <i v-if="one.kind" class="swatch" :class="'kind-' + one.kind"></i>{{ one.title }}</button>
     </fieldset>
-    <p class="message" role="status" :class="{ failed }">{{ message || (saved ? "saved" : "not saved yet") }}</p>
+    <p class="message" role="status" :class="{ failed }">{{ message || standing }}</p>
     <ul class="legend" aria-label="Legend">
       <li v-for="{ axis, dash, name } in lines" :key="axis"><svg width="30" height="10" aria-hidden="true">
         <line x1="0" y1="5" x2="30" y2="5" :style="{ stroke: 'var(--line-' + axis + ')' }" stroke-width="1.5" :stroke-dasharray="dash" /></svg> {{ name }}</li>
@@ -41,7 +41,7 @@ export const template = `
       aria-label="Speed, position and force against time, with changepoints and classes" aria-describedby="plot-help"
       @pointerdown="pressed" @wheel.prevent="wheeled" @keydown="key"></canvas>
     <p class="selection" role="status">Time {{ cursor.toFixed(3) }} s: {{ here }}; {{ near }}. {{ points.length }}
-      {{ points.length === 1 ? "changepoint" : "changepoints" }}, {{ saved ? "saved" : "not saved" }}.</p>
+      {{ points.length === 1 ? "changepoint" : "changepoints" }}, {{ standing }}.</p>
     <p id="plot-help" class="help">In the plot: ← → move the cursor (⇧ finely), ↑ ↓ or the wheel zoom, Page ↑ ↓ go on,
       V shows 4 s or everything, [ and ] go from changepoint to changepoint. A click sets the cursor.</p>
   </section>`;

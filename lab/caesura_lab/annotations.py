@@ -21,6 +21,7 @@ from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.number_words import fixed, interval
 
 T = TypeVar("T")
+Stretch = TypeVar("Stretch", "TrueSegment", "MeasuredQuantity", "ScrewStroke")
 
 KINDS = ("motion", "steady", "contact", "transport", "hold", "sliding", "turning")
 LEVELS = ("major", "optional")
@@ -120,6 +121,48 @@ class Truth:
     source: RecordingSource | None = None
     phases: tuple[TrueSegment, ...] = ()
     screws: tuple[ScrewStroke, ...] = ()
+
+    def within(self, low: float, high: float) -> Truth:
+        """What of it lies between two times [s]; stretches across one of them end there."""
+        return self._changed(
+            (max(low, self.window[0]), min(high, self.window[1])),
+            tuple(point for point in self.points if low <= point.t <= high),
+            lambda t0, t1: (max(t0, low), min(t1, high)) if t0 < high and t1 > low else None,
+        )
+
+    def at_times(self, time_of: Callable[[float], float]) -> Truth:
+        """The same truth with each time [s] replaced by another, in the same order."""
+        points = (
+            replace(one, t=time_of(one.t), t_alt=None if one.t_alt is None else time_of(one.t_alt))
+            for one in self.points
+        )
+        first, last = self.window
+        return self._changed(
+            (time_of(first), time_of(last)), tuple(points), lambda t0, t1: (time_of(t0), time_of(t1))
+        )
+
+    def _changed(
+        self,
+        window: tuple[float, float],
+        points: tuple[TrueChangepoint, ...],
+        ends_of: Callable[[float, float], tuple[float, float] | None],
+    ) -> Truth:
+        """The truth with another window, other points, and other ends of stretches; None leaves one out."""
+
+        def stretches(given: Sequence[Stretch]) -> tuple[Stretch, ...]:
+            ends = ((one, ends_of(one.t0, one.t1)) for one in given)
+            return tuple(replace(one, t0=found[0], t1=found[1]) for one, found in ends if found is not None)
+
+        return replace(
+            self,
+            window=window,
+            points=points,
+            spans=stretches(self.spans),
+            loads=stretches(self.loads),
+            forces=stretches(self.forces),
+            phases=stretches(self.phases),
+            screws=stretches(self.screws),
+        )
 
 
 @dataclass(frozen=True)

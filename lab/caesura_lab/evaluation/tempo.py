@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TypeVar
 
-from caesura_lab.annotations import MeasuredQuantity, ScrewStroke, TrueChangepoint, TrueSegment, Truth
+from caesura_lab.annotations import Truth
 from caesura_protocol.recording import Recording
 
-Stretch = TypeVar("Stretch", TrueSegment, MeasuredQuantity, ScrewStroke)
 # How much longer it takes, and how much larger its path is.
 TEMPI: Mapping[str, tuple[float, float]] = {
     "half the time": (0.5, 1.0),
@@ -41,23 +39,4 @@ def in_tempo(recording: Recording, truth: Truth, tempo: str) -> tuple[Recording,
         if path == "pos":
             signals.pop("q", None)
     retimed = replace(recording, t=begun + duration * (recording.t - begun), signals=signals)
-    return retimed, _retimed(truth, time_of)
-
-
-def _retimed(truth: Truth, time_of: Callable[[float], float]) -> Truth:
-    def stretches(given: Sequence[Stretch]) -> tuple[Stretch, ...]:
-        return tuple(replace(one, t0=time_of(one.t0), t1=time_of(one.t1)) for one in given)
-
-    def point(one: TrueChangepoint) -> TrueChangepoint:
-        return replace(one, t=time_of(one.t), t_alt=None if one.t_alt is None else time_of(one.t_alt))
-
-    return replace(
-        truth,
-        window=(time_of(truth.window[0]), time_of(truth.window[1])),
-        points=tuple(map(point, truth.points)),
-        spans=stretches(truth.spans),
-        loads=stretches(truth.loads),
-        forces=stretches(truth.forces),
-        phases=stretches(truth.phases),
-        screws=stretches(truth.screws),
-    )
+    return retimed, truth.at_times(time_of)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TypeVar
 
-from caesura_lab.annotations import TrueSegment, Truth
 from caesura_lab.report.report_data import ReportData
 from caesura_protocol.messages import Changepoint, Gap, Phase, Segment
 from caesura_protocol.programs.app_times import earlier
@@ -32,7 +30,7 @@ def from_start(content: ReportData) -> ReportData:
         changes=replace(changes, t=changes.t - start_s),
         run_lengths=replace(runs, t=runs.t - start_s, start_t=runs.start_t - start_s),
         view=_view(content.view, start_s),
-        truth=None if content.truth is None else _truth(content.truth, start_s),
+        truth=None if content.truth is None else content.truth.at_times(lambda t: t - start_s),
         notes=(f"{clock.words[0].upper()}{clock.words[1:]}.", *map(clock.text, content.notes)),
     )
 
@@ -55,24 +53,3 @@ def _spans(spans: Sequence[Span], start_s: float) -> tuple[Span, ...]:
 def _changepoint(one: Changepoint, start_s: float) -> Changepoint:
     times = {name: getattr(one, name) for name in ("t", "t_low", "t_high")}
     return one.model_copy(update={name: t - start_s for name, t in times.items() if t is not None})
-
-
-def _truth(truth: Truth, start_s: float) -> Truth:
-    """What a report draws of it: boundaries, segments and phases."""
-    first, last = truth.window
-    begun = partial(_true_segment, start_s=start_s)
-    points = tuple(
-        replace(one, t=one.t - start_s, t_alt=None if one.t_alt is None else one.t_alt - start_s)
-        for one in truth.points
-    )
-    return replace(
-        truth,
-        window=(first - start_s, last - start_s),
-        points=points,
-        spans=tuple(map(begun, truth.spans)),
-        phases=tuple(map(begun, truth.phases)),
-    )
-
-
-def _true_segment(one: TrueSegment, start_s: float) -> TrueSegment:
-    return replace(one, t0=one.t0 - start_s, t1=one.t1 - start_s)

@@ -18,7 +18,7 @@ from caesura_protocol.messages import (
     Remove,
     SegmentOutline,
 )
-from caesura_protocol.number_words import fixed
+from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 _WORDS: Mapping[str, str] = {
@@ -113,7 +113,7 @@ def _apps(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
         found = [f"{name}: {values}" for name, values in changed if values]
         yield from found[:LISTED]
         if len(found) > LISTED:
-            yield f"values of {len(found) - LISTED} more apps change"
+            yield f"values of {counted(len(found) - LISTED, 'more app')} change"
         return
     yield from _becomes(
         [app_name(i, one.kind) for i, one in enumerate(before, first)],

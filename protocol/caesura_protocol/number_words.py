@@ -1,8 +1,20 @@
-"""Numbers in messages: a message stays short, whatever number a sender states."""
+"""Numbers in messages: a message stays short, whatever number a sender states, and counts as people do."""
 
 from __future__ import annotations
 
 LONG = 1e12  # from here on with an exponent; times of day are below it
+HISSING = ("s", "x", "ch", "sh")  # ends of nouns whose plural has a syllable more
+
+
+def counted(number: int, noun: str) -> str:
+    """A number and what it counts, which is given in the singular.
+
+    >>> counted(1, "gap"), counted(0, "via point"), counted(2, "batch")
+    ('1 gap', '0 via points', '2 batches')
+    """
+    if number == 1:
+        return f"1 {noun}"
+    return f"{number} {noun}{'es' if noun.endswith(HISSING) else 's'}"
 
 
 def fixed(value: float, decimals: int) -> str:

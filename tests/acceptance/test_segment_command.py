@@ -79,7 +79,7 @@ def test_a_threshold_that_is_no_probability_is_one_clear_line():
 @pytest.mark.parametrize(
     ("name", "t", "words"),
     [
-        ("one", np.array([0.0]), "nothing to segment in 1 samples"),
+        ("one", np.array([0.0]), "nothing to segment in 1 sample over"),
         (
             "slow",
             np.arange(0.0, 12.0, 0.3),

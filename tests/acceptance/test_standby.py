@@ -29,6 +29,7 @@ from caesura_clients.cli.commands import register
 from caesura_clients.cli.demonstrations import WAITING, what_lasts
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.messages import BridgeState, BridgeStatus, Description, SessionStatus
+from caesura_protocol.number_words import counted
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from clients.examples import LiveSource, samples
 from clients.guided_arms import ARMS, M_PER_STATE, RATE_HZ, GuidedArm
@@ -248,7 +249,7 @@ def test_a_stop_counts_what_the_service_had_to_refuse(router, service, caesura):
         assert standby.status.outcome.endswith(f" batches, of which {lost} are lost")
         assert describing.stop(caesura.transport, STATION, session=session).lost == lost
     assert stopped.exit_code == 0, "a pedal starts the next one where a stop fails"
-    assert f"warning: {lost} batches of it are lost: `caesura sessions show {session}" in stopped.stderr
+    assert f"warning: {counted(lost, 'batch')} of it lost: `caesura sessions show {session}" in stopped.stderr
 
 
 def test_a_source_that_delivers_nothing_does_not_keep_a_session_open(router, service, caesura):

@@ -148,7 +148,7 @@ def test_a_batch_that_was_dropped_is_named_and_one_that_comes_twice_is_not_shown
         for seq in (0, 1, 1, 4, 0, 5):
             station.send(seq, rows[seq * BATCH : (seq + 1) * BATCH])
         eventually(lambda: viewer.count("/state") >= 80)
-        eventually(lambda: f"session {SESSION}: 2 batches were not received" in viewer.statuses)
+        eventually(lambda: f"session {SESSION}: 2 batches not received" in viewer.statuses)
         shown = [one["t"] for one in viewer.of("/state")]
         assert shown == np.concatenate([rows[:40, 0], rows[80:120, 0]]).tolist()
 

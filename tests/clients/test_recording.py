@@ -79,7 +79,7 @@ def written(path, **arrays):
         ("a.npz", b"not a zip", "not a readable npz"),
         ("a.npz", b"", "not a readable npz"),
         ("a.csv", b"", "0 rows"),
-        ("a.csv", b"t,px,py,pz\n", "1 rows"),
+        ("a.csv", b"t,px,py,pz\n", "1 row,"),
         ("a.csv", b"t,px,py,pz\n0,1,2,x\n", "line 2: pz is 'x', expected a number"),
         (
             "a.csv",

@@ -43,6 +43,7 @@ from caesura_clients.editing import mark
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import FirstSecond
 from caesura_protocol.pose_reading import PoseReadings
 from caesura_protocol.programs.safety import UNSET, CellSettings
@@ -365,7 +366,7 @@ class Bridge:
             self._sender.continue_from(self.acknowledged)
         elif self.acknowledged > self.sent:
             raise CaesuraError(
-                f"{self.station}/{self.session} already has {self.acknowledged} batches; "
+                f"{self.station}/{self.session} already has {counted(self.acknowledged, 'batch')}; "
                 "give the session another name, or the bridge a higher epoch"
             )
         self._is_open = True

@@ -45,6 +45,7 @@ from caesura_protocol.messages import (
     Start,
     Stop,
 )
+from caesura_protocol.number_words import counted
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.network import Transport
 
@@ -284,7 +285,7 @@ class Standby:
             else:
                 one.lost = ack.lost
                 lacking = f", of which {ack.lost} are lost" if ack.lost else ""
-                return f"closed with {ack.next_seq} batches{lacking}"
+                return f"closed with {counted(ack.next_seq, 'batch')}{lacking}"
 
     # --- sessions that a bridge has left open -----------------------------------------------------------
 

@@ -36,6 +36,7 @@ from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import Change, watch_services
 from caesura_protocol.errors import ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
+from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
@@ -198,7 +199,7 @@ def bridge(
                 ack = _run(opened, caesura)
             for unmade in opened.unmarked:
                 typer.echo(f"no {unmade}", err=True)
-            typer.echo(f"{station}/{opened.session} closed, {ack.next_seq} batches")
+            typer.echo(f"{station}/{opened.session} closed, {counted(ack.next_seq, 'batch')}")
             _show_outcome(caesura, station, opened.session)
 
 
@@ -249,7 +250,7 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
         yield source
     if dropped := getattr(source, "dropped", 0):
         when = getattr(source, "lost_words", "")
-        typer.echo(f"{name}: {dropped} messages came faster than they were taken{when}", err=True)
+        typer.echo(f"{name}: {counted(dropped, 'message')} came faster than they were taken{when}", err=True)
 
 
 def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:

@@ -22,6 +22,7 @@ from caesura_protocol.codec import decode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import BridgeStatus, Description
+from caesura_protocol.number_words import counted
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample
 
 PATIENCE_S = 2.0
@@ -81,7 +82,8 @@ def stop(
     typer.echo(f"{station}/{ack.session} is over")
     if ack.lost:
         shown = f"caesura sessions show {ack.session} --station {station}"
-        typer.echo(f"warning: {ack.lost} batches of it are lost: `{shown}` states when and why", err=True)
+        lost = f"{counted(ack.lost, 'batch')} of it lost"
+        typer.echo(f"warning: {lost}: `{shown}` states when and why", err=True)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from caesura_clients.recorder import RecordedSession, Recorder, record
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.write import WRITERS, check_writable
+from caesura_protocol.number_words import counted
 from caesura_protocol.transport.zenoh_transport import endpoint_of
 
 
@@ -51,7 +52,7 @@ def record_session(
             raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
     span_s = found.recording.t[-1] - found.recording.t[0]
     where = f"{station}/{found.recorder.session}"
-    typer.echo(f"{out}: {where}, {found.recording.t.size} samples, {span_s:.2f} s")
+    typer.echo(f"{out}: {where}, {counted(found.recording.t.size, 'sample')}, {span_s:.2f} s")
     if found.missed:
         typer.echo(f"{where}: {found.missed}", err=True)
     if found.recorder.lost:

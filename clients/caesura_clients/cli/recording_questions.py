@@ -18,6 +18,7 @@ from caesura_protocol.formats.csv_layout import CsvLayout, guessed, likely_units
 from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN, TURNS, UNITS
 from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from caesura_protocol.number_words import counted
 from caesura_protocol.robots import robot_names
 
 NAMES = {"t": "the time", **dict.fromkeys(TURNS, "the angles")}  # in the question for their unit
@@ -175,7 +176,7 @@ def _asked_columns(
         typer.echo(
             f"no column {unknown[0]!r}"
             if unknown
-            else f"{len(found)} columns, expected {expected}, each once"
+            else f"{counted(len(found), 'column')}, expected {expected}, each once"
         )
 
 

@@ -27,7 +27,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     WrenchReport,
 )
-from caesura_protocol.number_words import fixed, reads_above
+from caesura_protocol.number_words import counted, fixed, reads_above
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import torque_about_axis
@@ -135,7 +135,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
     parts = [
         status.state,
         f"t {clock.shown(status.t)} s",
-        f"{status.samples} samples in {status.batches} batches",
+        f"{counted(status.samples, 'sample')} in {counted(status.batches, 'batch')}",
         status.wrench.note or f"wrench {status.wrench.source}",
     ]
     if status.waiting_for is not None:
@@ -143,7 +143,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
     if status.overloaded:
         parts.append("the service is overloaded")
     if status.dropped:
-        parts.append(f"{status.dropped} messages dropped, and batches among them asked for again")
+        parts.append(f"{counted(status.dropped, 'message')} dropped, and batches among them asked for again")
     if status.gaps:
         parts.append(_gaps(status, clock))
     parts += budgets_in_words(status.budgets)
@@ -252,7 +252,7 @@ def _why(refusal: Refusal) -> str:
 
 def _gaps(status: SessionStatus, clock: SessionClock) -> str:
     """How many, how long, and when the newest were."""
-    lost = f", {status.lost} {'batch' if status.lost == 1 else 'batches'} lost" if status.lost else ""
+    lost = f", {counted(status.lost, 'batch')} lost" if status.lost else ""
     at_end = any(
         gap.t0 == gap.tn for gap in status.gaps
     )  # nothing came behind it, so its length is not known
@@ -261,7 +261,7 @@ def _gaps(status: SessionStatus, clock: SessionClock) -> str:
     lasted_s = sum(gap.tn - gap.t0 for gap in status.gaps)
     stretches = [(gap.t0, gap.tn) for gap in status.gaps]
     named = f" ({clock.newest(stretches, count)})" if stretches else ""
-    return f"{count} {'gap' if count == 1 else 'gaps'}, {least}{lasted_s:.2f} s{named}{lost}"
+    return f"{counted(count, 'gap')}, {least}{lasted_s:.2f} s{named}{lost}"
 
 
 def description_line(description: Description) -> str:

@@ -12,7 +12,7 @@ from caesura_clients.dashboard.program_path import program_path, target_before
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.messages import App, Program, Vector
-from caesura_protocol.number_words import fixed
+from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
 from caesura_protocol.screw_motion import screw_in_words
@@ -155,7 +155,7 @@ def path(app: App) -> str:
     via, off = len(app.path.via), f"within {fixed(1000 * app.path.deviation_m, 1)} mm"
     turn = turn_of(app)
     turned = f"turns {math.degrees(turn):.0f}°, " if turn >= NAMED_TURN_RAD else ""
-    way = f"{via} via point{'s' if via > 1 else ''}, {off}" if via else f"straight {off}"
+    way = f"{counted(via, 'via point')}, {off}" if via else f"straight {off}"
     return f"{fixed(1000 * app.path.length_m, 0)} mm, {turned}{way}"
 
 

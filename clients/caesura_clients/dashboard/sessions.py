@@ -7,6 +7,7 @@ from typing import Any
 
 from caesura_clients.dashboard.station_summary import DashboardState, gaps, lasted
 from caesura_clients.results import Update
+from caesura_protocol.number_words import counted
 
 
 def sessions(world: DashboardState) -> list[dict[str, Any]]:
@@ -48,7 +49,7 @@ def _taught_again(world: DashboardState, station: str, session: str) -> list[lis
 def _in_words(update: Update) -> str:
     """A session as an operator chooses it."""
     task, count = update.status.description.task, len(update.program.apps)
-    return ", ".join(filter(None, [update.session, task, f"{count} app{'' if count == 1 else 's'}"]))
+    return ", ".join(filter(None, [update.session, task, counted(count, "app")]))
 
 
 def _age(update: Update) -> tuple[float, str, str]:

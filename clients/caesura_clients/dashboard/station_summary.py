@@ -14,6 +14,7 @@ from typing import Any, Literal
 from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_clients.results import Update
 from caesura_protocol.messages import BridgeStatus, ServiceStatus
+from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import SessionClock, clock_from, clock_of, is_of_day
 
 STALE_S = 2.0
@@ -214,7 +215,7 @@ def gaps(update: Update | None) -> int:
 def summary(world: DashboardState, found: Sequence[StationSummary]) -> str:
     """Return the line above the cards."""
     state = f"{troubled(found) or 'none'} in trouble" if world.alive else "no service answers"
-    return f"{len(found)} station{'' if len(found) == 1 else 's'}, {state}"
+    return f"{counted(len(found), 'station')}, {state}"
 
 
 def warning_of(seen: StationSummary, world: DashboardState) -> str:

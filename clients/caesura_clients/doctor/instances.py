@@ -11,6 +11,7 @@ from caesura_clients.doctor.probes import ProbeResult, TimedServiceStatus
 from caesura_protocol.distribution import installed_version
 from caesura_protocol.keys import ROOT
 from caesura_protocol.messages import ServiceStatus, SessionStatus
+from caesura_protocol.number_words import counted
 from caesura_protocol.transport.network import IncompleteAnswerError
 
 CLOCK_LIMIT_S = 0.05
@@ -60,11 +61,11 @@ def check_credentials(probed: ProbeResult) -> Iterator[CheckResult]:
         found = "the service's status is not for these credentials"
         remedy += " (`caesura certs DIR --dashboard NAME`)"
     elif hidden:
-        found = f"{known} sessions are known and none was shown"
+        found = f"{counted(known, 'known session')} and none was shown"
     yield graded("credentials", found, (not probed.reported or hidden, "warn", remedy))
     said = (str(one) for one in probed.refusals if not isinstance(one, IncompleteAnswerError))
     for refusal, times in Counter(said).items():
-        found = f"{times} questions refused: {refusal}"
+        found = f"{counted(times, 'question')} refused: {refusal}"
         yield CheckResult("warn", "credentials", found, "see the service's log")
 
 

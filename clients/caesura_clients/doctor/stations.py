@@ -20,6 +20,7 @@ from caesura_clients.parallel_sessions import REMEDY, in_words
 from caesura_protocol.codec import signals_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import ESTIMATE, WRENCH_SOURCES, BridgeStatus, SampleBatch, SessionStatus
+from caesura_protocol.number_words import counted
 
 FEWEST_SAMPLES = 100  # that say something of a rate
 UNWRITABLE = "cannot write its journal"
@@ -88,7 +89,9 @@ def _checks_of(station: StationProbe) -> Iterator[CheckResult]:
         yield from check(station, status)
     for session, count in station.strangers.items() if status.state == "open" else ():
         remedy = "a bridge of a session that is over, or refused: see its terminal and the service's log"
-        yield CheckResult("warn", "bridge", f"{count} batches of {session}, which is not open", remedy)
+        yield CheckResult(
+            "warn", "bridge", f"{counted(count, 'batch')} of {session}, which is not open", remedy
+        )
 
 
 def _station(probed: ProbeResult, name: str) -> StationProbe:
@@ -177,7 +180,7 @@ def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckR
     found = f"{batches / over_s:.1f} batches/s, {count / over_s:.0f} samples/s"
     if passed_s > 0:
         found += f", {passed_s / over_s:.2f} s of the demonstration a second"
-    unprocessed = f"{sent} batches sent and none processed in {took_s:.1f} s"
+    unprocessed = f"{counted(sent, 'batch')} sent and none processed in {took_s:.1f} s"
     why = "a batch before them is missing, the queue is long or they are refused: see below and the log"
     begun = f"listened to for {took_s:.1f} s only"
     result = first_of(
@@ -317,7 +320,7 @@ def _check_rival_bridges(station: StationProbe, status: SessionStatus) -> Iterat
     """Check that only one bridge sends the session."""
     senders = Counter(one.bridge for one in station.own if one.bridge is not None)
     if len(senders) > 1:
-        each = ", ".join(f"{name} ({count} batches)" for name, count in sorted(senders.items()))
+        each = ", ".join(f"{name} ({counted(count, 'batch')})" for name, count in sorted(senders.items()))
         remedy = (
             "the service takes those of the one that opened it: stop the other, or give it another --session"
         )

@@ -18,6 +18,7 @@ from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketSer
 from caesura_clients.viewer.live_messages import LiveMessage
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.channels import CHANNELS, schema_of
+from caesura_protocol.number_words import counted
 
 BACKLOG = 16384  # messages for a slow viewer: five seconds of a robot at 1 kHz
 LINKS = "foxglove.websocket.connected_client.poller"  # logger of the SDK
@@ -82,7 +83,7 @@ class FoxgloveServer:
     def state(self, session: str, missing: int) -> None:
         """Show the session in the viewer's list of problems, as information, or as a warning."""
         level = foxglove.StatusLevel.Warning if missing else foxglove.StatusLevel.Info
-        lost = f": {missing} batches were not received" if missing else ""
+        lost = f": {counted(missing, 'batch')} not received" if missing else ""
         if self._server is not None:
             self._server.publish_status(f"session {session}{lost}", level, "session")
 

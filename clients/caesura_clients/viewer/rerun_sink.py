@@ -21,6 +21,7 @@ import rerun as rr
 from caesura_clients.viewer.live_messages import LiveMessage
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.number_words import counted
 
 APPLICATION, TIMELINE = "caesura", "time"
 FLUSH_S = 0.1
@@ -81,7 +82,7 @@ class RerunSink:
     def state(self, session: str, missing: int) -> None:
         """Log which session it is, and what was not received of it."""
         with self._lock:
-            lost = f": {missing} batches were not received" if missing else ""
+            lost = f": {counted(missing, 'batch')} not received" if missing else ""
             level = rr.TextLogLevel.WARN if missing else rr.TextLogLevel.INFO
             self._recording.log("log", rr.TextLog(f"session {session}{lost}", level=level))
             if not missing:  # a session begins

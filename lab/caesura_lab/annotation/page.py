@@ -22,6 +22,7 @@ from caesura_lab.annotation.signals import PlottedSignals
 from caesura_lab.annotation.storage import save_annotation
 from caesura_lab.annotations import KINDS
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 
 ASSETS = "/assets"
@@ -97,8 +98,8 @@ class AnnotationSession(NamedTuple):
         extent = f"{self.clock.shown(segment['t0'])} to {self.clock.shown(segment['t1'])} s"
         if not within:
             return extent
-        many = "changepoint" if len(within) == 1 else "changepoints"
-        return f"{extent}, over {len(within)} major {many}: remove the class (0) to divide it there"
+        over = counted(len(within), "major changepoint")
+        return f"{extent}, over {over}: remove the class (0) to divide it there"
 
 
 class AnnotationView(Element, component="web/annotate.js", esm=MODULES):

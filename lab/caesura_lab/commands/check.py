@@ -25,6 +25,7 @@ from caesura_lab.teacher.person import THESIS, draw_person
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_protocol.app_kinds import app_name
 from caesura_protocol.errors import CaesuraError, SourceError
+from caesura_protocol.number_words import counted
 from caesura_protocol.programs.checks.findings import CheckReport
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.document import ProgramFile, on_robot, read_document
@@ -96,8 +97,8 @@ def check(
         for finding in report.findings:
             typer.echo(clock.text(str(finding)))
         verdict = "can be run" if report.passed else "cannot be run"
-        counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
-        typer.echo(f"{file}: {len(program.apps)} apps, {counts}: {verdict}")
+        counts = f"{counted(len(report.errors), 'error')}, {counted(len(report.warnings), 'warning')}"
+        typer.echo(f"{file}: {counted(len(program.apps), 'app')}, {counts}: {verdict}")
     if not report.passed:
         raise typer.Exit(1)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.number_words import counted
 
 if TYPE_CHECKING:
     from caesura_lab.export.session_export import SessionExport
@@ -55,8 +56,4 @@ def write_dataset(out: Path, taught: Sequence[SessionExport], asked: DatasetOpti
         language=not asked.without_language,
     )
     frames = sum(episode.length for episode in episodes)
-    return f"{_counted(len(episodes), 'episode')}, {frames} frames at {episodes[0].fps} Hz"
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+    return f"{counted(len(episodes), 'episode')}, {counted(frames, 'frame')} at {episodes[0].fps} Hz"

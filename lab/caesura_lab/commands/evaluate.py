@@ -38,6 +38,7 @@ from caesura_lab.evaluation.tables import as_markdown, as_text
 from caesura_lab.evaluation.worker_pool import each
 from caesura_protocol.distribution import import_extra, install_command
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.number_words import counted
 from caesura_protocol.programs.program_timing import RunSpeed
 from caesura_protocol.recording import RecordingError
 from caesura_protocol.robots import robot_description
@@ -445,7 +446,7 @@ def _warn(verdicts: Sequence[Verdict]) -> None:
 def _title(suite_name: str | None, cases: Sequence[Case], least_s: float) -> str:
     what = f"suite {suite_name}" if suite_name else "files"
     least = f", at least {least_s:g} s" if least_s else ""
-    return f"{what}: {len(cases)} recordings, each point's own tolerance{least}; 95 % intervals"
+    return f"{what}: {counted(len(cases), 'recording')}, each point's own tolerance{least}; 95 % intervals"
 
 
 def _write(page: ResultPage, output_format: Format, out: Path | None) -> None:

@@ -20,6 +20,7 @@ from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.formats.write import WRITERS, check_writable
+from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.offline_segmentation import opening_of
@@ -105,7 +106,7 @@ def _write_one(out: Path, recording: Recording, preset: str) -> str:
         written.write_mcap(out, _taught(recording, preset))
     else:
         WRITERS[out.suffix](out, recording)
-    return f"{recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s"
+    return f"{counted(recording.t.size, 'sample')}, {recording.t[-1] - recording.t[0]:.2f} s"
 
 
 def _taught(recording: Recording, preset: str, name: str | None = None) -> SessionExport:

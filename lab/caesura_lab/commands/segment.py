@@ -31,6 +31,7 @@ from caesura_lab.commands.segment_output import STDOUT, check_output, outputs_of
 from caesura_lab.recording_warnings import recording_warnings, without_confirmed
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording, recordings_of
+from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_protocol.sample_limits import HOLE_S
 from caesura_protocol.session_clock import SessionClock, clock_of
@@ -167,19 +168,15 @@ def _segment_each(job: _Job, files: Sequence[Path], json_out: Path | None) -> No
         for warning in filter(None, (*one.warnings, _ignored(one.recording), _repeats(one.view))):
             typer.echo(f"{file}: {warning}", err=True)
     if refused:
-        typer.echo(f"{refused} of {len(files)} recordings refused", err=True)
+        typer.echo(f"{refused} of {counted(len(files), 'recording')} refused", err=True)
         raise typer.Exit(1)
 
 
 def _line(one: _Segmented) -> str:
     """A recording and its results in a line."""
     seconds = float(one.recording.t[-1] - one.recording.t[0])
-    found = {"segments": len(one.view.segments), "apps": len(one.view.apps), "gaps": len(one.view.gaps)}
-    counts = [
-        f"{number} {what[:-1] if number == 1 else what}"
-        for what, number in found.items()
-        if number or what != "gaps"
-    ]
+    counts = [counted(len(one.view.segments), "segment"), counted(len(one.view.apps), "app")]
+    counts += [counted(len(one.view.gaps), "gap")] if one.view.gaps else []
     wrench = one.view.wrench
     source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
     return f"{one.file}: {', '.join((f'{seconds:.2f} s', *counts, source))}"
@@ -220,10 +217,10 @@ def segmented(recording: Recording, preset: str, threshold: float | None = None)
             raise SourceError(f"{named}: {why}") from error
     if not view.segments:
         raise SourceError(
-            f"{recording.name}: nothing to segment in {view.samples} samples over "
+            f"{recording.name}: nothing to segment in {counted(view.samples, 'sample')} over "
             f"{float(np.ptp(recording.t)):.3g} s, of which {view.repeats} do not "
-            f"advance in time, {len(view.gaps)} gaps between them; expected t in seconds, more than 0.2 s, "
-            f"and pauses of at most {HOLE_S:g} s"
+            f"advance in time, {counted(len(view.gaps), 'gap')} between them; expected t in seconds, "
+            f"more than 0.2 s, and pauses of at most {HOLE_S:g} s"
         )
     return view
 
@@ -282,4 +279,4 @@ def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> 
     for gap in view.gaps[:SHOWN_GAPS]:
         yield f"nothing is known between {clock.shown(gap.t0)} s and {clock.shown(gap.tn)} s"
     if len(view.gaps) > SHOWN_GAPS:
-        yield f"and {len(view.gaps) - SHOWN_GAPS} more gaps; is t in seconds?"
+        yield f"and {counted(len(view.gaps) - SHOWN_GAPS, 'more gap')}; is t in seconds?"

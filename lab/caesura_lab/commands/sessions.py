@@ -17,6 +17,7 @@ from caesura_clients.cli.options import grouped, reported
 from caesura_lab.commands.dataset_options import DATASET_OPTIONS, DatasetOptions, write_dataset
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, NotFound
+from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_service.config import journal_directory, journal_path
 from caesura_service.journal import (
@@ -133,7 +134,7 @@ def _write_file(matches: Found, out: Path, chosen: Format) -> str:
     key, copies = matches
     with _open_journal(copies[0].path) as journal:
         recording = WRITERS[chosen](journal, key, out)
-    return f"{recording.t.size} samples, {recording.t[-1] - recording.t[0]:.2f} s"
+    return f"{counted(recording.t.size, 'sample')}, {recording.t[-1] - recording.t[0]:.2f} s"
 
 
 def _write_dataset(matches: list[Found], out: Path, asked: DatasetOptions) -> str:

@@ -19,6 +19,7 @@ from caesura_lab.annotations import truth_file
 from caesura_lab.evaluation.suites import Case, FileCase
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
 from caesura_protocol.formats.read import load_recording
+from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.changepoint.channel_model import ChannelModel
 from caesura_service.changepoint.default import STROKES, early_moves, even_moves
@@ -112,8 +113,8 @@ def _load_recording(case: Case) -> Recording:
 
 def title(what: str, evidences: Sequence[LibraryEvidence]) -> str:
     """Return the title of a comparison: how many recordings it has, and how they were segmented."""
-    count = len(evidences)
-    return f"{what}: log evidence of {count} recordings by motion library, preset {STROKES.name}, offline"
+    count = counted(len(evidences), "recording")
+    return f"{what}: log evidence of {count} by motion library, preset {STROKES.name}, offline"
 
 
 def sorted_by_recording(evidences: Iterable[LibraryEvidence]) -> list[LibraryEvidence]:

@@ -28,6 +28,7 @@ from caesura_lab.evaluation.report import (
 )
 from caesura_lab.evaluation.score import Score, class_accuracy
 from caesura_lab.evaluation.summary import Estimate
+from caesura_protocol.number_words import counted
 
 TYPICAL = 8  # so many lines of each list of errors
 
@@ -96,7 +97,7 @@ def _sets(section: SlackSection, layout: str) -> Iterator[Grid]:
             )
             for one in compared
         )
-        title = f"set {name}: {compared[0].recordings} recordings; {with_slack(section.slack_s)}"
+        title = f"set {name}: {counted(compared[0].recordings, 'recording')}; {with_slack(section.slack_s)}"
         yield Grid(title, headings, rows)
 
 
@@ -196,7 +197,7 @@ def _confusion(judged: MethodReport) -> Grid:
 def _notes(report: Report) -> list[str]:
     reasons = Counter((unfit.method, unfit.reason) for unfit in report.unfit)
     unfit = [
-        f"{method} is not applicable to {times} recordings: {reason}"
+        f"{method} is not applicable to {counted(times, 'recording')}: {reason}"
         for (method, reason), times in sorted(reasons.items())
     ]
     return [*unfit, *report.missing]

@@ -23,6 +23,7 @@ from caesura_lab.teacher.scenarios import Scenario, Step
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import App, Quaternion, Vector
+from caesura_protocol.number_words import counted
 from caesura_protocol.programs.gripping import GRIP_REACH_M
 from caesura_protocol.programs.limits import without_friction
 from caesura_protocol.reproduced_path import knots_of
@@ -63,7 +64,7 @@ def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) 
 def taught_cell_in_words(cell: SimulatedCell) -> str:
     """What stands in a cell as taught."""
     count = len(cell.scenario.surfaces)
-    standing = [f"{count} level surface{'' if count == 1 else 's'}"] if count else []
+    standing = [counted(count, "level surface")] if count else []
     standing += ["one object"] if cell.scenario.steps else []
     return f"cell as taught: {', '.join([*standing, 'nothing else'])}; friction and stiffness are assumed"
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from caesura_lab.annotations import Truth
 from caesura_lab.recording_warnings import recording_warnings
 from caesura_lab.report.filter_trace import FilterTrace, PosteriorSnapshot, trace_filter
+from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.view import PipelineView
@@ -104,7 +105,9 @@ def collect(recording: Recording, preset: str, truth: Truth | None = None) -> Re
     """
     view = segment_recording(recording, preset)
     if not view.segments:
-        raise ValueError(f"{view.samples} samples make no observation, expected at least 0.2 s of them")
+        raise ValueError(
+            f"no observation in {counted(view.samples, 'sample')}, expected at least 0.2 s of them"
+        )
     trace = trace_filter(recording, preset)
     return ReportData(
         name=recording.name,

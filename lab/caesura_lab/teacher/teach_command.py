@@ -15,6 +15,7 @@ from rich.table import Table
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.messages import WRENCH_SOURCES, WrenchSource
+from caesura_protocol.number_words import counted
 
 if TYPE_CHECKING:
     from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching
@@ -54,9 +55,8 @@ def teach(
     truth_file.write_text(
         json.dumps(demonstration.truth | {"file": file.name}, indent=1) + "\n", encoding="utf-8"
     )
-    Console().print(
-        f"{file}: {demonstration.recording.t.size} samples, {teaching.duration_s:.1f} s; {truth_file}"
-    )
+    samples = counted(demonstration.recording.t.size, "sample")
+    Console().print(f"{file}: {samples}, {teaching.duration_s:.1f} s; {truth_file}")
 
 
 def _teaching(

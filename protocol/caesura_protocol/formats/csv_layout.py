@@ -29,6 +29,7 @@ from caesura_protocol.formats.mapping_text import MappingAnswers
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.formats.sample_checks import is_quaternion
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import METRES, RADIANS, implausible, likely_opening_unit
 from caesura_protocol.recording import STATED, RecordingError
 
@@ -83,13 +84,16 @@ def read_layout(path: Path) -> CsvLayout:
         first = read_lines(path)  # raises, with the line
     lines = [line for line in first if not is_comment(line)]
     if len(lines) < 2:
-        raise RecordingError(f"{path.name}: {len(lines)} rows, expected a header and at least one sample")
+        raise RecordingError(
+            f"{path.name}: {counted(len(lines), 'row')}, expected a header and at least one sample"
+        )
     delimiter = next((one for one in DELIMITERS if _columns_by(lines[:20], one) > 1), ",")
     rows = [tuple(row) for row in rows_of(lines, delimiter)]
     if not 1 < len(rows[0]) <= MOST_COLUMNS:
         raise RecordingError(
-            f"{path.name}: the first row, {lines[0].strip()[:MOST_SHOWN]!r}, has {len(rows[0])} columns, "
-            f"expected names of 2 to {MOST_COLUMNS}, divided by one of {', '.join(map(repr, DELIMITERS))}; "
+            f"{path.name}: the first row, {lines[0].strip()[:MOST_SHOWN]!r}, has "
+            f"{counted(len(rows[0]), 'column')}, expected names of 2 to {MOST_COLUMNS}, "
+            f"divided by one of {', '.join(map(repr, DELIMITERS))}; "
             "# begins a line above them that is for people"
         )
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for row in rows[:20] for cell in row)

@@ -39,6 +39,7 @@ from caesura_protocol.formats.csv_text import (
 )
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import METRES, RADIANS
 from caesura_protocol.recording import STATED, RecordingError
 from caesura_protocol.rotations import quaternions_of_roll_pitch_yaw, quaternions_of_vectors
@@ -221,7 +222,7 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRul
     """Return one column. Raises RecordingError, which names the column, the line and the value."""
     found = table.header.count(rule.source_column)
     if found != 1:
-        what = f"no column {rule.source_column!r}" if not found else f"{found} columns {rule.source_column!r}"
+        what = f"{counted(found, 'column') if found else 'no column'} {rule.source_column!r}"
         raise RecordingError(
             f"{path}: {what}, from which {mapped.name} takes {rule.column}; "
             f"it has {', '.join(map(repr, table.header))}{_hint(table.header)}"
@@ -232,7 +233,7 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRul
         try:
             values[i] = float(row[index].replace(decimal, "."))
         except (IndexError, ValueError):
-            shown = repr(row[index]) if index < len(row) else f"nothing ({len(row)} values)"
+            shown = repr(row[index]) if index < len(row) else f"nothing ({counted(len(row), 'value')})"
             dates = ", or a date such as 2026-11-26T14:30:00.250" if rule.column == "t" else ""
             raise RecordingError(
                 f"{path}, line {number}: column {rule.source_column!r} has {shown}, expected a number "

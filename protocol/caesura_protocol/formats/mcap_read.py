@@ -22,6 +22,7 @@ from caesura_protocol.formats.channels import RobotState, Wrench
 from caesura_protocol.formats.mcap_write import METADATA
 from caesura_protocol.formats.raw_recording import Array, RawRecording
 from caesura_protocol.messages import Message
+from caesura_protocol.number_words import counted
 from caesura_protocol.programs.safety import CellSettings
 
 ROS2 = "ros2"  # the profile of a rosbag2
@@ -80,7 +81,9 @@ def _content(stream: IO[bytes]) -> RawRecording:
             if name != "t" or "t" not in arrays:
                 arrays[name] = values
             elif not np.array_equal(arrays["t"], values):
-                raise ValueError(f"{topic} has {len(values)} samples at other times than /state has")
+                raise ValueError(
+                    f"{topic} has {counted(len(values), 'sample')} at other times than /state has"
+                )
     return RawRecording(arrays, {key: said[key] for key in OPTIONS if key in said}, [])
 
 

@@ -41,6 +41,7 @@ from caesura_protocol.formats.sample_checks import (
 )
 from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import UNITS
 from caesura_protocol.pose_reading import slow_pose
 from caesura_protocol.programs.safety import CellSettings
@@ -340,7 +341,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
     stated = stated_in_comments(lines)
     numbers = [number for number, line in enumerate(lines, start=1) if line and not is_comment(line)]
     if len(numbers) < 2:
-        raise ValueError(f"{len(numbers)} rows, expected a header and at least one sample")
+        raise ValueError(f"{counted(len(numbers), 'row')}, expected a header and at least one sample")
     delimiter = _delimiter(lines[numbers[0] - 1])
     if delimiter is None:
         raise _foreign(path)
@@ -425,7 +426,8 @@ def _columns(header: list[str], rows: list[list[str]], lines: list[int]) -> dict
             elif line == lines[-1]:
                 remedy = ": is the file still being written, or was it cut short?"
             raise ValueError(
-                f"line {line} has {len(row)} values, expected {len(header)} as in the header{remedy}"
+                f"line {line} has {counted(len(row), 'value')}, "
+                f"expected {len(header)} as in the header{remedy}"
             )
     try:
         table = np.array(rows, dtype=np.float64)

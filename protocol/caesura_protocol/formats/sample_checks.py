@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import LEAST_SAMPLES, METRES, likely_opening_unit
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_protocol.sample_limits import HOLE_S, LATEST_S, LEAP_S, NORM_TOLERANCE, WIDEST_M
@@ -66,13 +67,14 @@ def left_out(recording: Recording) -> tuple[str, ...]:
     for row in first[:SHOWN].tolist():
         later = np.flatnonzero(t[row:] > highest[row - 1])
         count = int(later[0]) if later.size else t.size - row
+        left_out = f"{counted(count, 'sample')} {'is' if count == 1 else 'are'} left out"
         found.append(
             f"{recording.place(row).capitalize()}: time goes back from {shown[:row].max():.6g} s to "
-            f"{shown[row]:.6g} s. {_counted(count)} left out until it has advanced again, and no sample says "
+            f"{shown[row]:.6g} s. {left_out} until it has advanced again, and no sample says "
             "how long that took. If a clock was set there, divide the file."
         )
     if first.size > SHOWN:
-        found.append(f"Time goes back {first.size - SHOWN} more times.")
+        found.append(f"Time goes back {counted(first.size - SHOWN, 'more time')}.")
     if repeated > REPEATED_SHARE * t.size:
         found.append(
             f"{repeated} of {t.size} samples have the time of the one before, and are left out. Are they "
@@ -127,7 +129,7 @@ def leaping_places(recording: Recording) -> str | None:
             found.append(row + 1)
     if not found:
         return None
-    more = f" So it does {len(found) - 1} more times." if len(found) > 1 else ""
+    more = f" So it does {counted(len(found) - 1, 'more time')}." if len(found) > 1 else ""
     leapt = f"{signal} leaps by {steps[found[0] - 1]:.3g} {unit}"
     return (
         f"{recording.place(found[0]).capitalize()}: {leapt}, faster than an arm moves, and goes on from "
@@ -200,10 +202,6 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
 def _times_shown(t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Times [s] as they are shown: late ones, such as those of day, from the first sample on."""
     return t - t[0] if abs(t[0]) > FAR_S else t
-
-
-def _counted(samples: int) -> str:
-    return "1 sample is" if samples == 1 else f"{samples} samples are"
 
 
 def _first(wrong: NDArray[np.bool_]) -> int | None:

@@ -18,6 +18,7 @@ from caesura_protocol.messages import (
     SampleBatch,
     Snapshot,
 )
+from caesura_protocol.number_words import counted
 from caesura_service.journal.checksums import checksum, is_intact
 from caesura_service.journal.edits import AppliedEdit, AppliedProgramEdit
 from caesura_service.journal.journal import (
@@ -168,7 +169,7 @@ def pages_of(database: sqlite3.Connection, session: SessionRow, last: int) -> It
         place, count = page[-1].place, count + len(page)
     if session.record_count not in {None, count}:
         raise JournalDamagedError(
-            f"{'/'.join(session.key)} has {count} records, expected {session.record_count}"
+            f"{'/'.join(session.key)} has {counted(count, 'record')}, expected {session.record_count}"
         )
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
 from caesura_protocol.messages import Close, Describe, EditProgram
+from caesura_protocol.number_words import counted
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.journal import (
@@ -388,7 +389,7 @@ def _complete(database: sqlite3.Connection, path: Path) -> None:
     for table, count in COLUMN_COUNTS.items():
         (found,) = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()
         if found != count:
-            why = f"its table {table} has {found} columns, expected {count}"
+            why = f"its table {table} has {counted(found, 'column')}, expected {count}"
             raise JournalDamagedError(f"journal {path} {REMEDIES['SQLITE_CORRUPT']} ({why})")
     touch(database)
 

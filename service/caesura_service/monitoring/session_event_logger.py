@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from caesura_protocol.messages import Gap, SampleBatch
+from caesura_protocol.number_words import counted
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.publishing.session_state import SessionState
@@ -131,12 +132,11 @@ def _gap(gap: Gap) -> str:
 
 def _closed(state: SessionState) -> str:
     view, counters = state.view, state.counters
-    lost = (
-        f", {len(view.gaps)} gaps of {sum(gap.tn - gap.t0 for gap in view.gaps):.2f} s" if view.gaps else ""
-    )
+    lasted_s = sum(gap.tn - gap.t0 for gap in view.gaps)
+    lost = f", {counted(len(view.gaps), 'gap')} of {lasted_s:.2f} s" if view.gaps else ""
     return (
-        f"closed: {len(view.segments)} segments in {_duration(state):.1f} s, "
-        f"{view.samples} samples in {counters.batches} batches{lost}"
+        f"closed: {counted(len(view.segments), 'segment')} in {_duration(state):.1f} s, "
+        f"{counted(view.samples, 'sample')} in {counted(counters.batches, 'batch')}{lost}"
     )
 
 

@@ -20,6 +20,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Ack, Control, Heartbeat, Preview, SampleBatch
 from caesura_protocol.messages import Command as Wanted
+from caesura_protocol.number_words import counted
 from caesura_service.ownership.registry import REBUILDING, Registry
 from caesura_service.publishing.events import (
     BatchRejected,
@@ -274,7 +275,7 @@ class Worker(BackgroundThread):
                     fields = {"station": station, "session": session}
                     logger.error("%s/%s was not rebuilt", station, session, exc_info=error, extra=fields)
                 case StationTakenOver(station, epoch, sessions, opened):
-                    found = f"{sessions} sessions, {opened} of them open"
+                    found = f"{counted(sessions, 'session')}, {opened} of them open"
                     text = "%s is owned by this instance, epoch %d, %s"
                     logger.info(text, station, epoch, found, extra={"station": station})
                 case Reply():

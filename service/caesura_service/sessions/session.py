@@ -36,6 +36,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
+from caesura_protocol.number_words import counted
 from caesura_service.journal import AppliedEdit, Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
 from caesura_service.publishing.lifecycle import next_state
@@ -439,7 +440,7 @@ class Session:
             return  # a predecessor's, or a successor's: its epoch says so
         raise ProtocolError(
             "conflict",
-            f"bridge {mine} publishes this session, {self.next_seq} batches so far: "
+            f"bridge {mine} publishes this session, {counted(self.next_seq, 'batch')} so far: "
             "a second one needs a session of its own, or a higher epoch to take this one over",
             value=message.bridge,
             expected=mine,

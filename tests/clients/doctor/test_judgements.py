@@ -189,7 +189,7 @@ def test_a_service_that_says_nothing_to_us_is_a_matter_of_credentials():
     assert grades(found, "credentials") == ["warn"]
     assert "certificate or password of a dashboard" in said(found, "credentials")
     found = list(judge(well(snapshots=[])))
-    assert "sessions are known and none was shown" in said(found, "credentials")
+    assert "known sessions and none was shown" in said(found, "credentials")
 
 
 def test_a_peer_of_another_protocol_is_named():
@@ -287,7 +287,7 @@ def test_two_bridges_of_one_session_are_named_and_nothing_is_said_to_be_over():
     probed.batches = {(station, session): sent}
     found = list(judge(probed))
     (rivals,) = [one for one in found if one.check == "bridge" and one.grade == "bad"]
-    assert rivals.found == f"2 bridges publish {session}: east-1 (2 batches), west-2 (1 batches)"
+    assert rivals.found == f"2 bridges publish {session}: east-1 (2 batches), west-2 (1 batch)"
     assert not [one for one in found if "over" in f"{one.found} {one.remedy}"]
 
 

@@ -295,7 +295,7 @@ def test_a_report_has_every_slack_and_every_set_with_its_margin(extent: SuiteOpt
         assert ahead["low"] <= ahead["value"] <= ahead["high"]
     markdown = as_markdown(result)
     assert "set kit: 2 recordings; no slack" in markdown
-    assert "set ur5e: 1 recordings; 0.2 s of slack" in markdown
+    assert "set ur5e: 1 recording; 0.2 s of slack" in markdown
 
 
 def test_slack_finds_what_lies_just_outside_of_the_tolerance():

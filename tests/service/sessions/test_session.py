@@ -312,7 +312,7 @@ def test_a_second_bridge_is_refused_with_the_name_of_the_first_and_changes_nothi
     session.receive(batch(0, bridge=FIRST), 0.0)
     before = session.state
     with pytest.raises(
-        ProtocolError, match=f"conflict.*bridge {FIRST} publishes this session, 1 batches"
+        ProtocolError, match=f"conflict.*bridge {FIRST} publishes this session, 1 batch so far"
     ) as no:
         session.receive(message, 0.0)
     assert (no.value.value, no.value.expected) == (SECOND, FIRST)

@@ -33,6 +33,7 @@ from caesura_clients.dashboard.station_summary import (
 )
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
+from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import NO_OFFSET, clock_of
 
 
@@ -228,7 +229,7 @@ def line_of_past(update: Update | None) -> str:
         return "The service does not know this session, or it was deleted."
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
-    segments = f"{len(update.segments)} segments"
+    segments = counted(len(update.segments), "segment")
     parts = [state, f"{lasted(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)]
     return " · ".join([*parts, *_times(update)])
 
@@ -245,4 +246,4 @@ def _wrench(status: wire.SessionStatus) -> str:
 
 
 def _gaps(count: int) -> str:
-    return "no gaps" if count == 0 else f"{count} gap{'' if count == 1 else 's'}"
+    return "no gaps" if count == 0 else counted(count, "gap")

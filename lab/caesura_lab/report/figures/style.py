@@ -17,6 +17,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from caesura_lab.report.report_data import STEP_S, ReportData
+from caesura_protocol.number_words import counted
 
 A4_LANDSCAPE = (11.69, 8.27)  # [inch]
 DPI = 150
@@ -90,8 +91,7 @@ def page(content: ReportData, title: str, caption: str = "") -> Figure:
 
 def heading(content: ReportData) -> str:
     """Which recording this is, in one line."""
-    t, count = content.signals.t, len(content.view.segments)
-    segments = "1 segment" if count == 1 else f"{count} segments"
+    t, segments = content.signals.t, counted(len(content.view.segments), "segment")
     wrench = content.view.wrench
     source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
     return f"{content.name} · preset {content.preset} · {t[-1] - t[0]:.1f} s · {segments} · {source}"

@@ -1,11 +1,6 @@
 """A journal on disk: SQLite in WAL mode, one file an instance, many records a commit.
 
-Records wait in memory, in order, and are written together: at most `commit_s` after the first of them,
-by a thread of the journal's own, or at once where a caller needs them on disk. A killed process loses
-what waited; a killed machine no more, for every commit reaches the disk (synchronous FULL).
-
-When writing fails, what waits is kept and tried again, and until it is written every further append is
-refused with the reason: a session that is not journalled does not go on.
+`sqlite_writer` writes it. Here it is opened, read and kept within its limits.
 
 Closed sessions stay until they are too old or too much, oldest first. Open ones are never dropped for
 their size, and for their age only once they were not written to for so long.
@@ -26,47 +21,33 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from caesura_protocol.codec import encode
-from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import MAX_WHOLE_BYTES, JournalReport
-from caesura_service.journal.checksums import checksum
-from caesura_service.journal.deletion import delete_batch, mark_deleted
+from caesura_protocol.messages import JournalReport
+from caesura_service.journal.deletion import mark_deleted
 from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
 from caesura_service.journal.journal import (
     Copy,
-    EncodedBatch,
     JournalError,
-    JournalFullError,
     Key,
     Outcome,
     Record,
     StoredOutcome,
 )
 from caesura_service.journal.peer_journals import open_for_reading
-from caesura_service.journal.reserve import SIZE, Reserve
-from caesura_service.journal.retention import DAY_S, GB, JournalSettings, StationUsage, excess
-from caesura_service.journal.row_writer import portions, write_rows
+from caesura_service.journal.retention import DAY_S, JournalSettings, StationUsage, excess
 from caesura_service.journal.rows import (
-    RecordRow,
     SessionRow,
-    batch_row,
     copies_in,
     edits_of,
     epoch_in,
     outcome_of,
     pages_of,
     record_of,
-    row_of,
 )
 from caesura_service.journal.salvage import copy_intact_sessions
 from caesura_service.journal.schema import (
     BUSY_S,
     GUEST_BUSY_S,
-    INSERT_EPOCH,
-    INSERT_OUTCOME,
-    INSERT_OVERVIEW,
-    REMEDIES,
     SELECT_CLOSED,
     SELECT_EDITS,
     SELECT_EXTENT,
@@ -80,28 +61,21 @@ from caesura_service.journal.schema import (
     SELECT_USAGE,
     SET_ASIDE,
     acquire_lock,
-    again,
-    free_bytes,
     map_sqlite_errors,
     open_database,
-    touch,
     transaction,
 )
+from caesura_service.journal.sqlite_writer import SqliteWriter
 from caesura_service.journal.wal import log_integrity_error
 
 logger = logging.getLogger(__name__)
 
-RETRY_S = 0.5  # after a commit that failed
 PATIENCE = 10  # times that tidying may be put off
 DROPS = 32  # sessions at one look
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
-PAUSE_S = 0.02  # between two portions of what is dropped, where a service may want to write
-OUTCOMES = 64  # that wait to be written; with one more, the worker writes them itself
-FREED = 256 << 10  # [bytes] of the file, on a full disk, that deletions have freed beside what is written
-OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milliseconds
 
 
-class SqliteJournal:
+class SqliteJournal(SqliteWriter):
     """The journal in one file, while the context lasts.
 
     Raises JournalError on entry where the file is no journal, a newer one, or cannot be written; and, when
@@ -109,28 +83,12 @@ class SqliteJournal:
     """
 
     def __init__(self, path: Path, settings: JournalSettings | None = None, *, alone: bool = True) -> None:
-        self.path = path
-        self.settings = settings or JournalSettings()
-        self._alone = alone
-        self._waiting: list[RecordRow] = []
-        self._waiting_bytes = 0
-        self._outcomes: dict[Key, Outcome] = {}  # of sessions that have ended, to be written
-        self._guard = threading.Lock()  # of what waits; never held while the disk works
-        self._writing = threading.RLock()  # of the database
+        super().__init__(path, settings, alone=alone)
         self._reading = threading.Lock()  # of the connection that only reads; it waits for no write
-        self._error: JournalError | None = None
         self._size = 0  # [bytes] as of the last look
-        self._open_bytes: Counter[str] = (
-            Counter()
-        )  # [bytes] of each station's open sessions, since the last look
-        self._known: set[Key] = set()  # sessions, at the last look and since
         self._version = -1  # of the file, as far as other processes have changed it
         self._next_look_s = 0.0  # [s]
         self._skipped_looks = 0  # looks, since the last one
-        self._reserve = Reserve(path)
-        self._makes_room = False  # do deletions go on, which on a full disk come before what waits?
-        self._has_deleted = False  # has anything been dropped by this one?
-        self._wake, self._stopped = threading.Event(), threading.Event()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -149,14 +107,7 @@ class SqliteJournal:
                     self._start_new_file(stack, damage)
                 self._quarantine_damaged()
             self._reader = stack.enter_context(open_for_reading(self.path))
-            stack.callback(self.flush)
-            if not self._alone:
-                stack.callback(self._delete_rest)
-            thread = threading.Thread(target=self._run, name="caesura-journal", daemon=True)
-            thread.start()
-            stack.callback(thread.join)
-            stack.callback(self._wake.set)
-            stack.callback(self._stopped.set)
+            self._start_thread(stack)
             self._read_usage()
             self._deleted_elsewhere()
             self._wake.set()  # to finish deletions that were begun
@@ -178,49 +129,6 @@ class SqliteJournal:
             if not self._reserve.lend(error):
                 raise
         return open_database(self.path, busy_s)
-
-    def append(self, record: Record, *, now: bool = False) -> None:
-        """Append a record.
-
-        Raises JournalError where earlier records could not be written, or at its station's limit for batches.
-        """
-        self._append_row(row_of(record), now=now)
-
-    def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:
-        """Append a batch as `append` does, without packing it again."""
-        self._append_row(batch_row(station, session, at, batch))
-
-    def _append_row(self, row: RecordRow, *, now: bool = False) -> None:
-        if row.seq is not None:
-            self._check_station_share(row.station)
-        if now or not self.settings.commit_s:
-            self._append_now(row)
-        else:
-            self._append(row)
-            if not self._wake.is_set():
-                self._wake.set()
-
-    def commit(self) -> None:
-        """Write the waiting records, in portions that fit in little room. Raises JournalError."""
-        with self._writing:
-            with self._guard:
-                rows = self._waiting[:]
-            if not rows and self._error is None:
-                return
-            for portion in portions(rows):
-                try:
-                    self._leave_room(sum(row.size for row in portion))
-                    with map_sqlite_errors(self.path), transaction(self._database):
-                        write_rows(self._database, portion)
-                        if not portion:  # nothing waits: is the disk written again?
-                            touch(self._database)
-                except JournalError as error:
-                    raise self._fail(error) from error.__cause__
-                except Exception as error:
-                    why = f"journal {self.path} cannot be written: {type(error).__name__}: {error}"
-                    raise self._fail(JournalError(why)) from error
-                self._forget(portion)
-            self._succeed()
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """Return the records of a session as they are now. Raises JournalError, perhaps on the way."""
@@ -263,55 +171,6 @@ class SqliteJournal:
         with self._writing, map_sqlite_errors(self.path):
             return epoch_in(self._database, station)
 
-    def store_epoch(self, station: str, epoch: int) -> None:
-        """Store the epoch of a station. Raises JournalError."""
-        with self._writing, map_sqlite_errors(self.path), transaction(self._database):
-            self._database.execute(INSERT_EPOCH, (station, epoch, checksum(station, epoch)))
-
-    def store_outcome(self, station: str, outcome: Outcome) -> None:
-        """Store an outcome, which the journal's thread writes: an hour of results is megabytes.
-
-        A session whose outcome is not written, as after a crash, is replayed from its records.
-        """
-        with self._guard:
-            self._outcomes[station, outcome.opening.session] = outcome
-            is_full = len(self._outcomes) > OUTCOMES
-        if is_full:
-            self.flush()
-        self._wake.set()
-
-    def flush(self) -> None:
-        """Write the waiting records, then the outcomes one by one: records are written in between."""
-        self.commit()
-        while True:
-            with self._guard:
-                key, outcome = next(iter(self._outcomes.items()), (None, None))
-            if key is None or outcome is None:
-                return
-            try:
-                self._write_outcome(key, outcome)
-            finally:
-                with self._guard:
-                    if self._outcomes.get(key) is outcome:
-                        del self._outcomes[key]
-
-    def _write_outcome(self, key: Key, outcome: Outcome) -> None:
-        """Write an outcome; one that is too large is skipped, and its session replayed."""
-        opening = encode(outcome.opening).payload
-        try:
-            snapshot = encode(outcome.snapshot, limit=MAX_WHOLE_BYTES).payload
-        except ProtocolError as error:
-            logger.warning("the outcome of %s is not kept, it will be replayed: %s", "/".join(key), error)
-            return
-        crc = checksum(*key, opening, outcome.last_seq, snapshot)
-        with self._writing:
-            self.commit()
-            if self._outcomes.get(key) is not outcome:
-                return  # dropped meanwhile, or corrected
-            self._leave_room(len(snapshot))
-            with map_sqlite_errors(self.path), transaction(self._database):
-                self._database.execute(INSERT_OUTCOME, (opening, outcome.last_seq, snapshot, crc, *key))
-
     def outcome(self, station: str, session: str) -> Outcome | None:
         """Return the outcome of a session; None without one or for an older form."""
         with self._guard:
@@ -332,16 +191,15 @@ class SqliteJournal:
             }
         return tuple(StoredOutcome(key, size) for key, size in sizes.items())
 
-    def keep_overview(self, key: Key, session_id: int, content: bytes) -> None:
-        """Keep an overview of a session; records are written between its parts. Raises JournalError."""
-        parts = [content[at : at + OVERVIEW_PART] for at in range(0, len(content), OVERVIEW_PART)]
-        for part, payload in enumerate(parts):
-            crc = checksum(session_id, part, len(parts), payload)
-            row = (part, len(parts), payload, crc, session_id, *key)
-            with self._writing:
-                self._leave_room(len(payload))
-                with map_sqlite_errors(self.path), transaction(self._database):
-                    self._database.execute(INSERT_OVERVIEW, row)
+    def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
+        pages = pages_of(self._database, session, last)
+        while True:
+            with self._writing, map_sqlite_errors(self.path):
+                page = next(pages, None)
+            if page is None:
+                return
+            for row in page:
+                yield record_of(session.key, row)
 
     def release(self, station: str, session: str) -> None:
         """Do nothing: the session stays until retention deletes it."""
@@ -493,121 +351,6 @@ class SqliteJournal:
                 if not row.is_intact:
                     self._quarantine(row, f"the entry of {'/'.join(row.key)} is damaged")
 
-    # --- writing ----------------------------------------------------------------------------------------
-
-    def _append(self, row: RecordRow) -> None:
-        size = row.size
-        with self._guard:
-            if self._error is not None:
-                raise again(self._error)
-            if self._waiting_bytes + size > self.settings.waiting_bytes:
-                raise JournalError(
-                    f"journal {self.path} is written too slowly, {self._waiting_bytes} bytes wait: "
-                    "put it on a faster disk"
-                )
-            self._waiting.append(row)
-            self._waiting_bytes += size
-            self._open_bytes[row.station] += size
-
-    def _check_station_share(self, station: str) -> None:
-        taken, limit = self._open_bytes[station], self.settings.open_bytes
-        if taken >= limit:
-            raise JournalError(
-                f"journal {self.path}: open sessions of station {station} take {taken / GB:.3g} GB, those of "
-                f"one station may take {limit / GB:.3g}: close them, or raise --journal-gb"
-            )
-
-    def _append_now(self, row: RecordRow) -> None:
-        """Append a row and write it to disk; on an error it is removed again."""
-        with self._writing:
-            self._append(row)
-            try:
-                self.commit()
-            except JournalError:
-                with self._guard:
-                    if not any(row is waiting for waiting in self._waiting):
-                        return  # it was written, and a later one was not
-                    self._waiting = [waiting for waiting in self._waiting if waiting is not row]
-                    self._waiting_bytes -= row.size
-                raise
-
-    def _fail(self, error: JournalError) -> JournalError:
-        if self._error is None:
-            logger.error("%s", error)
-        self._error = error
-        self._wake.set()
-        return error
-
-    def _leave_room(self, size: int) -> None:
-        """Raise JournalFullError where the rest of the disk is for deletions, which have freed too little.
-
-        size: [bytes] to be written. What goes into freed pages takes no room but in the log, which is as long
-        already: so further deletions find the room that these found.
-        """
-        for_deletions = self._makes_room and isinstance(self._error, JournalFullError)
-        if not for_deletions and not self._reserve.is_spent():
-            return
-        with map_sqlite_errors(self.path):
-            is_freed = free_bytes(self._database) >= 2 * size + FREED
-        if not is_freed:
-            why = f"the last {SIZE >> 20} MB are for deletions"
-            raise JournalFullError(f"journal {self.path} {REMEDIES['SQLITE_FULL']} ({why})")
-
-    def _forget(self, rows: Sequence[RecordRow]) -> None:
-        """Take the first rows, which are on disk, from those that wait."""
-        size, keys = sum(row.size for row in rows), {row[:2] for row in rows}
-        with self._guard:  # for which the worker waits
-            del self._waiting[: len(rows)]
-            self._waiting_bytes -= size
-            self._known |= keys
-
-    def _succeed(self) -> None:
-        with self._guard:
-            if self._error is not None:
-                logger.warning("journal %s is written again", self.path)
-            self._error = None
-
-    def _run(self) -> None:
-        """Write what waits in a loop; after an error at longer intervals.
-
-        On a full disk deletions come first: otherwise what waits takes the room that they need.
-        """
-        while not self._stopped.is_set():
-            self._wake.wait()
-            self._wake.clear()
-            self._stopped.wait(self._pause_s())
-            try:
-                more = self._makes_room = self._delete_batch()
-            except JournalError as error:  # another process is writing, or the disk is full
-                more, self._makes_room = True, self._reserve.release(error)
-                if not self._makes_room:
-                    self._stopped.wait(RETRY_S)
-            with suppress(JournalError):  # said when it began; it has woken this thread for another attempt
-                self.flush()
-            if more:
-                self._wake.set()
-            elif self._alone and self._error is None:
-                self._reserve.keep()
-        self._makes_room = False
-
-    def _pause_s(self) -> float:
-        if self._error is None:
-            return self.settings.commit_s
-        return PAUSE_S if self._makes_room else RETRY_S
-
-    def _delete_batch(self) -> bool:
-        """Continue deletions, of this process or of another."""
-        with self._writing, map_sqlite_errors(self.path):
-            return delete_batch(self._database)
-
-    def _delete_rest(self) -> None:
-        """Delete what is left where no service does it, with pauses for other writers."""
-        with suppress(JournalError):
-            while self._has_deleted and self._delete_batch():
-                threading.Event().wait(PAUSE_S)
-
-    # --- keeping ----------------------------------------------------------------------------------------
-
     def _read_usage(self) -> list[StationUsage]:
         """Return the usage of each station."""
         with self._writing, map_sqlite_errors(self.path):
@@ -615,18 +358,6 @@ class SqliteJournal:
         self._size = sum(usage.size for usage in usages)
         self._open_bytes = Counter({usage.station: usage.open_size for usage in usages if usage.open_size})
         return usages
-
-    # --- reading ----------------------------------------------------------------------------------------
-
-    def _pages(self, session: SessionRow, last: int) -> Iterator[Record]:
-        pages = pages_of(self._database, session, last)
-        while True:
-            with self._writing, map_sqlite_errors(self.path):
-                page = next(pages, None)
-            if page is None:
-                return
-            for row in page:
-                yield record_of(session.key, row)
 
 
 def _disk_free(path: Path) -> int | None:

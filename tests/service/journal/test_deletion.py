@@ -78,7 +78,7 @@ def test_what_waits_of_a_dropped_session_is_dropped_too(path, monkeypatch):
         journal.append(record(0))
         journal.append(record(0, "other"))
         with monkeypatch.context() as patch:
-            patch.setattr("caesura_service.journal.sqlite.write_rows", failing)
+            patch.setattr("caesura_service.journal.sqlite_writer.write_rows", failing)
             journal.delete(*KEY)
         assert journal.sessions() == ((STATION, "other"),)
 
@@ -92,8 +92,8 @@ def test_dropping_goes_on_once_no_other_process_writes(path, monkeypatch):
             failing()
         return delete_batch(database)
 
-    monkeypatch.setattr("caesura_service.journal.sqlite.RETRY_S", 0.01)
-    monkeypatch.setattr("caesura_service.journal.sqlite.delete_batch", drop)
+    monkeypatch.setattr("caesura_service.journal.sqlite_writer.RETRY_S", 0.01)
+    monkeypatch.setattr("caesura_service.journal.sqlite_writer.delete_batch", drop)
     with SqliteJournal(path) as journal:
         taught(journal, 5)
         journal.delete(*KEY)

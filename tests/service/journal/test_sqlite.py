@@ -15,7 +15,7 @@ import pytest
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack
 from caesura_service.journal import JournalError, JournalSettings, Outcome, Record, SqliteJournal
-from caesura_service.journal import sqlite as module
+from caesura_service.journal import sqlite_writer as writer
 from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import snapshot_of, status_of
@@ -328,7 +328,7 @@ def test_a_full_disk_refuses_what_shall_be_safe_now_and_keeps_nothing_of_it(path
 
 
 def test_after_a_commit_that_failed_appends_are_refused_until_it_is_made_up_for(path, monkeypatch):
-    monkeypatch.setattr(module, "RETRY_S", 0.01)
+    monkeypatch.setattr(writer, "RETRY_S", 0.01)
     with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
         journal.append(record(0), now=True)
         grow_no_more(journal)

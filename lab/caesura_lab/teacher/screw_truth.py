@@ -10,7 +10,7 @@ import numpy as np
 
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.shapes import UP, Screw
-from caesura_lab.teacher.truth import TrueState
+from caesura_lab.teacher.true_spans import TrueState
 
 LEAST_RAD = radians(45.0)  # a shorter stroke leads too little for an advance to be read
 

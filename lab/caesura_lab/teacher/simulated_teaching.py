@@ -30,7 +30,8 @@ from caesura_lab.teacher.plan import DT, make_plan
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_lab.teacher.screw_truth import screws_of
 from caesura_lab.teacher.sensor import Sensors
-from caesura_lab.teacher.truth import TrueState, annotate
+from caesura_lab.teacher.true_spans import TrueState
+from caesura_lab.teacher.truth import annotate
 from caesura_protocol.codec import signals_of
 from caesura_protocol.columns import columns_of
 from caesura_protocol.messages import WrenchSource

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from caesura_lab.teacher.truth import TrueState, annotate
+from caesura_lab.teacher.true_spans import TrueState
+from caesura_lab.teacher.truth import annotate
 
 Array = NDArray[np.float64]
 

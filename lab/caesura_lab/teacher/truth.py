@@ -269,7 +269,7 @@ def _within_motions(state: TrueState, spans: list[TickSpan], *, guided: bool) ->
 def _smoothed_speed(state: TrueState, span: TickSpan) -> Array:
     """(n,) [m/s] by which guided people move in the ticks of a span."""
     velocity = state.velocity_of_class(span.first, span.last, span.cls, guided=True)
-    return _smooth(np.linalg.norm(velocity, axis=1), state.dt)
+    return smooth(np.linalg.norm(velocity, axis=1), state.dt)
 
 
 def _smoothed(state: TrueState, span: TickSpan, *, guided: bool) -> Array:

@@ -57,7 +57,7 @@ class ConditioningParameters:
     gap_limit_s: float = 0.25  # a longer hole between samples is a gap, a shorter one is interpolated
     hold_limit_s: float = 0.125  # a pose held for longer is a rest; 9 readings a second are interpolated
     tare_window_s: float = 0.4  # from the first sample on
-    tare_scatter_limit_n: float = 0.5  # standard deviation on the worst axis
+    tare_scatter_limit_n: float = 0.5  # standard deviation in the direction in which it is greatest
     gripper: GripperParameters = field(default_factory=GripperParameters)
 
     def __post_init__(self) -> None:

@@ -47,7 +47,7 @@ class RestCriterion:
     """When the force at the start of a demonstration is bias and nothing else."""
 
     speed_limit_m_per_s: float
-    scatter_limit_n: float  # standard deviation on the worst axis
+    scatter_limit_n: float  # standard deviation in the direction in which it is greatest
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,16 @@ def baseline(forces: Array) -> tuple[Array, Array]:
     return forces.mean(axis=0), forces.std(axis=0)
 
 
+def greatest_scatter(forces: Array) -> float:
+    """Standard deviation [N] of forces (n, 3), n >= 1, in the direction in which it is greatest.
+
+    So the axes of the base, and with them its mounting, decide nothing.
+    """
+    aside = forces - forces.mean(axis=0)
+    variance = float(np.linalg.eigvalsh(aside.T @ aside / len(forces))[-1])
+    return math.sqrt(max(variance, 0.0))
+
+
 def tare_of(
     forces: Array,
     speeds: Array,
@@ -103,8 +113,7 @@ def tare_of(
     forces: (n, 3) [N] base frame; speeds: (n,) [m/s]; torques: (n, 3) [Nm], or none with n = 0; up: away from
     gravity, of length 1, base frame.
     """
-    mean, scatter = baseline(forces)
-    fastest, worst = float(speeds.max()), float(scatter.max())
+    mean, fastest, worst = baseline(forces)[0], float(speeds.max()), greatest_scatter(forces)
     if fastest > criterion.speed_limit_m_per_s:
         limit = f"limit {criterion.speed_limit_m_per_s:g} m/s"
         return _untared(f"the robot moved at {fastest:.4g} m/s at the start ({limit})")

@@ -224,6 +224,18 @@ def test_the_rotation_is_the_least_one_that_turns_up_to_z(up):
     assert 0.5 * (np.trace(turn) - 1.0) == pytest.approx(np.cos(angle), abs=1e-9)
 
 
+def test_a_force_that_scatters_aslant_is_a_tare_on_every_base_or_on_none():
+    # It was measured on the worst axis: 0.35 N of 0.5 N along a diagonal of two axes.
+    draw = np.random.default_rng(0)
+    aslant = draw.normal(size=(200, 1)) * np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    aslant /= aslant.std(axis=0).max() * np.sqrt(2.0)
+    for scatter, is_tared in ((0.48, True), (0.52, False)):
+        for _ in range(20):
+            turn, _ = np.linalg.qr(draw.normal(size=(3, 3)))
+            tare = tare_of(scatter * aslant @ turn.T, np.zeros(200), RestCriterion(0.01, 0.5))
+            assert (tare.bias is not None) is is_tared
+
+
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 def test_the_weight_of_a_tool_at_the_start_is_no_press(mounting):
     up = unit(MOUNTINGS[mounting])

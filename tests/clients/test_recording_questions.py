@@ -103,7 +103,32 @@ def test_the_question_whose_the_forces_are_states_how_they_differ(tmp_path: Path
     terminal = Terminal(Force="5 6 7", Where="flange_sensor", Was="yes")
     ask_about(odd(tmp_path / "odd.csv"), terminal)
     (words,) = [words for words, _ in terminal.asked if words.startswith("Are they")]
-    assert "positive vertical force" in words
+    assert "a force that points up then is that of the environment" in words
+    assert "positive z on an upright base" in words
+
+
+def test_which_way_is_up_is_asked_and_written(tmp_path: Path, capsys: pytest.CaptureFixture):
+    terminal, answers = Terminal(Force="5 6 7", Where="flange_sensor"), iter(["0,1,1", "down", "-z"])
+
+    def ask(words: str, default: str | None = None) -> str:
+        return next(answers) if words.startswith("Up, ") else terminal(words, default)
+
+    file = odd(tmp_path / "odd.csv")
+    assert load_recording(file, mapping=ask_about(file, ask).mapping).up == (0.0, 0.0, -1.0)
+    said = capsys.readouterr().out
+    assert "up is 0,1,1 of length 1.41421, expected 1 ± 0.001" in said
+    assert "up is 'down', expected three numbers" in said
+
+
+def test_an_upright_base_that_is_not_stated_is_not_written(tmp_path: Path):
+    file = odd(tmp_path / "odd.csv")
+    answered = ask_about(file, Terminal(Force="5 6 7", Where="flange_sensor"))
+    assert answered.mapping is not None
+    assert "up" not in answered.mapping.read_text().split("[time]")[0].replace("hand_on_robot", "")
+    assert load_recording(file, mapping=answered.mapping).up is None
+    terminal = Terminal(Force="-")
+    assert ask_about(odd(tmp_path / "poses.csv"), terminal).mapping is not None
+    assert not [words for words, _ in terminal.asked if words.startswith("Up, ")]
 
 
 def test_other_formats_are_asked_about_wrench_and_hand_alone(tmp_path: Path):
@@ -196,11 +221,12 @@ def test_a_name_with_quotes_is_written_so_that_it_is_read(tmp_path: Path):
 
 def test_what_the_comments_of_a_csv_state_is_proposed(tmp_path: Path):
     file = odd(tmp_path / "odd.csv")
-    stated = "# wrench_source: flange_sensor\n# hand on robot: no\n# robot: panda\n"
+    stated = "# wrench_source: flange_sensor\n# hand on robot: no\n# robot: panda\n# up: -z\n"
     file.write_text(stated + file.read_text(encoding="utf-8"), encoding="utf-8")
     answered = ask_about(file, Terminal(Force="5 6 7"))
     found = load_recording(file, mapping=answered.mapping)
     assert (found.wrench_source, found.hand_on_robot, found.setting.robot) == ("flange_sensor", "no", "panda")
+    assert found.up == (0.0, 0.0, -1.0)
 
 
 def arm_log(path: Path) -> Path:

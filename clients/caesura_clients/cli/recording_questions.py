@@ -20,6 +20,7 @@ from caesura_protocol.formats.mapping_text import MappingAnswers, mapping_text
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
 from caesura_protocol.number_words import counted
 from caesura_protocol.robots import robot_names
+from caesura_protocol.upright import UP, parse_up, up_text
 
 NAMES = {"t": "the time", **dict.fromkeys(TURNS, "the angles")}  # in the question for their unit
 Ask = Callable[..., str]  # words of the question, default=
@@ -42,7 +43,11 @@ ANGLES = (
 )
 WHOSE = (
     "Are they forces of the environment on the robot, or of the robot? A table on which the robot presses "
-    "pushes it up: a positive vertical force in the base frame is that of the environment"
+    "pushes it up: a force that points up then is that of the environment, a positive z on an upright base"
+)
+WHICH_WAY_UP = (
+    "Up, away from gravity in the base frame: z of an arm on a table, -z of one that hangs from a ceiling, "
+    "or three numbers x,y,z of length 1"
 )
 HELP = (
     "Enter takes what stands in brackets. Columns are named, or counted from 1, and divided by blanks or "
@@ -121,7 +126,19 @@ def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
             words = f"Unit of {NAMES.get(signal) or ASKED[signal].lower()}"
             units[signal] = _chosen(ask, words, known, units.get(signal, next(iter(known))))
     wrench = _asked_wrench(ask, signals, layout.stated)
-    return guess._replace(columns=columns, units=units, **wrench)
+    up = _asked_up(ask, layout.stated.get("up")) if {"force", "tau"} & set(signals) else None
+    return guess._replace(columns=columns, units=units, up=up, **wrench)
+
+
+def _asked_up(ask: Ask, stated: str | None) -> str | None:
+    """The direction away from gravity; None for that of an upright base, where nothing states it."""
+    while True:
+        try:
+            found = parse_up(ask(WHICH_WAY_UP, default=stated or "z"))
+        except ValueError as error:
+            typer.echo(str(error))
+        else:
+            return None if stated is None and found == UP else up_text(found)
 
 
 def _asked_orientation(

@@ -148,7 +148,7 @@ def decode(payload: bytes, encoding: str, *expected: type[M], limit: int = MAX_M
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(printable(str(part)) for part in first["loc"]) or model.__name__
-        why = f"{model.__name__}.{where}: {first['msg']}"
+        why = f"{model.__name__}.{where}: {first['msg'].removeprefix('Value error, ')}"
         raise ProtocolError("malformed", why, value=first["input"]) from None
     return message
 

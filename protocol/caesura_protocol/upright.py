@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterable, Sequence
 from types import MappingProxyType
 
+from caesura_protocol.errors import MAX_SHOWN
+
 Vector = tuple[float, float, float]
 
 UP: Vector = (0.0, 0.0, 1.0)  # where none is stated
@@ -50,11 +52,16 @@ def checked_up(up: Sequence[float]) -> Vector:
 
 def _remedy(up: Sequence[float], size: float) -> str:
     """Propose the direction of a vector, or the opposite one of a vector of gravity."""
-    if size == 0.0:
+    if size == 0.0 or math.isinf(size):
         return ""
+    along = _rounded(value / size for value in up)
     if abs(size - GRAVITY) < NEAR_GRAVITY:
-        return f": up points away from gravity: is it {_rounded(-value / size for value in up)}?"
-    return f": is it {_rounded(value / size for value in up)}?"
+        opposite = _rounded(-value / size for value in up)
+        return (
+            f": up points away from gravity: is it {opposite}? "
+            f"It is {along} where these numbers point away already, as in UR's set_gravity"
+        )
+    return f": is it {along}?"
 
 
 def _rounded(values: Iterable[float]) -> str:
@@ -75,7 +82,7 @@ def parse_up(text: str) -> Vector:
     except ValueError:
         numbers = []
     if len(numbers) != len(UP):
-        raise ValueError(f"up is {text!r}, expected {EXPECTED}")
+        raise ValueError(f"up is {text[:MAX_SHOWN]!r}, expected {EXPECTED}")
     return checked_up(numbers)
 
 

@@ -19,6 +19,7 @@ from caesura_protocol.recording import (
     STATED,
     RecordingError,
 )
+from caesura_protocol.upright import UP, up_text
 
 NPZ_STATED = (*STATED, QUATERNION_ORDER)
 
@@ -77,6 +78,8 @@ def _as_numbers(path: Path, key: str, values: NDArray[Any]) -> Array:
 
 
 def _as_text(path: Path, key: str, values: NDArray[Any]) -> str:
+    if key == "up" and values.ndim == 1 and values.dtype.kind in "iuf" and values.size == len(UP):
+        return up_text(values.tolist())
     if values.size != 1:
         raise RecordingError(f"{path}: {key} has {values.size} values, expected one")
     value = values.reshape(-1)[0]

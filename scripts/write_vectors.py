@@ -376,7 +376,7 @@ def examples() -> dict[str, Message]:
         corrections[0],
         change,
         Control(command=opening),
-        Ack(session=SESSION, next_seq=18, state="open"),
+        Ack(session=SESSION, next_seq=18, state="open", up=(0.0, 0.0, -1.0)),
         preview,
         effect.segments_before[0],
         effect.apps_after[0],

@@ -44,7 +44,8 @@ DATA = Path(__file__).parents[2] / "data"
 CEILING, CEILING_M = (0.0, 0.0, -1.0), 0.9
 WRONG = {
     "0,1,1": "up is 0,1,1 of length 1.41421, expected 1 ± 0.001: is it 0,0.707107,0.707107?",
-    "0,0,-9.81": "of length 9.81, expected 1 ± 0.001: up points away from gravity: is it 0,0,1?",
+    "0,0,-9.81": "of length 9.81, expected 1 ± 0.001: up points away from gravity: is it 0,0,1? "
+    "It is 0,0,-1 where these numbers point away already",
     "0,0,0": "up is 0,0,0 of length 0, expected 1 ± 0.001",
     "nan,0,1": "up is nan,0,1, expected three numbers x,y,z of length 1 ± 0.001",
     "0,1": "up is '0,1', expected three numbers x,y,z of length 1 ± 0.001, or one of x, -x, y, -y, z, -z",
@@ -103,6 +104,12 @@ def test_a_command_refuses_a_wrong_direction_with_the_limit(tmp_path, command, t
     assert WRONG[text] in done.output
 
 
+def test_the_simulated_teacher_stands_upright():
+    done = caesura("bridge", "--source", "teacher", "--scenario", "pick_and_place", "--up", "-z")
+    assert done.exit_code == 1
+    assert "--up is -z, and the simulated teacher's robot stands upright" in done.output
+
+
 # --- files ----------------------------------------------------------------------------------------------
 
 
@@ -119,6 +126,40 @@ def test_the_direction_survives_a_file(tmp_path, suffix):
     again = tmp_path / f"c{suffix}"
     assert caesura("export", out, "-o", again).exit_code == 0
     assert load_recording(again).up == load_recording(out).up
+
+
+@pytest.mark.parametrize(
+    "stated", [np.array([0, 0, -1]), np.array([0.0, 0.0, -1.0], np.float32), np.array("-z"), np.array(b"-z")]
+)
+def test_an_archive_has_it_as_numbers_or_as_a_text(tmp_path, stated):
+    guided().save(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", **np.load(tmp_path / "a.npz"), up=stated)
+    assert load_recording(tmp_path / "b.npz").up == CEILING
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ([0.0, 1.0, 1.0], "up is 0,1,1 of length 1\\.41421, expected 1 ± 0\\.001"),
+        ([np.nan, 0.0, 1.0], "up is nan,0,1, expected three numbers"),
+        ([[0.0, 0.0, -1.0]], "up has 3 values, expected one"),
+        ([0.0, 1.0], "up has 2 values, expected one"),
+        (["0", "0", "-1"], "up has 3 values, expected one"),
+    ],
+)
+def test_an_archive_with_a_wrong_direction_is_refused(tmp_path, stated, words):
+    guided().save(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", **np.load(tmp_path / "a.npz"), up=np.array(stated))
+    with pytest.raises(RecordingError, match=words):
+        load_recording(tmp_path / "b.npz")
+
+
+def test_a_long_text_for_a_direction_is_cut_in_the_refusal(tmp_path):
+    WRITERS[".csv"](tmp_path / "a.csv", guided())
+    (tmp_path / "a.csv").write_text(f"# up: {'9' * 100_000}\n{(tmp_path / 'a.csv').read_text()}")
+    with pytest.raises(RecordingError, match="up is '999") as refused:
+        load_recording(tmp_path / "a.csv")
+    assert len(str(refused.value)) < 500
 
 
 def test_what_is_not_stated_is_not_written(tmp_path):
@@ -189,7 +230,8 @@ def test_an_opening_of_before_the_direction_is_still_read():
     ("up", "words"),
     [
         ([0.0, 1.0, 1.0], "up is 0,1,1 of length 1.41421, expected 1 ± 0.001"),
-        ([0.0, 0.0, 0.0], "up is 0,0,0 of length 0, expected 1 ± 0.001"),
+        ([0.0, 0.0, 0.0], "open.up: up is 0,0,0 of length 0, expected 1 ± 0.001"),
+        ([1.7e308] * 3, "of length inf, expected 1 ± 0.001"),
         ([0.0, 0.0, math.nan], "finite number"),
         ([0.0, 1.0], "up"),
         ("-z", "up"),

@@ -42,6 +42,7 @@ class FakeService:
         self.state = "open"
         self.hold = False
         self.asks = True  # for what it misses
+        self.reads_up = True  # False: it ignores which way is up, as an older service
         self.refuse: ProtocolError | None = None
         self.duplicates = 0
         self.refusals: list[ProtocolError] = []
@@ -120,7 +121,8 @@ class FakeService:
         if refusal is not None:
             question.refuse(encode_error(refusal))
             return
-        ack = Ack(session=command.session, next_seq=self.next_seq, state=self.state)
+        up = self.openings[-1].up if self.openings and self.reads_up else None
+        ack = Ack(session=command.session, next_seq=self.next_seq, state=self.state, up=up)
         question.reply(question.key, encode(ack))
 
     def _close(self, station: str, close: Close) -> ProtocolError | None:

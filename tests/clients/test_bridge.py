@@ -10,6 +10,7 @@ import pytest
 from caesura_clients.bridge import Bridge, BridgeSettings, new_session_name
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, station_key
+from caesura_protocol.programs.safety import CellSettings
 from clients.bridging import QUICK, REPLAY_KEY, Losing, assert_everything_arrived, file_source, replayed
 from clients.examples import LiveSource, samples
 from clients.fake_service import FakeService, eventually
@@ -74,6 +75,30 @@ def test_a_source_that_reads_its_pose_seldom_is_named(memory):
         assert bridge.slow_pose is None
         bridge.run()
         assert "about 7.1 times a second" in bridge.slow_pose
+
+
+def test_a_service_that_ignores_which_way_is_up_is_named(memory):
+    settings = BridgeSettings(reopen_s=0.02, retry_s=0.02, setting=CellSettings(up=(0.0, 0.0, -1.0)))
+    with (
+        FakeService(memory.transport()) as service,
+        Bridge(memory.transport(), "cell-1", LiveSource(), session="s1", settings=settings) as bridge,
+    ):
+        bridge.wait_open(30.0)
+        assert bridge.ignored_up is None
+        service.reads_up = False  # another instance takes over, which is older
+        eventually(lambda: bridge.ignored_up is not None)
+    assert bridge.ignored_up == (
+        "the service ignores that up is 0,0,-1: it is an older version, or was when s1 began. "
+        "There loads weigh against z. Update the service and teach this again"
+    )
+
+
+def test_an_older_service_has_nothing_to_ignore_where_no_direction_is_stated(memory):
+    with FakeService(memory.transport()) as service:
+        service.reads_up = False
+        with Bridge(memory.transport(), "cell-1", LiveSource()) as bridge:
+            bridge.wait_open(30.0)
+            assert bridge.ignored_up is None
 
 
 def test_a_batch_that_does_not_fill_goes_after_a_while(memory):
@@ -391,6 +416,24 @@ def test_a_source_states_its_arm(memory, robot, stated):
         bridge.send(samples(10))
         bridge.finish()
     assert service.openings[0].robot == stated
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        (
+            CellSettings(up=(0.0, 0.0, 2.0)),
+            r"up is .*, up is 0,0,2 of length 2, expected 1 ± 0\.001: is it 0,0,1",
+        ),
+        (CellSettings(up="-z"), "up is '-z', expected an array"),
+        (CellSettings(force_limit_n=-3.0), r"force_limit_n is -3\.0, expected greater than 0"),
+    ],
+)
+def test_a_custom_source_that_states_a_wrong_cell_is_refused_in_words(memory, setting, words):
+    source = LiveSource()
+    source.setting = setting
+    with pytest.raises(SourceError, match=f"the source: {words}"):
+        Bridge(memory.transport(), "cell-1", source)
 
 
 def test_an_arm_without_a_possible_name_is_refused(memory):

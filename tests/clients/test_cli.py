@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from datetime import datetime
 from importlib.metadata import EntryPoint
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli import build
-from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage
+from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage, reporting_up
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
@@ -152,23 +153,26 @@ def test_of_a_service_that_is_gone_the_bridge_does_not_say_that_it_stores_again(
         eventually(lambda: "the service stores again" in capsys.readouterr().err)
 
 
-def test_bridge_says_once_that_the_pose_is_read_seldom(monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("reporting", "name", "warning"),
+    [
+        (reporting_pose, "slow_pose", "The pose is read about 7.1 times a second."),
+        (reporting_up, "ignored_up", "the service ignores that up is 0,0,-1"),
+    ],
+)
+def test_bridge_says_once_what_it_finds_meanwhile(monkeypatch, capsys, reporting, name, warning):
     monkeypatch.setattr("caesura_clients.cli.bridge.LOOK_S", 0.01)
-
-    class Seldom:
-        slow_pose = None
-
-    opened, said = Seldom(), []
+    opened, said = SimpleNamespace(**{name: None}), []
 
     def printed(words: str) -> bool:
         said.append(capsys.readouterr().err)
         return words in "".join(said)
 
-    with reporting_pose(opened):
-        opened.slow_pose = "The pose is read about 7.1 times a second."
-        eventually(lambda: printed("warning: The pose is read about 7.1 times a second."))
+    with reporting(opened):
+        setattr(opened, name, warning)
+        eventually(lambda: printed(f"warning: {warning}"))
     printed("")
-    assert "".join(said).count("The pose") == 1
+    assert "".join(said).count(warning) == 1
 
 
 def refusing(**changes):

@@ -16,6 +16,7 @@ from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.standby import Standby
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import BridgeStatus
+from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.transport.memory import MemoryNetwork
 from clients.examples import LiveSource, samples
 from clients.fake_service import FakeService, eventually
@@ -136,6 +137,22 @@ def test_a_stop_at_a_service_that_lacks_batches_ends_once_it_has_them(over):
         assert (service.state, service.next_seq) == ("closed", 2)
         assert standby.status.outcome == "closed with 2 batches"
         over.set()
+
+
+def test_the_status_says_that_the_service_ignores_which_way_is_up(over):
+    network, hangs = MemoryNetwork(), BridgeSettings(setting=CellSettings(up=(0.0, 0.0, -1.0)))
+    with (
+        FakeService(network.transport()) as service,
+        standing_by(network, lambda: nullcontext(Robot(over)), settings=hangs) as standby,
+    ):
+        service.reads_up = False
+        eventually(lambda: standby.status.state == "ready")
+        operator = network.transport()
+        describing.start(operator, STATION)
+        assert "the service ignores that up is 0,0,-1" in (standby.status.problem or "")
+        describing.stop(operator, STATION)
+        assert "; the service ignores that up is 0,0,-1" in standby.status.outcome
+        assert standby.status.problem is None
 
 
 def test_the_outcome_says_that_the_pose_is_read_seldom(over):

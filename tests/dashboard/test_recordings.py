@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import os
 import shutil
@@ -180,6 +181,15 @@ def test_a_direction_that_is_none_is_refused_in_words(desk: RecordingDesk):
     sent(desk, "u-1", "a.csv", CSV.encode())
     with pytest.raises(EditRefused, match=r"up is '?0,1,1'?.* of length 1\.41421, expected 1 ± 0\.001"):
         desk.play(asked("u-1", answers={"up": "0,1,1"}), frozenset())
+
+
+def test_what_a_child_process_warns_of_stays_with_what_it_played(desk: RecordingDesk):
+    sent(desk, "u-1", "a.csv", CSV.encode())
+    said = '{"warning": "the service ignores that up is 0,0,-1"}\n{"share": 1.0, "done": true}\n'
+    child = SimpleNamespace(stdout=io.StringIO(said), wait=lambda: 0)
+    desk._follow(child, recordings.Playback("u-1", "a.csv", "cell-1", "s1"))  # type: ignore[arg-type]
+    (played,) = desk.plays
+    assert (played.warning, played.done) == ("the service ignores that up is 0,0,-1", True)
 
 
 def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsys):

@@ -30,6 +30,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+from pydantic import ValidationError
 
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.bridge.marker_queue import MarkerQueue
@@ -50,6 +51,8 @@ from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.transport.inbox import Inbox
 from caesura_protocol.transport.network import Transport
+from caesura_protocol.upright import up_text
+from caesura_protocol.validation_words import first_finding
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
@@ -125,6 +128,7 @@ class Bridge:
         self._clock = clock
         self.unmarked: list[str] = []  # why marks of the source's were not made
         self._revision = 0  # of the session, as far as a mark has learnt
+        self._ignored_up: str | None = None
         self._is_open = False  # to a service
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
         self._over = threading.Event()
@@ -155,6 +159,11 @@ class Bridge:
     def slow_pose(self) -> str | None:
         """What is said of a pose that the source reads seldom and repeats; None where it does not."""
         return self._pose_readings.slow
+
+    @property
+    def ignored_up(self) -> str | None:
+        """What is said of a direction that the service does not weigh against; None where it does."""
+        return self._ignored_up
 
     @property
     def stuck_s(self) -> float:
@@ -332,6 +341,7 @@ class Bridge:
         ack = self._control.ask(self._open)
         if ack is not None:
             self.acknowledged = ack.next_seq
+            self._ignored_up = self._ignored_up or _ignored_up(self._open, ack)
         return ack is not None
 
     def _run_keeper(self) -> None:
@@ -399,6 +409,16 @@ def _robot_of(source: Source) -> CellSettings:
     return CellSettings(robot=name)
 
 
+def _ignored_up(opening: Open, ack: Ack) -> str | None:
+    """Name a direction that was stated to a service which does not know it; None where it does."""
+    if opening.up is None or ack.up is not None:
+        return None
+    return (
+        f"the service ignores that up is {up_text(opening.up)}: it is an older version, or was when "
+        f"{opening.session} began. There loads weigh against z. Update the service and teach this again"
+    )
+
+
 def _opening(
     source: Source,
     session: str,
@@ -415,18 +435,22 @@ def _opening(
             raise SourceError(f"{name} is {value!r}, expected one of {', '.join(known)}")
     if (wrong := contradiction(source.wrench_source, hand_on_robot)) is not None:
         raise SourceError(wrong)
-    return Open(
-        session=session,
-        epoch=epoch,
-        columns=source.columns,
-        wrench_source=source.wrench_source,
-        hand_on_robot=hand_on_robot,
-        force_frame=source.force_frame,
-        length_unit=source.length_unit,
-        preset=preset,
-        bridge=new_bridge_name(),
-        **setting.completed_by(getattr(source, "setting", UNSET)).completed_by(_robot_of(source))._asdict(),
-        declared_units=getattr(source, "declared_units", ()),
-        assumed=getattr(source, "assumed", ()),
-        description=description,
-    )
+    stated = setting.completed_by(getattr(source, "setting", UNSET)).completed_by(_robot_of(source))
+    try:
+        return Open(
+            session=session,
+            epoch=epoch,
+            columns=source.columns,
+            wrench_source=source.wrench_source,
+            hand_on_robot=hand_on_robot,
+            force_frame=source.force_frame,
+            length_unit=source.length_unit,
+            preset=preset,
+            bridge=new_bridge_name(),
+            **stated._asdict(),
+            declared_units=getattr(source, "declared_units", ()),
+            assumed=getattr(source, "assumed", ()),
+            description=description,
+        )
+    except ValidationError as error:
+        raise SourceError(f"the source: {first_finding(error)}") from error

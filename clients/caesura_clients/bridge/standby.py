@@ -210,6 +210,8 @@ class Standby:
                 outcome = self._store(one, bridge) + why
                 if bridge.slow_pose is not None and not source.can_wait:  # a file names it when it is opened
                     outcome += f"; {bridge.slow_pose.rstrip('.')}"
+                if bridge.ignored_up is not None:
+                    outcome += f"; {bridge.ignored_up}"
         except Unreachable as error:
             self._abandoned.add(one.session)
             outcome = f"not stored as a whole: {error}"
@@ -252,7 +254,7 @@ class Standby:
         """Send samples until a stop, or until they end; returns why they ended, unless by a stop."""
         with MarkerQueue(bridge.mark, self.station) as marks:
             feed.begin(_Taker(bridge, marks, rebased=not source.can_wait))
-            self._change(state="teaching")
+            self._change(state="teaching", problem=bridge.ignored_up)
             one.opened()  # only now: what is taught after the answer is in the session
             was_released = False
             while not (one.stop.is_set() or self._over.is_set() or was_released):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -34,11 +34,12 @@ from caesura_clients.cli.watching import SAID_OF_SERVICE
 from caesura_clients.client import Caesura
 from caesura_clients.query import services, snapshots
 from caesura_clients.service_liveliness import Change, watch_services
-from caesura_protocol.errors import ProtocolError, Unreachable
+from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import SessionClock, clock_of
 from caesura_protocol.transport.zenoh_transport import endpoint_of
+from caesura_protocol.upright import APART_RAD, UP, tilt_between
 
 DEFAULT_STATION = "cell-1"
 MAX_EPOCH = (1 << 53) - 1
@@ -162,6 +163,8 @@ def bridge(
     with reported():
         named(station)
         settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
+        if source == "teacher" and tilt_between(settings.setting.up, UP) > APART_RAD:
+            raise CaesuraError(f"--up is {asked.up}, and the simulated teacher's robot stands upright")
         if standby:
             with connected(endpoint, config, patient=True) as caesura:
                 stand_by(
@@ -193,6 +196,7 @@ def bridge(
                 watch_services(caesura.transport, service),
                 reporting_storage(opened, lambda: service.is_gone),
                 nullcontext() if samples.can_wait else reporting_pose(opened),  # a file names it at once
+                reporting_up(opened),
                 marking(opened) if marker else nullcontext(),
                 ended_by_sigterm(),
             ):
@@ -300,18 +304,28 @@ def reporting_storage(opened: Bridge, is_gone: Callable[[], bool] = lambda: Fals
         yield
 
 
-@contextmanager
-def reporting_pose(opened: Bridge) -> Iterator[None]:
+def reporting_pose(opened: Bridge) -> AbstractContextManager[None]:
     """Says once that the source reads its pose seldom."""
+    return _reporting(lambda: opened.slow_pose, "pose")
+
+
+def reporting_up(opened: Bridge) -> AbstractContextManager[None]:
+    """Says once that the service ignores which way is up."""
+    return _reporting(lambda: opened.ignored_up, "up")
+
+
+@contextmanager
+def _reporting(warning: Callable[[], str | None], name: str) -> Iterator[None]:
+    """Prints a warning once it is there."""
     over = threading.Event()
 
     def look() -> None:
-        while opened.slow_pose is None and not over.wait(LOOK_S):
+        while warning() is None and not over.wait(LOOK_S):
             pass
-        if opened.slow_pose is not None:
-            typer.echo(f"warning: {opened.slow_pose}", err=True)
+        if (words := warning()) is not None:
+            typer.echo(f"warning: {words}", err=True)
 
-    with _beside(look, over, "pose"):
+    with _beside(look, over, name):
         yield
 
 

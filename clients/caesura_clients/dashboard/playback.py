@@ -168,6 +168,8 @@ def play(job: Job) -> dict[str, Any]:
             bridge.wait_open(OPEN_S)
         except Unreachable as error:
             raise Unreachable(f"{error}; {NEEDED}") from error
+        if bridge.ignored_up is not None:
+            report({"warning": bridge.ignored_up})
         over = threading.Event()
         watching = threading.Thread(target=_watch, args=(source, of, over), daemon=True)
         watching.start()

@@ -90,6 +90,7 @@ class Playback:
     session: str
     share: float = 0.0
     mapping: str = ""  # the answers as a mapping file, for a csv or a rosbag2
+    warning: str = ""
     error: str = ""
     done: bool = False
 
@@ -274,7 +275,8 @@ class RecordingDesk:
                 said = _last_line(line)
                 error, done = self._in_words(said.get("error", ""), now.upload), "done" in said
                 share, mapping = said.get("share", now.share), said.get("mapping", now.mapping)
-                now = replace(now, share=share, mapping=mapping, error=error, done=done)
+                warning = self._in_words(said.get("warning", now.warning), now.upload)
+                now = replace(now, share=share, mapping=mapping, warning=warning, error=error, done=done)
                 if not (error or done):
                     self._keep(now)
         child.wait()

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from caesura_protocol.errors import ErrorCode
 from caesura_protocol.messages.corrections import Edit, EditEffect, Preview
-from caesura_protocol.messages.field_types import Count, Name, Shown
+from caesura_protocol.messages.field_types import Count, Name, Shown, Up
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.program_edits import EditProgram
 from caesura_protocol.messages.sessions import Close, Describe, Open
@@ -33,6 +33,7 @@ class Ack(Message):
     lost: Count = (
         0  # batches before `next_seq` that the session lacks: refused, or no bridge has them any more
     )
+    up: Up | None = None  # that the session weighs against; None: not stated, or an older service, and z
 
 
 class Error(Message):

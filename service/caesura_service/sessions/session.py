@@ -289,6 +289,8 @@ class Session:
 
     def _receive_opening(self, reopening: Open, now: float) -> list[Output]:
         own = {"preset": reopening.preset or self._opening.preset, "description": self._opening.description}
+        if self._has_lost_up(reopening):
+            own["up"] = None
         reopening = reopening.model_copy(update=own)
         try:
             next_state(self.state.lifecycle, "open")
@@ -313,6 +315,15 @@ class Session:
             return [*self._resume(reopening, now), self._ack()]
         self._check_epoch(reopening.epoch)
         return [self._ack()]
+
+    def _has_lost_up(self, reopening: Open) -> bool:
+        """Return whether a service that does not know the direction has journaled this opening without it.
+
+        A bridge never changes its opening. The session goes on as it began; the acknowledgement says so.
+        """
+        mine, is_stated = self._opening, reopening.up is not None
+        is_same = reopening.bridge is not None and reopening.bridge == mine.bridge
+        return is_stated and mine.up is None and is_same and reopening.epoch == mine.epoch
 
     def _receive_close(self, close: Close, now: float) -> list[Output]:
         self._check_bridge(close)
@@ -499,4 +510,5 @@ class Session:
             revision=self.revision,
             effect=effect,
             lost=self.state.counters.lost,
+            up=self._opening.up,
         )

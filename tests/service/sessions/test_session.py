@@ -273,6 +273,29 @@ def test_the_conflict_of_two_openings_names_what_differs_and_nothing_else():
     assert (refusal.value.value, refusal.value.expected) == ("robot 'ur5e'", "robot None")
 
 
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_a_direction_that_an_older_service_left_out_of_its_journal_ends_no_session(is_closed):
+    # The service was updated meanwhile: the bridge opens again as before, and the journal has no direction.
+    stated = opening(bridge=FIRST, up=(0.0, 0.0, -1.0))
+    session, _ = open_session(bridge=FIRST)
+    if is_closed:
+        session.receive(closing(-1), 0.0)
+        assert isinstance(answer(session.receive(stated, 0.0)), ProtocolError)
+        return
+    assert answer(session.receive(stated, 0.0)) == Ack(session="s1", next_seq=0, state="open", up=None)
+    for other in ({"bridge": SECOND, "epoch": 1}, {"epoch": 1}, {"robot": "ur5e"}):
+        with pytest.raises(ProtocolError, match="conflict"):
+            session.receive(stated.model_copy(update=other), 0.0)
+
+
+def test_another_direction_than_that_of_the_session_is_a_conflict():
+    session, first = open_session(bridge=FIRST, up=(0.0, 0.0, -1.0))
+    assert answer(first).up == (0.0, 0.0, -1.0)
+    for up in (None, (1.0, 0.0, 0.0)):
+        with pytest.raises(ProtocolError, match="open as something else: other up"):
+            session.receive(opening(bridge=FIRST, up=up), 0.0)
+
+
 def test_a_restarted_bridge_opens_with_a_higher_epoch_and_continues_the_numbers():
     session, _ = open_session()
     session.receive(batch(0), 0.0)

@@ -126,6 +126,7 @@ export default {
           <a :href="'/sessions/' + one.station + '/' + one.session">{{ one.station }}/{{ one.session }}</a> {{ one.name }}
           <progress v-if="!one.done && !one.error" :value="one.share" max="1" :aria-label="'Played of ' + one.name"></progress>
           <span class="play-state" :class="{ alarm: one.error }">{{ one.error || (one.done ? "done" : Math.round(100 * one.share) + " %") }}</span>
+          <p v-if="one.warning" class="alarm">{{ one.warning }}</p>
           <details v-if="one.mapping"><summary>Mapping for the next time</summary><pre>{{ one.mapping }}</pre></details>
         </li></ul>
       </section>

@@ -114,7 +114,7 @@ def segment(
     mapping: Mapping = None,
     ask: Annotated[
         bool,
-        typer.Option("--ask", help="Ask for columns, units, wrench source, hand, robot; keep the answers."),
+        typer.Option("--ask", help="Ask for columns, units, wrench, hand, robot, up; keep the answers."),
     ] = False,
 ) -> None:
     """Divide recordings into segments, and show them with the task program; of several, a line each.

@@ -19,6 +19,7 @@ Vector = tuple[float, float, float]
 UP: Vector = (0.0, 0.0, 1.0)  # where none is stated
 NORM_TOLERANCE = 1e-3  # by which the length of a direction may differ from 1
 GRAVITY, NEAR_GRAVITY = 9.81, 0.5  # [m/s²] the length of a vector that was meant as gravity
+LEAST_SIZE = 1e-9  # of a vector whose direction is proposed; one that is longer than 1e9 has none either
 ROUNDED = 1e-12  # by which the length differs once it was made 1
 APART_RAD = math.radians(5.0)  # two bases that are tilted alike: a level shows less, a mounting more
 WORDS = MappingProxyType(
@@ -52,7 +53,7 @@ def checked_up(up: Sequence[float]) -> Vector:
 
 def _remedy(up: Sequence[float], size: float) -> str:
     """Propose the direction of a vector, or the opposite one of a vector of gravity."""
-    if size == 0.0 or math.isinf(size):
+    if not LEAST_SIZE < size < 1.0 / LEAST_SIZE:
         return ""
     along = _rounded(value / size for value in up)
     if abs(size - GRAVITY) < NEAR_GRAVITY:

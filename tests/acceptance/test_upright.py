@@ -231,7 +231,8 @@ def test_an_opening_of_before_the_direction_is_still_read():
     [
         ([0.0, 1.0, 1.0], "up is 0,1,1 of length 1.41421, expected 1 ± 0.001"),
         ([0.0, 0.0, 0.0], "open.up: up is 0,0,0 of length 0, expected 1 ± 0.001"),
-        ([1.7e308] * 3, "of length inf, expected 1 ± 0.001"),
+        ([1.7e308] * 3, "of length inf, expected 1 ± 0.001;"),
+        ([5e-324] * 3, "of length 9.88131e-324, expected 1 ± 0.001;"),
         ([0.0, 0.0, math.nan], "finite number"),
         ([0.0, 1.0], "up"),
         ("-z", "up"),

@@ -17,6 +17,7 @@ from caesura_clients.bridge import BridgeSettings
 from caesura_clients.cli import build
 from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage, reporting_up
 from caesura_clients.cli.commands import register
+from caesura_clients.cli.demonstrations import _StatusPrinter
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
 from caesura_clients.cli.session_table import print_sessions
@@ -26,7 +27,7 @@ from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, station_key
-from caesura_protocol.messages import Phase, Program, Refusal, Snapshot
+from caesura_protocol.messages import BridgeStatus, Phase, Program, Refusal, Snapshot
 from caesura_protocol.recording import RecordingError
 from clients.answering import Answering
 from clients.conftest import free_port
@@ -173,6 +174,19 @@ def test_bridge_says_once_what_it_finds_meanwhile(monkeypatch, capsys, reporting
         eventually(lambda: printed(f"warning: {warning}"))
     printed("")
     assert "".join(said).count(warning) == 1
+
+
+def test_a_bridge_in_standby_prints_what_it_warns_of_while_it_teaches(capsys):
+    print_status = _StatusPrinter()
+    teaching = BridgeStatus(station="cell-1", bridge="b", state="teaching", source="ur", session="s1")
+    for problem in (None, "the service ignores that up is 0,0,-1"):
+        print_status(teaching.model_copy(update={"problem": problem}))
+    print_status(teaching.model_copy(update={"state": "ready", "session": None}))
+    assert capsys.readouterr().err.splitlines() == [
+        "cell-1 teaching: s1",
+        "cell-1 teaching: s1; the service ignores that up is 0,0,-1",
+        "cell-1 ready: waits for a start",
+    ]
 
 
 def refusing(**changes):

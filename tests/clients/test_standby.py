@@ -149,7 +149,8 @@ def test_the_status_says_that_the_service_ignores_which_way_is_up(over):
         eventually(lambda: standby.status.state == "ready")
         operator = network.transport()
         describing.start(operator, STATION)
-        assert "the service ignores that up is 0,0,-1" in (standby.status.problem or "")
+        eventually(lambda: "the service ignores that up is 0,0,-1" in (standby.status.problem or ""))
+        assert standby.status.state == "teaching"
         describing.stop(operator, STATION)
         assert "; the service ignores that up is 0,0,-1" in standby.status.outcome
         assert standby.status.problem is None

@@ -119,6 +119,14 @@ def test_a_station_that_two_bridges_teach_is_in_trouble_and_not_stale(world):
     assert warning_of(stale, world) == "Stale: no sample for 3 s. What is shown is old."
 
 
+def test_a_bridge_in_standby_that_warns_while_it_teaches_is_shown(world):
+    name, warning = station_of(world), "the service ignores that up is 0,0,-1"
+    status = BridgeStatus(station=name, bridge="b", state="teaching", source="ur", problem=warning)
+    one = seen(replace(world, standby={name: status}))
+    assert (one.state, one.why, troubled([one])) == ("teaching", warning, 1)
+    assert warning_of(one, world) == warning
+
+
 def test_nothing_can_have_come_before_the_dashboard_began(world):
     assert seen(world, received_ago=None, began=NOW - 1.0).state == "teaching"
 

@@ -206,7 +206,7 @@ class Standby:
             with self._bridge(one, source) as bridge:
                 bridge.wait_open(OPEN_S)
                 why = self._follow(one, bridge, source, feed)
-                self._change(state="stopping", session=one.session)
+                self._change(state="stopping", session=one.session, problem=None)
                 outcome = self._store(one, bridge) + why
                 if bridge.slow_pose is not None and not source.can_wait:  # a file names it when it is opened
                     outcome += f"; {bridge.slow_pose.rstrip('.')}"
@@ -254,10 +254,12 @@ class Standby:
         """Send samples until a stop, or until they end; returns why they ended, unless by a stop."""
         with MarkerQueue(bridge.mark, self.station) as marks:
             feed.begin(_Taker(bridge, marks, rebased=not source.can_wait))
-            self._change(state="teaching", problem=bridge.ignored_up)
+            self._change(state="teaching")
             one.opened()  # only now: what is taught after the answer is in the session
             was_released = False
             while not (one.stop.is_set() or self._over.is_set() or was_released):
+                if bridge.ignored_up != self.status.problem:  # an older service may take over meanwhile
+                    self._change(problem=bridge.ignored_up)
                 if feed.has_ended or feed.failure is not None or feed.rejection is not None:
                     break
                 self._changed.wait(STATUS_S)

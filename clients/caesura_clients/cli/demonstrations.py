@@ -215,7 +215,7 @@ class _StatusPrinter:
         if (status.last_session, status.outcome) != self._outcome:
             self._outcome = (status.last_session, status.outcome)
             typer.echo(f"{status.station}/{status.last_session} {status.outcome}")
-        what = status.session or status.problem or "waits for a start"
+        what = "; ".join(filter(None, (status.session, status.problem))) or "waits for a start"
         line = f"{status.station} {status.state}: {what}"
         if line != self._line:
             self._line = line

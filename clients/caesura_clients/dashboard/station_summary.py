@@ -128,7 +128,7 @@ def glance(
     )
     status = world.standby.get(station)
     state = _state(update, bridge, why, status)
-    if state == "failed" and status is not None and not why:
+    if state in {"failed", "teaching"} and status is not None and not why:
         why = status.problem or ""
     if state == "teaching" and (both := world.parallel.get(station)):
         why = f"{in_words(station, both)}: {REMEDY}"
@@ -227,10 +227,10 @@ def warning_of(seen: StationSummary, world: DashboardState) -> str:
 
 def troubled(found: Iterable[StationSummary]) -> int:
     """Count the stations that need an operator."""
-    return sum(one.state in {"stale", "failed"} or one.overloaded or _is_taught_twice(one) for one in found)
+    return sum(one.state in {"stale", "failed"} or one.overloaded or _has_warning(one) for one in found)
 
 
-def _is_taught_twice(one: StationSummary) -> bool:
+def _has_warning(one: StationSummary) -> bool:
     return one.state == "teaching" and one.why != ""
 
 

@@ -93,10 +93,12 @@ def test_a_service_that_ignores_which_way_is_up_is_named(memory):
     )
 
 
-def test_an_older_service_has_nothing_to_ignore_where_no_direction_is_stated(memory):
+@pytest.mark.parametrize("up", [None, (0.0, 0.0, 1.0)])
+def test_an_older_service_has_nothing_to_ignore_where_the_base_is_upright(memory, up):
+    settings = BridgeSettings(setting=CellSettings(up=up))
     with FakeService(memory.transport()) as service:
         service.reads_up = False
-        with Bridge(memory.transport(), "cell-1", LiveSource()) as bridge:
+        with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
             bridge.wait_open(30.0)
             assert bridge.ignored_up is None
 

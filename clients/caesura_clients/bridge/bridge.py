@@ -51,7 +51,7 @@ from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.transport.inbox import Inbox
 from caesura_protocol.transport.network import Transport
-from caesura_protocol.upright import up_text
+from caesura_protocol.upright import UP, up_text
 from caesura_protocol.validation_words import first_finding
 
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
@@ -411,10 +411,11 @@ def _robot_of(source: Source) -> CellSettings:
 
 def _ignored_up(opening: Open, ack: Ack) -> str | None:
     """Name a direction that was stated to a service which does not know it; None where it does."""
-    if opening.up is None or ack.up is not None:
+    up = opening.up
+    if up is None or up == UP or ack.up is not None:
         return None
     return (
-        f"the service ignores that up is {up_text(opening.up)}: it is an older version, or was when "
+        f"the service ignores that up is {up_text(up)}: it is an older version, or was when "
         f"{opening.session} began. There loads weigh against z. Update the service and teach this again"
     )
 

@@ -12,27 +12,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from caesura_protocol.codec import pack_samples
-from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
 from caesura_service.journal.journal import JournalFullError
 from caesura_service.journal.reserve import OPENING, SHARE, SIZE, SUFFIX, Reserve
 from harness.processes import eventually
-from harness.sessions import COLUMNS, NAME, STATION, demonstration
+from harness.sessions import STATION
+from service.journal.test_deletion import record, taught
 
 FILES = 32
-SAMPLES = 300  # of a batch, 5 kB: a disk is full after a tenth of the usual ones
-BATCH = pack_samples(demonstration(SAMPLES), COLUMNS, session=NAME, epoch=0, seq=0)
 DISK = SHARE * SIZE + (48 << 20)  # [bytes] room for a reserve, and for what the tests write before
-
-
-def record(seq: int, session: str = NAME) -> Record:
-    return Record(STATION, session, float(seq), BATCH.model_copy(update={"seq": seq, "session": session}))
-
-
-def taught(journal: SqliteJournal, count: int, session: str = NAME) -> None:
-    for seq in range(count):
-        journal.append(record(seq, session))
-    journal.commit()
 
 
 def full() -> JournalError:
@@ -117,11 +105,11 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path, JournalSettings(commit_s=commit_s)) as journal:
         for name in ("old", "older"):
-            taught(journal, 1200, name)
+            taught(journal, 12_000, name)
         eventually((disk / f"{path.name}{SUFFIX}").exists)
         fill(disk)
         with pytest.raises(JournalError, match="no room left"):
-            taught(journal, 2000, "new")
+            taught(journal, 20_000, "new")
         eventually(lambda: journal.report().trouble is not None)
         for name in ("old", "older"):
             with SqliteJournal(path, alone=False) as another:
@@ -132,12 +120,12 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
         journal.append(record(0, "newest"), now=True)
 
 
-def refused(journal: SqliteJournal, session: str = "new", count: int = 2000) -> None:
+def refused(journal: SqliteJournal, session: str = "new", count: int = 20_000) -> None:
     """Teach until the disk is full; no more waits then than a deletion makes room for."""
     with pytest.raises(JournalError, match="no room left"):  # noqa: PT012 - which append does not matter
         for seq in range(count):
             journal.append(record(seq, session))
-            if seq % 50 == 0:
+            if seq % 500 == 0:
                 journal.commit()
     eventually(lambda: journal.report().trouble is not None)
 
@@ -147,7 +135,7 @@ def test_samples_are_written_again_before_all_deletions_are_done(disk):
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path) as journal:
         for number in range(3):
-            taught(journal, 1200, f"old{number}")
+            taught(journal, 12_000, f"old{number}")
         eventually((disk / f"{path.name}{SUFFIX}").exists)
         fill(disk)
         refused(journal)
@@ -156,7 +144,7 @@ def test_samples_are_written_again_before_all_deletions_are_done(disk):
             another._has_deleted = False  # as one that is ended then
         eventually(lambda: journal.report().trouble is None)
         assert count(path) > 2, "sessions are still being deleted"
-        journal.append(record(2000, "new"))
+        journal.append(record(20_000, "new"))
         eventually(lambda: count(path) == 1)
         assert journal.report().trouble is None
 
@@ -166,7 +154,7 @@ def test_each_deletion_on_a_disk_that_stays_full_makes_room(disk):
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
         for number in range(3):
-            taught(journal, 1600, f"old{number}")
+            taught(journal, 16_000, f"old{number}")
         eventually((disk / f"{path.name}{SUFFIX}").exists)
         fill(disk)
         for number in range(3):
@@ -184,8 +172,8 @@ def test_the_last_room_of_a_small_disk_is_for_deletions(disk):
     with others.open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, DISK - 4 * SIZE)
     with SqliteJournal(path, JournalSettings(commit_s=0.01)) as journal:
-        taught(journal, 800, "old")
-        refused(journal, count=10_000)
+        taught(journal, 8000, "old")
+        refused(journal, count=100_000)
         assert "the last 8 MB are for deletions" in str(journal.report().trouble)
         journal.delete(STATION, "old")
         eventually(lambda: journal.report().trouble is None)
@@ -198,7 +186,7 @@ def test_a_disk_stays_full_until_something_is_written(disk):
         eventually((disk / f"caesura-1.sqlite{SUFFIX}").exists)
         fill(disk)
         with pytest.raises(JournalError, match="no room left"):  # noqa: PT012 - which append does not matter
-            for seq in range(10_000):
+            for seq in range(100_000):
                 journal.append(record(seq, "new"), now=True)
         assert journal.report().waiting == 0
         with pytest.raises(JournalError, match="no room left"):
@@ -213,7 +201,7 @@ def test_a_journal_is_opened_and_deleted_from_on_a_disk_without_a_byte(disk):
     """A service did not start, and `caesura sessions delete` could not open its journal."""
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path) as journal:
-        taught(journal, 300, "old")
+        taught(journal, 3000, "old")
         taught(journal, 10, "kept")
         eventually((disk / f"{path.name}{SUFFIX}").exists)
     fill(disk)
@@ -270,7 +258,5 @@ def count(path: Path) -> int:
 def fill(disk: Path, name: str = "others") -> None:
     """Take all the room that there is."""
     with (disk / name).open("wb", buffering=0) as ballast, suppress(OSError):
-        os.posix_fallocate(ballast.fileno(), 0, 4096 * max(1, os.statvfs(disk).f_bavail - 1))
-        ballast.seek(0, os.SEEK_END)
         while ballast.write(bytes(4096)):
             pass

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from caesura_protocol.codec import encode, pack_samples
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
 from caesura_service.journal.deletion import BATCH, SELECT_DELETED, delete_batch, mark_deleted
+from caesura_service.journal.schema import open_database
 from caesura_service.journal.sqlite import PATIENCE
 from harness.journals import not_written
 from harness.processes import eventually
-from harness.sessions import NAME, STATION, batch
+from harness.sessions import COLUMNS, NAME, STATION, batch, demonstration
 from service.journal.test_sqlite import grow_no_more
 
 COUNT = 3 * BATCH
@@ -125,6 +127,21 @@ def test_a_portion_is_all_that_a_writer_waits_for(path):
             left.append(count(path, "records"))
     assert left == [2 * BATCH, BATCH, 0, 0]
     assert count(path, "sessions") == 0
+
+
+def test_a_deletion_takes_little_of_the_room_that_it_frees(path):
+    """Some builds of SQLite write zeros over it. On a full disk a deletion of 5 kB batches never ended."""
+    large = pack_samples(demonstration(300), COLUMNS, session=NAME, epoch=0, seq=0)
+    with SqliteJournal(path) as journal:
+        for seq in range(BATCH):
+            message = large.model_copy(update={"seq": seq})
+            journal.append(Record(STATION, NAME, float(seq), message))
+    with closing(open_database(path)) as database:
+        mark_deleted(database, KEY)
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        assert delete_batch(database)
+        written = path.with_name(f"{path.name}-wal").stat().st_size
+    assert 0 < written < BATCH * len(encode(large).payload) / 8
 
 
 def test_the_name_may_be_taken_again_before_everything_is_gone(path):

@@ -34,7 +34,7 @@ LOCK_SUFFIX = ".lock"
 CLOSE, EDIT, DESCRIBE = encoding_of(Close), encoding_of(AppliedEdit), encoding_of(Describe)
 EDIT_PROGRAM = encoding_of(EditProgram)
 LOG_KEPT = 16 << 20  # [bytes] of SQLite's log, which has no bound while a reader keeps it from ending
-# Debian's SQLite writes zeros over what is deleted unless told otherwise: that takes the room that it frees.
+# Debian's SQLite writes zeros over what is deleted by default: that takes the room that it frees.
 LEAVES_FREED = "secure_delete = FAST"
 GUEST_BUSY_S = 30.0  # of such a process, for a service whose disk is slow
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`

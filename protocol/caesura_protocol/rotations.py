@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from caesura_protocol.upright import UP
+
 Array = NDArray[np.float64]
 
 
@@ -157,7 +159,7 @@ def upright_rotation(up: tuple[float, float, float] | None) -> Array | None:
 
     up: None is +z. −z is turned about x: about any axis across z the turn would be as small.
     """
-    if up is None or up == (0.0, 0.0, 1.0):
+    if up is None or up == UP:
         return None
     x, y, z = up
     sine2 = x * x + y * y

@@ -15,5 +15,6 @@ HANDS_BREADTH_M = 0.1
 CREEP_M_PER_S, REST_M_PER_S = 0.005, 0.010
 # Faster than a person presses or inserts, also where the tip is turned about the flange.
 FREE_M_PER_S = 0.1
+UP = (0.0, 0.0, 1.0)  # away from gravity in the base frame, where nothing else is stated
 TURN_SHARE = 0.1  # of a hand's squared path in a turn, by which the centre moves: nine tenths are rotation
 GRID_HZ = 100  # [1/s] of the grid to which samples are brought before they are filtered

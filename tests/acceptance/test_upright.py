@@ -26,7 +26,7 @@ from caesura_protocol.codec import decode, encoding_of, pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import WRITERS
-from caesura_protocol.messages import Control, Open, SampleBatch, WrenchReport
+from caesura_protocol.messages import Control, SampleBatch
 from caesura_protocol.programs.document import read_document
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording, RecordingError
@@ -211,19 +211,6 @@ def test_a_file_with_a_wrong_direction_is_refused(tmp_path, text):
 def endpoint() -> Iterator[str]:
     with Service(ServiceConfig(instance="test-1", listen="tcp/127.0.0.1:0")) as service:
         yield service.endpoint
-
-
-def test_an_opening_of_before_the_direction_is_still_read():
-    said = {"type": "open", "session": "s1", "epoch": 0, "columns": ["t", "px"], "wrench_source": "none"}
-    assert decode(msgpack.packb(said), encoding_of(Open), Open).up is None
-    reported = {
-        "source": "none",
-        "contact_models": False,
-        "transport_models": False,
-        "tare": None,
-        "note": "",
-    }
-    assert decode(msgpack.packb(reported), encoding_of(WrenchReport), WrenchReport).up is None
 
 
 @pytest.mark.parametrize(

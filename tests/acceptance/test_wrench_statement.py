@@ -147,7 +147,7 @@ def test_a_bridge_refuses_a_source_that_contradicts_itself(endpoint):
 def test_messages_of_before_the_statement_are_still_read():
     said = {"type": "open", "session": "s1", "epoch": 0, "columns": ["t", "px"], "wrench_source": "none"}
     opening = decode(msgpack.packb(said), encoding_of(Open), Open)
-    assert (opening.wrench_source, opening.hand_on_robot) == ("none", "unknown")
+    assert (opening.wrench_source, opening.hand_on_robot, opening.up) == ("none", "unknown", None)
     reported = {
         "source": "none",
         "contact_models": False,
@@ -156,7 +156,7 @@ def test_messages_of_before_the_statement_are_still_read():
         "note": "",
     }
     report = decode(msgpack.packb(reported), encoding_of(WrenchReport), WrenchReport)
-    assert (report.stated, report.hand_on_robot) == (True, "unknown")
+    assert (report.stated, report.hand_on_robot, report.up) == (True, "unknown", None)
 
 
 def test_a_recorded_session_states_what_the_session_stated(endpoint):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from caesura_service.changepoint.channel_model import ModelInput
 from caesura_service.changepoint.held_torque import torsion_of
-from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N
+from caesura_service.constants import HANDS_BREADTH_M, JOINTS_MOST, REST_M_PER_S, TARED_BIAS_N, UP
 from caesura_service.program import Moment
 from caesura_service.segmentation.overflow_file import AppendLog
 from caesura_service.segmentation.screwing import Course
@@ -47,7 +47,7 @@ class ObservationStore:
 
     def __init__(self, upright: Array | None = None) -> None:
         self._upright = upright
-        self._up = (0.0, 0.0, 1.0) if upright is None else tuple(upright[2].tolist())
+        self._up = UP if upright is None else tuple(upright[2].tolist())
         self._log, self._count = AppendLog(), 0  # observations
         self._sum = self._sum2 = 0.0  # of the vertical force [N] and its square [N²]
         self._row = lru_cache(ROWS_AT_HAND)(partial(_read, self._log))

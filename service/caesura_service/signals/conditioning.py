@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import GRID_HZ, HANDS_BREADTH_M
+from caesura_service.constants import GRID_HZ, HANDS_BREADTH_M, UP
 from caesura_service.signals.backend import Backend, best
 from caesura_service.signals.bias import TRACKED_BIAS_N, BiasState, BiasTracker
 from caesura_service.signals.boundary_place import RecentRows
@@ -35,7 +35,7 @@ from caesura_service.signals.observation import (
     turned_to,
 )
 from caesura_service.signals.sample_layout import SampleLayout
-from caesura_service.signals.tare import UNTARED_BIAS_N, UP, RestCriterion, Tare, TareEstimator, TareState
+from caesura_service.signals.tare import UNTARED_BIAS_N, RestCriterion, Tare, TareEstimator, TareState
 from caesura_service.signals.tared_torque import in_flange
 from caesura_service.signals.wrench import WrenchCapabilities
 

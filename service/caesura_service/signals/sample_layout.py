@@ -15,7 +15,7 @@ from typing import NoReturn, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import JOINTS, JOINTS_MOST
+from caesura_service.constants import JOINTS, JOINTS_MOST, UP
 from caesura_service.signals.backend import REFERENCE, Backend
 from caesura_service.signals.rotation import lengths
 from caesura_service.signals.wrench import (
@@ -73,7 +73,7 @@ class SampleLayout:
     wrench_of_joint_torques: WrenchOfJointTorques | None = None
     hand_on_robot: str = "unknown"
     joints: int = JOINTS
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    up: tuple[float, float, float] = UP
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_service.constants import FREE_M_PER_S, GRAVITY, LOAD_KG, REST_M_PER_S, TARED_BIAS_N
+from caesura_service.constants import FREE_M_PER_S, GRAVITY, LOAD_KG, REST_M_PER_S, TARED_BIAS_N, UP
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -39,7 +39,6 @@ TOUCHED_N, PRESSED_N = 2.0 * UNTARED_BIAS_N, 50.0
 # For so many observations a fast movement has a force that a bias explains: it is free space without a tare.
 FREE_OBSERVATIONS = 4
 ORIGIN = (0.0, 0.0, 0.0)
-UP = (0.0, 0.0, 1.0)  # away from gravity, base frame
 
 
 @dataclass(frozen=True)

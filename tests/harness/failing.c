@@ -2,7 +2,8 @@
 
    LD_PRELOAD this with FAILING_IN (a directory). The process itself says what fails: `fail_from(k, 1)` lets the k-th
    call from now on fail, `fail_from(k, 0)` that one and all that follow, `fail_from(0, 0)` none; each returns how many
-   calls have failed since it was last called with a number above 0. While `fail_pause(1)` holds, none fails or counts. Writes fail with ENOSPC, everything else with EIO. */
+   calls have failed since it was last called with a number above 0. While `fail_pause(1)` holds, none fails or counts.
+   Writes fail with ENOSPC, everything else with EIO. With FAILING_WRITES, an error number, writes alone fail, with it. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -41,6 +42,9 @@ static int is_watched(int fd) {
 
 static int fails(int fd, int error) {
     int before = errno;
+    const char *writes = getenv("FAILING_WRITES");
+    if (writes && error == ENOSPC) error = atoi(writes);
+    else if (writes) return 0;
     if (!is_watched(fd)) {
         errno = before;
         return 0;

@@ -249,6 +249,16 @@ MUTATIONS: tuple[Mutation, ...] = (
         ),
     ),
     Mutation(
+        "what waits takes the room of deletions",
+        f"{JOURNAL}/sqlite_writer.py",
+        "for_deletions = self._makes_room and",
+        "for_deletions = False and",
+        (
+            "tests/service/journal/test_reserve.py::"
+            "test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room",
+        ),
+    ),
+    Mutation(
         "an arc about a far centre is a turn in place",
         f"{SEGMENTATION}/turn_in_place_check.py",
         " or path > TOOL_M * angle",

@@ -8,8 +8,10 @@ the number of its records.
 
 from __future__ import annotations
 
+import errno
 import os
 import sqlite3
+import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -37,6 +39,7 @@ LOG_KEPT = 16 << 20  # [bytes] of SQLite's log, which has no bound while a reade
 # Debian's SQLite writes zeros over what is deleted by default: that takes the room that it frees.
 LEAVES_FREED = "secure_delete = FAST"
 GUEST_BUSY_S = 30.0  # of such a process, for a service whose disk is slow
+PROBE = 64 << 10  # [bytes] that a disk with room takes
 BUSY_S = 2.0  # for another process that writes, such as `caesura sessions delete`
 
 SCHEMA = """
@@ -228,9 +231,10 @@ INSERT INTO records (session_id, epoch, seq, at, encoding, payload, crc) VALUES 
 ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
 
 
-# What SQLite calls it → what it means, and what to do.
+# What SQLite calls it, or a quota → what it means, and what to do.
 REMEDIES: Mapping[str, str] = {
     "SQLITE_FULL": "cannot be written, there is no room left: free some, or name another --journal",
+    "QUOTA_FULL": "cannot be written, this user's quota is used up: free some, or name another --journal",
     "SQLITE_READONLY": "cannot be written: let this user write it, or name another --journal",
     "SQLITE_CANTOPEN": "cannot be opened: let this user read and write it, or name another --journal",
     "SQLITE_PERM": "cannot be opened: let this user read and write it, or name another --journal",
@@ -242,6 +246,7 @@ REMEDIES: Mapping[str, str] = {
 }
 KINDS = {
     "SQLITE_FULL": JournalFullError,
+    "QUOTA_FULL": JournalFullError,
     "SQLITE_IOERR_SHMSIZE": JournalFullError,
     "SQLITE_BUSY": JournalBusyError,
     "SQLITE_CORRUPT": JournalDamagedError,
@@ -259,9 +264,22 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
             name = "_".join(name.split("_")[:2])
         if not isinstance(error, sqlite3.Error):
             name = "SQLITE_IOERR" if isinstance(error, OSError) else "SQLITE_CORRUPT"
+        if name == "SQLITE_IOERR":
+            name = _lack_of_room(path) or name
         remedy = _remedy_of_disk(path, name) or REMEDIES.get(name, "cannot be used")
         kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
+
+
+def _lack_of_room(path: Path) -> str | None:
+    """Return why the disk takes no more, if so: SQLite has no name of its own for a full quota."""
+    try:
+        with tempfile.TemporaryFile(dir=path.parent, buffering=0) as probe:
+            probe.write(bytes(PROBE))
+            os.fsync(probe.fileno())
+    except OSError as error:
+        return {errno.ENOSPC: "SQLITE_FULL", errno.EDQUOT: "QUOTA_FULL"}.get(error.errno or 0)
+    return None
 
 
 def _remedy_of_disk(path: Path, name: str) -> str | None:

@@ -226,7 +226,8 @@ class SqliteWriter:
         """Raise JournalFullError where the rest of the disk is for deletions, which have freed too little.
 
         size: [bytes] to be written. What goes into freed pages takes no room but in the log, which is as long
-        already: so further deletions find the room that these found.
+        already: so further deletions find the room that these found. Free room of a disk is not a quota's:
+        while deletions are under way they alone use it.
         """
         for_deletions = self._makes_room and isinstance(self._error, JournalFullError)
         if not for_deletions and not self._reserve.is_spent():

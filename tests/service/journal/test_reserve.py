@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sqlite3
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
 from caesura_service.journal.journal import JournalFullError
 from caesura_service.journal.reserve import OPENING, SHARE, SIZE, SUFFIX, Reserve
+from harness.power import COMPILER, NO_COMPILER, build, environment
 from harness.processes import eventually
 from harness.sessions import STATION
 from service.journal.test_deletion import record, taught
@@ -96,12 +99,18 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(["umount", where], check=True)
 
 
-@pytest.mark.parametrize("commit_s", [0.01, 0.5], ids=["little waits", "more waits than the reserve holds"])
-def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, commit_s):
+@pytest.mark.parametrize(
+    ("commit_s", "free"),
+    [(0.01, None), (0.5, None), (0.5, 1 << 40)],
+    ids=["little waits", "more waits than the reserve holds", "more waits, and a quota is full"],
+)
+def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, commit_s, free, monkeypatch):
     """`caesura sessions delete` said "deleted", and the service could not write for ever after.
 
     What waits took the room that was given back for the deletion, or needed all its room at once.
     """
+    if free is not None:
+        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path, JournalSettings(commit_s=commit_s)) as journal:
         for name in ("old", "older"):
@@ -118,6 +127,49 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
         eventually(lambda: count(path) == 1)
         assert [one.session for one in journal.copies()] == ["new"]
         journal.append(record(0, "newest"), now=True)
+
+
+QUOTA = """
+import ctypes, sys
+from contextlib import suppress
+from pathlib import Path
+from caesura_service.journal import JournalError, SqliteJournal
+from caesura_service.journal.reserve import SUFFIX
+from harness.processes import eventually
+from harness.sessions import STATION
+from service.journal.test_deletion import record, taught
+path = Path(sys.argv[1])
+reserve = path.with_name(path.name + SUFFIX)
+with SqliteJournal(path) as journal:
+    taught(journal, 10, "old")
+    eventually(reserve.exists)
+    ctypes.CDLL(None).fail_from(1, 0)
+    try:
+        journal.append(record(0), now=True)
+    except JournalError as error:
+        print(type(error).__name__, error)
+    with suppress(JournalError):
+        journal.delete(STATION, "old")
+    eventually(lambda: not reserve.exists())
+    ctypes.CDLL(None).fail_from(0, 0)
+    eventually(lambda: journal.report().trouble is None)
+    journal.append(record(0), now=True)
+"""
+
+
+@pytest.mark.skipif(COMPILER is None, reason=NO_COMPILER)
+def test_a_quota_that_is_used_up_is_named_and_the_reserve_given_back(tmp_path):
+    """SQLite calls it a failed write, so the reserve stayed and a deletion had no room."""
+    library, journals = tmp_path / "failing.so", tmp_path / "journals"
+    journals.mkdir()
+    build(Path(__file__).parents[2] / "harness" / "failing.c", library)
+    watched = {"LD_PRELOAD": library, "FAILING_IN": journals, "FAILING_WRITES": errno.EDQUOT}
+    command = [sys.executable, "-c", QUOTA, str(journals / "caesura-1.sqlite")]
+    environ = environment() | {name: str(value) for name, value in watched.items()}
+    ended = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=60.0, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.startswith("JournalFullError")
+    assert "this user's quota is used up: free some" in ended.stdout
 
 
 def refused(journal: SqliteJournal, session: str = "new", count: int = 20_000) -> None:

@@ -176,13 +176,18 @@ class Segmenter:
         """How many of these nothing can change any more, not even a later comparison of their load."""
         count, weighing = 0, False
         for i, stretch in enumerate(fresh):
-            if not stretch.stands:
+            if not stretch.stands or self._awaits_place(stretch.end):
                 break
             weighing = weighing or stretch.verdict.kind.contact == "transport"
             compared = is_baseline(stretch, self._history, self._bias_n)
             if compared or (not weighing and count == i):
                 count, weighing = i + 1, False
         return count
+
+    def _awaits_place(self, end: int) -> bool:
+        """Whether the next observation may still move an end: a correction makes one certain at once."""
+        is_newest = end == self.online.count - 1
+        return is_newest and self._preset.continuous and end not in self.online.boundaries
 
     def _look_at(self, all_stretches: list[InferredSegment], index: int) -> _Seen:
         """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""

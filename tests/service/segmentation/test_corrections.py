@@ -373,6 +373,20 @@ def test_edits_at_any_moment_are_as_if_they_had_been_known_from_the_first_sample
     check_same(seed, None, LOST if holed else range(0))
 
 
+@pytest.mark.parametrize(("name", "number"), [("pick_and_place", 8), ("three_point", 4), ("three_point", 11)])
+def test_an_end_that_a_correction_makes_certain_is_where_the_speed_has_it_as_without_a_restart(
+    name: str, number: int
+):
+    """The filter knows such an end with its observation, and its place with the next one only."""
+    made = whole(name)
+    named = made.view.segments[number]
+    correction = made.resolve(Relabel(t=0.5 * (named.t0 + named.tn), kind="contact"))
+    replayed = fed(begun(name).corrected([correction]), range(len(taught(name)[1])), name)
+    replayed.finish()
+    assert [*replayed.view.segments] == [*made.corrected([correction]).view.segments]
+    assert replayed.view.segments[number - 1].tn == replayed.view.segments[number].t0
+
+
 def test_the_thesis_decision_heeds_corrections_as_well():
     assert check_same(7, 0.2, range(0), SHORTER) > 5
     pipeline = plain(0.2, range(0), SHORTER)

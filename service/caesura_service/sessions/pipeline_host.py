@@ -174,9 +174,11 @@ class PipelineHost:
     def prepare_edit(self, edit: Edit, at: float) -> PreparedEdit:
         """Filter a pipeline with one edit more; the session stays as it is.
 
-        at: time of day [s]. Raises ProtocolError for an edit that does not apply.
+        at: time of day [s]. Raises ProtocolError for an edit that does not apply. No refused edit is in the
+        journal, so the pipeline must not be brought up to date for one: a replay would make later results at
+        other times.
         """
-        return self._prepare(edit, at, self._pipeline)
+        return self._prepare(edit, at, copy(self._pipeline))
 
     def preview_edit(self, edit: Edit, at: float) -> EditEffect:
         """Return what an edit would change. Raises as `prepare_edit`.

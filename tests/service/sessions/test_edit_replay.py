@@ -81,6 +81,22 @@ def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):
     assert compared(again.standing) == compared(real.standing)
 
 
+def test_a_refused_edit_changes_no_later_result_so_that_a_restart_gives_the_same():
+    """No refused edit is in the journal."""
+    journal = MemoryJournal()
+    real, undisturbed = RealSession(journal), RealSession(MemoryJournal())
+    for one in (real, undisturbed):
+        one.open()
+    for first in range(0, real.count, 17):
+        for one in (real, undisturbed):
+            one.feed(first, first + 17)
+        assert program_of(real.standing) == program_of(undisturbed.standing)
+        assert isinstance(real.edit(Remove(t=99.0)), ProtocolError)
+    again = RealSession(journal)
+    assert again.registry.restore() == []
+    assert compared(again.standing) == compared(real.standing)
+
+
 def test_an_edit_that_makes_no_sense_any_more_costs_neither_the_samples_nor_the_count():
     journal = MemoryJournal()
     real = RealSession(journal)

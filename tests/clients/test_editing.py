@@ -329,9 +329,15 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     assert "(move to contact) is added" in differing
     assert "gripper width 31 mm" in differing
     beneath = query.snapshot(caesura.transport, "cell-9", session, inferred=True).program
-    assert (beneath.apps, beneath.edit_revision) == (inferred.apps, 2)
+    assert (beneath.apps, beneath.edit_revision, beneath.edits) == (inferred.apps, 2, ())
     assert "undone: 'move to contact'" in edit("undo")
     assert "undone" in edit()
+    edit("delete", grasp)
+    laid_out = ("--station", "cell-9", "--session", session, "--inferred", "--format", "json")
+    document, without = json.loads(run("program", *laid_out)), json.loads(file.read_text())
+    differing_keys = {key for key in without if document[key] != without[key]}
+    assert differing_keys <= {"revision", "edits"}, "its times, gaps and units are those of the demonstration"
+    edit("undo")
     assert "position name set" in edit("change", "1", "position=above the part")
     assert "above the part" in run("program", "--station", "cell-9", "--session", session)
     assert "position name as taught" in edit("change", "1", "as-taught=position")

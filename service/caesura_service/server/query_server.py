@@ -212,8 +212,10 @@ class QueryServer(BackgroundThread):
 
     def _answer_snapshot(self, query: IncomingQuery, lane: str) -> Iterator[None]:
         def snapshot(state: SessionState) -> Snapshot:
-            program = inferred_program_of(state) if query.parameters == INFERRED_PROGRAM else None
-            return self._snapshot(state, program)
+            if query.parameters != INFERRED_PROGRAM:
+                return self._snapshot(state, None)
+            # A document lays the times of apps out anew for every edit that its program lists as applied.
+            return self._snapshot(state, inferred_program_of(state).model_copy(update={"edits": ()}))
 
         states = self._index_of(lane).all_states()
         keyed = ((session_key(one.station, one.session, "snapshot"), one) for one in states)

@@ -5,6 +5,7 @@ Rules
   kind whose time is most nearly the same, if half of both times is common.
 - Edits are applied one after the other. One whose app is gone is listed as not applied, with the reason.
 - A field of an app has the value of its last edit. Apps that are taught later follow in their own order.
+- No force is above the limit of the cell, or above that which a correction sets for the app.
 - Apps that were taught again are part of their edit, at constant times: the first one begins where the part
   began when it was replaced.
 - Undo takes the last edit back, redo makes it once more, and a new edit ends what could be made once more.
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple, get_args
 
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.force_limit import with_force_limit
+from caesura_protocol.force_limit import CUT_SHARE, is_path_limited, with_force_limit
 from caesura_protocol.messages import (
     MAX_PROGRAM_EDITS,
     MAX_TAUGHT_AGAIN,
@@ -30,10 +31,12 @@ from caesura_protocol.messages import (
     AppReference,
     ChangeApp,
     ChangedField,
+    Correction,
     DeleteApp,
     DuplicateApp,
     EditProgram,
     InsertApp,
+    LimitForce,
     MoveApp,
     NameProgram,
     Program,
@@ -116,7 +119,7 @@ def with_edits(program: Program, log: EditLog) -> Program:
     """The inferred program with these edits; those that do not apply are in its notes too."""
     if not log.revision:
         return program
-    made = apply(program.apps, log.active, program.force_limit_n)
+    made = apply(program.apps, log.active, program.force_limit_n, program.corrections)
     taken_back = log.listed[len(log.active) :]
     changes = {
         "apps": made.apps,
@@ -130,7 +133,7 @@ def with_edits(program: Program, log: EditLog) -> Program:
 
 def check_applies(program: Program, log: EditLog) -> None:
     """Check that the last edit of a log applies to the inferred program. Raises ProtocolError `conflict`."""
-    made = apply(program.apps, log.active, program.force_limit_n)
+    made = apply(program.apps, log.active, program.force_limit_n, program.corrections)
     if not made.edits:
         return
     if _is_left_out(made.edits[-1]):
@@ -158,10 +161,16 @@ class EditedApps(NamedTuple):
 
 
 def apply(
-    apps: Sequence[App], edits: Sequence[ProgramEdit], force_limit_n: float | None = None
+    apps: Sequence[App],
+    edits: Sequence[ProgramEdit],
+    force_limit_n: float | None = None,
+    corrections: Sequence[Correction] = (),
 ) -> EditedApps:
-    """Apply edits to inferred apps, oldest first. force_limit_n: of the cell [N]."""
-    draft = _Draft([_item(app) for app in apps], force_limit_n)
+    """Apply edits to inferred apps, oldest first.
+
+    force_limit_n: of the cell [N]; corrections: of the session, which may limit the force of an app.
+    """
+    draft = _Draft([_item(app) for app in apps], force_limit_n, corrections)
     known: list[ProgramEdit] = []
     for edit in edits:
         try:
@@ -219,10 +228,15 @@ def _item(app: App) -> _Item:
 class _Draft:
     """The apps while edits are applied; an edit that does not apply changes nothing."""
 
-    def __init__(self, items: list[_Item], force_limit_n: float | None) -> None:
+    def __init__(
+        self, items: list[_Item], force_limit_n: float | None, corrections: Sequence[Correction]
+    ) -> None:
         self.items = items
         self.name: str | None = None
         self._force_limit_n = force_limit_n
+        self._limits = [
+            one.action for one in corrections if isinstance(one.action, LimitForce) and one.state == "applied"
+        ]
         self._deleted: list[tuple[App, ProgramEdit]] = []
 
     def apply(self, edit: ProgramEdit) -> None:
@@ -329,6 +343,7 @@ class _Draft:
             raise _NotApplicableError(f"'{app_title(app.kind)}' {lacks}")
         if name == "force_n":
             self._check_force(value)
+            self._check_corrected_force(value, app)
         if name == "target":
             self._check_target(value)
 
@@ -342,6 +357,19 @@ class _Draft:
             raise _NotApplicableError(f"{newtons:g} N is more than any robot exerts")
         if most is not None and newtons > most:
             raise _NotApplicableError(f"{newtons:g} N is more than the cell's force limit, {most:g} N")
+
+    def _check_corrected_force(self, newtons: float, app: App) -> None:
+        """Check a force against the limit that a correction sets for an app that was taught."""
+        if not app.segments:
+            return
+        given = [one.newton for one in self._limits if app.t0 <= one.t <= app.tn]
+        most = given[-1] if given else None
+        if is_path_limited(app):  # as it was resolved; its time may lie in another app since
+            most = math.hypot(*(app.force or ()))
+        if most is not None and newtons > most * (1.0 + CUT_SHARE):
+            raise _NotApplicableError(
+                f"{newtons:g} N is more than the limit that a correction sets for the app, {most:g} N"
+            )
 
     def _new(self, insert: InsertApp, index: int, number: int) -> App:
         facts = APP_KINDS[insert.kind]

@@ -39,7 +39,7 @@ from caesura_service.publishing.session_state import (
     observed_until_s,
     program_of,
 )
-from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
+from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit, with_states
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
 
@@ -197,6 +197,9 @@ class PipelineHost:
         before, after = (
             self.state._replace(view=one.view, apps=one.view.apps) for one in (present, corrected)
         )
+        listed = with_states(corrections.listed, corrected.view.unapplied)  # edits of the program heed these
+        header = self.state.program_header.model_copy(update={"corrections": listed})
+        after = after._replace(program_header=header)
         outcome = messages.EditOutcome(corrections, edit.author, at)
         return PreparedEdit(outcome, corrected, effect_of(before, after))
 

@@ -18,10 +18,12 @@ from caesura_protocol.messages import (
     AppPath,
     AppReference,
     ChangeApp,
+    Correction,
     DeleteApp,
     DuplicateApp,
     EditProgram,
     InsertApp,
+    LimitForce,
     MoveApp,
     NameProgram,
     Program,
@@ -128,6 +130,29 @@ def test_another_target_is_no_place_to_go_on_from(edit: dict[str, Any]):
     path = edited((first, *rest), ChangeApp(app=ref(first), **edit)).apps[0].path
     assert path is not None
     assert path.end_velocity == (None if "target" in edit else velocity)
+
+
+def limited(newton: float | None, t: float = 3.0) -> tuple[Correction, ...]:
+    return (Correction(number=1, author="Bo", at=100.0, action=LimitForce(t=t, newton=newton)),)
+
+
+def test_no_edit_exerts_more_than_the_limit_that_a_correction_sets_for_the_app():
+    """Whichever of the two was first; a limit above the force that was taught leaves no trace in the app."""
+    touch, taught_press, leave = press()
+    pressing = taught_press.model_copy(update={"segments": (2,)})
+    apps = (touch, pressing, leave)
+    harder = ChangeApp(app=ref(pressing), force_n=14.0)
+    held = edited(apps, harder, corrections=limited(12.0))
+    assert held.apps == apps
+    reason = "14 N is more than the limit that a correction sets for the app, 12 N"
+    assert (held.edits[0].state, held.edits[0].reason) == ("not_applied", reason)
+    for corrections in ((), limited(None), limited(12.0, t=9.0), limited(14.0)):
+        assert edited(apps, harder, corrections=corrections).apps[1].force == (0.0, 0.0, -14.0)
+    cut = pressing.model_copy(update={"force": (0.0, 0.0, -4.0), "force_taught": (0.0, 0.0, -10.0)})
+    reason = "14 N is more than the limit that a correction sets for the app, 4 N"
+    assert edited((touch, cut, leave), harder).edits[0].reason == reason, "of a list of an older version"
+    within = ChangeApp(app=ref(cut), force_n=4.0)
+    assert edited((touch, cut, leave), within).edits[0].state == "applied"
 
 
 def test_a_force_keeps_the_direction_that_was_taught_and_the_limit_of_the_cell():

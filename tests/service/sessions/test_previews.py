@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import (
     Ack,
+    AppReference,
+    ChangeApp,
     Close,
+    EditProgram,
     Insert,
+    LimitForce,
     Move,
     NamePhase,
     Preview,
@@ -22,14 +29,17 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import AppliedEdit, MemoryJournal
 from caesura_service.offline_segmentation import batches as batches_of
+from caesura_service.offline_segmentation import opening_of
 from caesura_service.publishing.events import Output
-from caesura_service.publishing.session_state import snapshot_of
+from caesura_service.publishing.session_state import program_of, snapshot_of
 from harness.sessions import (
     NAME,
     STATION,
     answer,
 )
 from service.sessions.edits import RealSession, compared, edit
+
+DATA = Path(__file__).parents[3] / "data"
 
 
 class Previewed(RealSession):
@@ -144,3 +154,32 @@ def test_a_preview_is_refused_as_the_edit_would_be():
     real.edit(Insert(t=1.0))
     stale = Preview(session=NAME, revision=0, action=Insert(t=1.5))
     assert "another operator" in str(answer(real.registry.handle_command(STATION, stale, 0.0)))
+
+
+class Pressed(RealSession):
+    """Two presses of 20 N."""
+
+    recording = load_recording(DATA / "dispenser.npz")
+    opening = opening_of(recording, "default").model_copy(update={"session": NAME})
+    count = 350
+
+
+def test_a_force_limit_is_stated_and_holds_where_an_edit_of_the_program_set_another_force():
+    real = Pressed(MemoryJournal())
+    real.open()
+    real.feed(0, real.count)
+    pressing = next(one for one in program_of(real.standing).apps if one.kind == "apply_force")
+    middle = 0.5 * (pressing.t0 + pressing.tn)
+    named = AppReference(kind=pressing.kind, t0=pressing.t0, tn=pressing.tn)
+    harder = ChangeApp(app=named, force_n=9.0)
+    command = EditProgram(session=NAME, revision=0, author="Ann", action=harder)
+    assert isinstance(answer(real.registry.handle_command(STATION, command, 1.0)), Ack)
+    limit = LimitForce(t=middle, newton=4.0)
+    previewed = Preview(session=NAME, revision=0, action=limit)
+    effect = answer(real.registry.handle_command(STATION, previewed, 1.0)).effect
+    assert effect == real.edit(limit).effect
+    forces = [
+        [math.hypot(*(one.force or ())) for one in rows] for rows in (effect.apps_before, effect.apps_after)
+    ]
+    assert forces == [[pytest.approx(9.0)], [pytest.approx(4.0)]]
+    assert math.hypot(*(program_of(real.standing).apps[1].force or ())) == pytest.approx(4.0)

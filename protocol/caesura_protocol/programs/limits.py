@@ -36,6 +36,7 @@ CONSTANTS = {
     "MAX_PAUSE_S": ("pause_s", "between two apps; what was taught longer is shortened"),
 }
 FORCE_SLACK_N = 1e-6
+LEAST_FORCE_N = 1e-3  # of a press: scripts state forces in such steps
 SLIDE_M = 0.015  # from which on a way in contact is one along a surface, as in franky's template
 MOST_FRICTION = 1.0  # coefficient of Coulomb friction, as coaching takes it
 STRAIGHT_SHARE = 0.9  # of the way of a stroke, that its ends are apart
@@ -104,8 +105,10 @@ def _refuse_incomplete(name: str, app: App) -> None:
             raise ValueError(f"{name} has no {field}")
     if app.path is not None and app.target is None:
         raise ValueError(f"{name} has a path, but no target")
-    if APP_KINDS[app.kind].presses and not any(app.force or ()):
-        raise ValueError(f"{name}: force 0 N, expected one with a direction")
+    newtons = math.hypot(*(app.force or ()))
+    if APP_KINDS[app.kind].presses and newtons < LEAST_FORCE_N:
+        expected = f"expected one with a direction, at least {LEAST_FORCE_N:g} N"
+        raise ValueError(f"{name}: force {newtons:g} N, {expected}")
 
 
 def without_friction(app: App) -> App:

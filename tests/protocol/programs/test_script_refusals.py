@@ -40,6 +40,14 @@ def test_a_press_without_a_direction_is_refused(write: Callable[[ProgramFile], s
 
 
 @pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
+def test_a_press_so_light_that_a_script_would_state_no_force_is_refused(write: Callable[[ProgramFile], str]):
+    touch, pressed, away = press()
+    said = r"app 2 .apply force.: force 0.0004 N, expected one with a direction, at least 0.001 N"
+    with pytest.raises(ValueError, match=said):
+        write(as_file((touch, pressed.model_copy(update={"force": (0.0, 0.0, -0.0004)}), away)))
+
+
+@pytest.mark.parametrize("write", [franky_script, ur_script, xarm_script])
 def test_a_path_without_a_target_is_refused(write: Callable[[ProgramFile], str]):
     touch, stroke = wiped()
     with pytest.raises(ValueError, match=r"app 2 .apply force. has a path, but no target"):

@@ -4,6 +4,7 @@ Rules
 - An edit names an app by its kind and the time at which it begins. After a correction it is the app of this
   kind whose time is most nearly the same, if half of both times is common.
 - Edits are applied one after the other. One whose app is gone is listed as not applied, with the reason.
+- One whose app has other times by now, as after a correction that joined two apps, is applied, with a note.
 - A field of an app has the value of its last edit. Apps that are taught later follow in their own order.
 - No force is above the limit of the cell, or above that which a correction sets for the app.
 - Apps that were taught again are part of their edit, at constant times: the first one begins where the part
@@ -52,6 +53,7 @@ from caesura_protocol.programs.app_times import earlier, is_taught_again, may_re
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
 NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
+OTHER_S = 2 * SLACK_S  # by which an end of an app has moved, for the program to say so
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
 MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any robot: sums of them stay numbers
 LEAST_N = 1e-6  # of a force that has a direction
@@ -116,7 +118,7 @@ def log_of(program: Program) -> EditLog:
 
 
 def with_edits(program: Program, log: EditLog) -> Program:
-    """The inferred program with these edits; those that do not apply are in its notes too."""
+    """The inferred program with these edits; its notes name those that do not apply, or to another time."""
     if not log.revision:
         return program
     made = apply(program.apps, log.active, program.force_limit_n, program.corrections)
@@ -126,7 +128,7 @@ def with_edits(program: Program, log: EditLog) -> Program:
         "name": made.name,
         "edit_revision": log.revision,
         "edits": (*made.edits, *taken_back),
-        "notes": (*program.notes, *map(_note, filter(_is_left_out, made.edits))),
+        "notes": (*program.notes, *(_note(edit) for edit in made.edits if edit.reason)),
     }
     return program.model_copy(update=changes)
 
@@ -149,7 +151,8 @@ def _is_left_out(edit: ProgramEdit) -> bool:
 
 
 def _note(edit: ProgramEdit) -> str:
-    return f"Edit {edit.number} by {edit.author} ({edit.action.do}) is not applied: {edit.reason}."
+    applied = "not applied" if _is_left_out(edit) else "applied"
+    return f"Edit {edit.number} by {edit.author} ({edit.action.do}) is {applied}: {edit.reason}."
 
 
 class EditedApps(NamedTuple):
@@ -178,7 +181,8 @@ def apply(
         except _NotApplicableError as error:
             known.append(edit.model_copy(update={"state": "not_applied", "reason": str(error)}))
         else:
-            known.append(edit.model_copy(update={"state": "applied", "reason": None}))
+            reason = "; ".join(dict.fromkeys(draft.other_times)) or None
+            known.append(edit.model_copy(update={"state": "applied", "reason": reason}))
     return EditedApps(tuple(item.app for item in draft.items), tuple(known), draft.name)
 
 
@@ -237,10 +241,12 @@ class _Draft:
         self._limits = [
             one.action for one in corrections if isinstance(one.action, LimitForce) and one.state == "applied"
         ]
+        self.other_times: list[str] = []  # apps of the last edit that had other times when it was made
         self._deleted: list[tuple[App, ProgramEdit]] = []
 
     def apply(self, edit: ProgramEdit) -> None:
         """Apply an edit. Raises _NotApplicableError."""
+        self.other_times = []
         match edit.action:
             case ChangeApp() as change:
                 index = self._place(change.app)
@@ -291,6 +297,10 @@ class _Draft:
         most, best = max(likeness, default=(0.0, 0))
         if not same and most < LEAST_COMMON:
             raise _NotApplicableError(self._missing(wanted))
+        found = self.items[best].inferred
+        if wanted.added is None and max(abs(found.t0 - wanted.t0), abs(found.tn - wanted.tn)) > OTHER_S:
+            there = f"'{app_title(found.kind)}' at {_seconds(found)}"
+            self.other_times.append(f"{there} was at {_seconds(wanted)} when it was edited")
         return best
 
     def _near(self, wanted: AppReference) -> list[int]:

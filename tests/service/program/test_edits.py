@@ -132,6 +132,23 @@ def test_another_target_is_no_place_to_go_on_from(edit: dict[str, Any]):
     assert path.end_velocity == (None if "target" in edit else velocity)
 
 
+def test_an_edit_of_an_app_that_a_correction_joined_with_another_one_says_so():
+    """Nobody deleted the second carry: the program must not lose it in silence."""
+    apps = pick_and_place()
+    lift, carry = apps[2:4]
+    joined = (*apps[:2], lift.model_copy(update={"tn": carry.tn, "target": carry.target}), *apps[4:])
+    delete = DeleteApp(app=ref(lift))
+    assert edited(apps, delete).edits[0].reason is None
+    made = edited(joined, delete)
+    assert [one.kind for one in made.apps].count("transport") == 0
+    reason = "'transport' at 4.00 to 7.50 s was at 4.00 to 5.70 s when it was edited"
+    assert (made.edits[0].state, made.edits[0].reason) == ("applied", reason)
+    assert made.notes[-1] == f"Edit 1 by Ann (delete) is applied: {reason}."
+    nearly = (*apps[:2], lift.model_copy(update={"tn": lift.tn + 0.2}), *apps[3:])
+    assert edited(nearly, delete).notes == (), "its boundary was corrected"
+    assert log_of(made).active[0].reason is None
+
+
 def limited(newton: float | None, t: float = 3.0) -> tuple[Correction, ...]:
     return (Correction(number=1, author="Bo", at=100.0, action=LimitForce(t=t, newton=newton)),)
 

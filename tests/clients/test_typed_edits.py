@@ -77,6 +77,27 @@ def test_a_value_that_is_none_is_named_with_what_is_expected(words: str, found: 
     assert "unable" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("change 1 force=nan", "force is nan, expected a finite number"),
+        ("change 1 target=nan,0,0", "target [m] is nan, expected a finite number"),
+        ("change 1 tolerance=-1", "tolerance [m] is -0.001, expected greater than 0"),
+        ("change 1 speed=3", "speed is 3.0, expected less than or equal to 2"),
+        ("insert 0 grasp width=-3", "width [m] is -0.003, expected greater than or equal to 0"),
+        ("insert 0 hold seconds=-3", "seconds is -3.0, expected greater than 0"),
+    ],
+)
+def test_a_value_of_an_app_is_named_as_it_is_typed(words: str, found: str):
+    """A target with a NaN once read "0 is nan", and a tolerance "TOLERANCE_M is -0.001"."""
+    typed = edit_program_command.typed(words.split())
+    with pytest.raises(typer.BadParameter) as refused:
+        edit_program_command.parse(
+            typed, snapshot(0).program.model_copy(update={"apps": (app("hold", 0, 1),)})
+        )
+    assert str(refused.value).startswith(found)
+
+
 # --- patience -------------------------------------------------------------------------------------------
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -15,13 +16,14 @@ from rich.text import Text
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
-from caesura_clients.cli.typed_actions import validated, wrong
+from caesura_clients.cli.typed_actions import validated, word_of, wrong
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import AppReference, Program, ProgramAction, Redo, Undo
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of
+from caesura_protocol.validation_words import Place
 
 MM = 0.001  # [m]
 
@@ -82,6 +84,7 @@ USAGE = "; ".join(
     " ".join([do, *(word.upper() for word in words), *(["VALUE=…"] if do in VALUES else [])])
     for do, words in WORDS.items()
 )
+_LENGTHS = (_TARGET, CHANGES["tolerance"], CHANGES["width"])
 _ACTION: TypeAdapter[ProgramAction] = TypeAdapter(ProgramAction)
 
 
@@ -208,7 +211,15 @@ def parse(found: Typed, program: Program, clock: SessionClock = NO_OFFSET) -> Pr
         if name in given:
             begins = name == "after" and given[name] == "0"
             given[name] = None if begins else _reference(program, given[name])
-    return validated(_ACTION, {"do": found.do, **given})
+    return validated(_ACTION, {"do": found.do, **given}, partial(_typed_name, found.do))
+
+
+def _typed_name(do: str, place: Place) -> str:
+    """The name of a value as it is typed, with the unit that an error states a length in."""
+    for name, value in VALUES.get(do, {}).items():
+        if value.field in place:
+            return f"{name} [m]" if value in _LENGTHS else name
+    return word_of(place)
 
 
 def _check_part(numbers: Sequence[str], part: Part) -> None:

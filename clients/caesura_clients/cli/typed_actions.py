@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import typer
 from pydantic import TypeAdapter, ValidationError
 
-from caesura_protocol.validation_words import first_finding
+from caesura_protocol.validation_words import Place, first_finding
 
 A = TypeVar("A")
 
@@ -18,9 +18,16 @@ def wrong(why: str) -> typer.BadParameter:
     return typer.BadParameter(why, param_hint="ACTION")
 
 
-def validated(adapter: TypeAdapter[A], fields: Mapping[str, Any]) -> A:
+def word_of(place: Place) -> str:
+    """Return the word that stands for a value in the usage of an action."""
+    return str(place[-1]).upper()
+
+
+def validated(
+    adapter: TypeAdapter[A], fields: Mapping[str, Any], named: Callable[[Place], str] = word_of
+) -> A:
     """Return the action with these fields. Raises BadParameter, which names the value."""
     try:
         return adapter.validate_python(dict(fields))
     except ValidationError as error:
-        raise wrong(first_finding(error, named=lambda place: str(place[-1]).upper())) from error
+        raise wrong(first_finding(error, named=named)) from error

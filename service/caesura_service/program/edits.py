@@ -389,7 +389,10 @@ class _Draft:
         if insert.target is not None:
             self._check_target(insert.target)
         if insert.force is not None:
-            self._check_force(math.hypot(*insert.force))
+            newtons = math.hypot(*insert.force)
+            self._check_force(newtons)
+            if facts.presses and newtons <= LEAST_N:
+                raise _NotApplicableError(f"a force of {newtons:g} N has no direction to press in")
         t0 = before.tn if before else following.t0 if following else 0.0
         app = App(
             kind=insert.kind,

@@ -250,6 +250,10 @@ def test_a_position_gets_a_name_and_loses_it_again():
         (ChangeApp(app=ref(pick_and_place()[0])), "it states no field"),
         (InsertApp(after=None, kind="apply_force"), "'apply force' needs a force"),
         (
+            InsertApp(after=None, kind="apply_force", force=(0.0, 0.0, 0.0)),
+            "a force of 0 N has no direction to press in",
+        ),
+        (
             MoveApp(app=ref(press()[0]), after=None),
             "at 0.80 to 2.60 s is no longer in the program",
         ),
@@ -398,15 +402,16 @@ FAR, STRONG = (1.7e308, 1.7e308, -1.7e308), (1.7e308, 0.0, 1.7e308)
 
 def test_a_value_beyond_any_robot_is_refused_before_it_is_infinite_or_no_number():
     first, *_ = taught()
-    faint = InsertApp(after=ref(first), kind="apply_force", force=(1e-320, 0.0, 0.0))
-    made = AppReference(kind="apply_force", t0=first.tn, tn=first.tn + 2.0, added=1)
+    faint = app("apply_force", 20.0, 22.0, force=(1e-320, 0.0, 0.0))
+    press_faintly = InsertApp(after=None, kind="apply_force", force=(1e-320, 0.0, 0.0))
     for actions, why in (
         ([ChangeApp(app=ref(first), target=FAR)], "more than 100 m away"),
         ([InsertApp(after=None, kind="cartesian_motion", target=FAR)], "more than 100 m away"),
         ([InsertApp(after=None, kind="apply_force", force=STRONG)], "more than any robot exerts"),
-        ([faint, ChangeApp(app=made, force_n=1e300)], "has no direction of force"),
+        ([press_faintly], "has no direction to press in"),
+        ([ChangeApp(app=ref(faint), force_n=1e300)], "has no direction of force"),
     ):
-        shown = edited(taught(), *actions)
+        shown = edited((*taught(), faint), *actions)
         assert why in str(shown.edits[-1].reason)
         assert all(math.isfinite(x) for one in shown.apps for x in (*(one.target or ()), *(one.force or ())))
 

@@ -323,13 +323,16 @@ def test_a_program_is_edited_compared_and_taken_back_from_the_command_line(
     assert [one.kind for one in shown.apps] == [kinds[0], *kinds]
     assert (shown.apps[int(grasp)].name, shown.apps[int(grasp)].gripper_width) == ("pick", 0.031)
     assert "pick (grasp)" in run("program", "--station", "cell-9")
+    edit("change", "2", "speed=0.5")
+    assert "speed 50 % of the taught one" in run("program", "--station", "cell-9")
+    edit("undo")
     differing = run("program", "--station", "cell-9", "--against", f"cell-9/{session}")
     assert differing == f"no differences from cell-9/{session}\n"
     differing = run("program", "--station", "cell-9", "--against", str(file))
     assert "(move to contact) is added" in differing
     assert "gripper width 31 mm" in differing
     beneath = query.snapshot(caesura.transport, "cell-9", session, inferred=True).program
-    assert (beneath.apps, beneath.edit_revision, beneath.edits) == (inferred.apps, 2, ())
+    assert (beneath.apps, beneath.edit_revision, beneath.edits) == (inferred.apps, 4, ())
     assert "undone: 'move to contact'" in edit("undo")
     assert "undone" in edit()
     edit("delete", grasp)

@@ -33,11 +33,12 @@ def test_what_an_app_does_not_have_is_not_shown():
         gripper_width=None,
         path=None,
         screw=None,
+        speed=None,
     )
     assert lines(bare) == {}
 
 
-def test_targets_forces_and_loads_have_their_units():
+def test_targets_forces_speeds_and_loads_have_their_units():
     one = app(
         target=(0.3, -0.1, 0.25), force=(0.0, 0.0, -9.0), force_taught=(0.0, 0.0, -12.0),
         load_kg=0.25, load_sd_kg=0.01, gripper_width=0.04,
@@ -46,6 +47,7 @@ def test_targets_forces_and_loads_have_their_units():
         "target": "(300, -100, 250) mm",
         "force": "(0.0, 0.0, -9.0) N, limited to 9.0 N of 12.0 N taught",
         "path": "375 mm, turns 115°, 1 via point, within 1.0 mm",
+        "speed": "50 % of the taught one",
         "turn": "115° about (0.00, 0.00, -1.00), 1.95 ± 0.02 mm a turn, 0.75 Nm",
         "rests": "20.0 N of 25.5 N taught before",
         "load": "0.25 ± 0.01 kg",

@@ -28,6 +28,7 @@ from caesura_protocol.messages import (
     WrenchReport,
 )
 from caesura_protocol.number_words import counted, fixed, reads_above
+from caesura_protocol.programs.app_times import speed_in_words
 from caesura_protocol.recording import Recording, did_you_mean
 from caesura_protocol.reproduced_path import path_in_words
 from caesura_protocol.screw_motion import torque_about_axis
@@ -240,6 +241,8 @@ def _title_of(app: App) -> Text:
         changes = ", ".join(FIELD_WORDS[change.field] for change in app.changes)
         authors = " and ".join(dict.fromkeys(change.author for change in app.changes))
         text.append(f"\n{changes}: {authors}", style="dim")
+    if speed := speed_in_words(app):
+        text.append(f"\nspeed {speed}")
     if app.note:
         text.append(f"\n{app.note}", style="italic")
     return text

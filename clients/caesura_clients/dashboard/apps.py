@@ -13,6 +13,7 @@ from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.force_limit import is_limited, is_path_limited, path_force_in_words, rests_in_words
 from caesura_protocol.messages import App, Program, Vector
 from caesura_protocol.number_words import counted, fixed
+from caesura_protocol.programs.app_times import speed_in_words
 from caesura_protocol.programs.path_drawing import path_svg
 from caesura_protocol.reproduced_path import NAMED_TURN_RAD, turn_of
 from caesura_protocol.screw_motion import screw_in_words
@@ -123,6 +124,7 @@ def _lines(app: App) -> list[tuple[str, str]]:
         ("target", "" if app.target is None else vector(scaled(app.target, 1000.0), "mm", 0)),
         ("position", app.target_name or ""),
         ("path", path(app)),
+        ("speed", speed_in_words(app)),
         ("turn", "" if app.screw is None else screw_in_words(app.screw)),
         ("force", force(app)),
         ("rests", rests_in_words(app)),

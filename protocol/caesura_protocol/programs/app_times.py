@@ -35,6 +35,11 @@ def may_retime(app: App) -> bool:
     return app.path.length_m > TURNED_M * turn_of(app)
 
 
+def speed_in_words(app: App) -> str:
+    """The speed that people set for an app, in per cent of the taught one; empty where it is as taught."""
+    return "" if app.speed is None else f"{100 * app.speed:.3g} % of the taught one"
+
+
 def part_of(app: App) -> int | None:
     """Return the edit that put an app of another session in the place of a part; None for what was taught."""
     return next((mark.edit for mark in app.changes if mark.field == "taught_again"), None)

@@ -451,6 +451,8 @@ def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> boo
 
 def _needs_rebuilding(command: Command, session: Session) -> bool:
     """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
+    if isinstance(command, Edit) and session.is_repeated(command):
+        return False
     if isinstance(command, Edit | Preview):
         session.check_revision(command)
         return True

@@ -23,6 +23,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     Ack,
     Close,
+    Correction,
     Describe,
     Edit,
     EditEffect,
@@ -31,6 +32,7 @@ from caesura_protocol.messages import (
     Heartbeat,
     Open,
     Preview,
+    ProgramEdit,
     Redo,
     SampleBatch,
     TakeBack,
@@ -239,6 +241,21 @@ class Session:
             return 0, []
         return self._receiver.receive_together(block, now)
 
+    def is_repeated(self, edit: Edit | EditProgram) -> bool:
+        """Whether an edit is the last one that was carried out: its author asks again for a lost answer.
+
+        False for what no list has by its number: undo, redo and take_back.
+        """
+        last: Correction | ProgramEdit | None
+        if isinstance(edit, Edit):
+            revision, last = self.revision, next(iter(self.state.program_header.corrections[-1:]), None)
+        else:
+            log = self.state.program_edits
+            revision, last = log.revision, next(iter(log.active[-1:]), None)
+        if last is None or not edit.revision + 1 == revision == last.number:
+            return False
+        return (last.author, last.action) == (edit.author, edit.action)
+
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""
         if edit.revision != self.revision:
@@ -356,6 +373,8 @@ class Session:
                 return self._receive_preview(change, now)
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
+        if self.is_repeated(edit):
+            return [self._ack()]
         self._check_editable(edit)
         prepared = self._host.prepare_edit(edit, now)
         self._check_records_exist()  # once more: that may have taken long
@@ -394,6 +413,8 @@ class Session:
 
     def _receive_program_edit(self, command: EditProgram, now: float) -> list[Output]:
         next_state(self.state.lifecycle, "edit_program")
+        if self.is_repeated(command):
+            return [self._ack()]
         current = self.state.program_edits.revision
         if command.revision != current:
             why = "another operator has edited the program meanwhile: look at it again"

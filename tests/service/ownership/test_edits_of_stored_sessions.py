@@ -44,7 +44,7 @@ def test_what_was_taken_up_from_its_outcome_shows_its_revision():
 
 def test_what_was_taken_up_from_its_outcome_is_rebuilt_before_it_is_corrected():
     registry, before = closed_and_taken_up(MemoryJournal())
-    assert refused(answer(registry.handle_command(STATION, edit(0), 4.0))).limit == 1
+    assert refused(answer(registry.handle_command(STATION, edit(0, author="Bo"), 4.0))).limit == 1
     assert (registry.is_rebuilding, registry.counters.refused) == (False, {"conflict": 1})
     reported = refused(answer(registry.handle_command(STATION, edit(1, Undo()), 4.0)))
     assert (reported.code, registry.counters.refused) == ("overloaded", {"conflict": 1})

@@ -115,6 +115,33 @@ def test_an_acknowledged_edit_is_there_after_the_service_was_killed(tmp_path: Pa
         assert names(registry)[0] is None
 
 
+@pytest.mark.parametrize("is_closed", [False, True])
+@pytest.mark.parametrize(
+    "command",
+    [
+        EditProgram(session=NAME, revision=0, author="Ann", action=DuplicateApp(app=FIRST)),
+        Edit(session=NAME, revision=0, author="Ann", action=Insert(t=1.235)),
+    ],
+)
+def test_an_edit_whose_answer_was_lost_is_acknowledged_again_and_made_once(
+    tmp_path: Path, command: Edit | EditProgram, is_closed: bool
+):
+    """A client asks again after a kill; it once read that another operator had been first."""
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry, closed=is_closed)
+        while isinstance(answered := ask(registry, command), ProtocolError):
+            assert answered.code == "overloaded"
+            registry.rebuild_step()
+        before = program(registry)
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        again = ask(registry, command)
+        assert again == answered.model_copy(update={"effect": None})
+        assert (program(registry).apps, program(registry).version) == (before.apps, before.version)
+        other = ask(registry, command.model_copy(update={"author": "Bo"}))
+        assert isinstance(other, ProtocolError)
+        assert "another operator" in other.message
+
+
 def test_apps_that_are_taught_after_an_edit_follow_and_the_edit_stays(tmp_path: Path):
     with registry_on(tmp_path / "a.sqlite") as registry:
         taught(registry)

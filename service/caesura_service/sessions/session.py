@@ -114,8 +114,8 @@ class Session:
 
     @property
     def has_records(self) -> bool:
-        """Whether this instance's journal has the session's records, so that more can follow."""
-        return self.is_open or self._journal.exist
+        """Whether this instance's journal has all of the session's records, so that more can follow."""
+        return self.is_open or self._journal.exist(self.revision, self.state.annotations)
 
     @property
     def revision(self) -> int:

@@ -27,12 +27,18 @@ class SessionJournal:
         finally:
             self._journal = journal
 
-    @property
-    def exist(self) -> bool:
-        """Whether the journal still has the records of a closed session."""
+    def exist(self, edits: int, annotations: int) -> bool:
+        """Whether the journal has the records of a closed session, with so many edits and annotations.
+
+        A copy that is just being made of a peer's records, or was not completed, has fewer: what would be
+        appended to it would take the place of those that are missing.
+        """
         if self._journal is None:
             return True
-        return any(copy.closed for copy in self._journal.copies(self._station, self._session))
+        return any(
+            copy.closed and copy.edits >= edits and copy.described >= annotations
+            for copy in self._journal.copies(self._station, self._session)
+        )
 
     def append(self, message: Recordable, now: float) -> None:
         """Append a message; all except batches are on disk then. Raises JournalError and changes nothing."""

@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     Ack,
+    EditProgram,
     Insert,
+    NameProgram,
     Redo,
     SessionStatus,
     TakeBack,
@@ -23,6 +25,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import AppliedEdit
 from caesura_service.publishing.events import TakeoverFailed
+from caesura_service.publishing.session_state import program_of
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
 from harness.sessions import (
     NAME,
@@ -43,6 +46,12 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
 
 def corrected(instance: Instance, revision: int = 0, action: Any = None) -> Ack | ProtocolError:
     return answer(instance.registry.handle_command(STATION, edit(revision, action), 9.0))
+
+
+def named(instance: Instance, revision: int) -> Ack | ProtocolError:
+    action = NameProgram(name=f"version {revision}")
+    command = EditProgram(session=NAME, revision=revision, author="Ann", action=action)
+    return answer(instance.registry.handle_command(STATION, command, 9.0))
 
 
 def test_an_instance_that_takes_a_station_over_has_its_corrections(pair):
@@ -75,6 +84,34 @@ def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_a
     b.take()
     assert (b.standing.revision, b.standing.lifecycle) == (1, "closed")
     assert T in [one.t for one in b.standing.view.changepoints]
+
+
+@pytest.mark.parametrize("cancelled_after", [None, *range(COUNT, COUNT + 5)])
+def test_an_edit_of_the_program_waits_until_all_that_a_peer_recorded_is_copied(
+    pair, cancelled_after: int | None
+):
+    """The close is copied before the edits: one more, in between, once took the place of the rest."""
+    a, b = pair
+    a.open()
+    a.feed(*range(COUNT))
+    a.close()
+    for revision in range(4):
+        assert named(a, revision).revision == 0
+    a.registry.release(STATION)
+    b.take()
+    steps = 0
+    while isinstance(replied := named(b, 4), ProtocolError):
+        assert replied.code == "overloaded"
+        b.registry.rebuild_step()
+        if steps == cancelled_after:
+            b.registry.release(STATION)
+            b.take()
+        steps += 1
+    a.path.unlink()
+    b.kill()
+    b.take()
+    assert [one.number for one in program_of(b.standing).edits] == [1, 2, 3, 4, 5]
+    assert program_of(b.standing).name == "version 4"
 
 
 def test_an_edit_of_a_closed_session_elsewhere_is_found_when_one_looks_again(pair):

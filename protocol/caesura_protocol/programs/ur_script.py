@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from caesura_protocol.app_kinds import APP_KINDS
+from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
@@ -96,6 +96,8 @@ class _Writer:
         """The lines of an app, and the pause after it."""
         app = planned.app
         lines = ["", f"# {planned.name}, {app.tn - app.t0:.2f} s as taught"]
+        if app.name or app.target_name:
+            lines.append(f"# called: {step_title(app.kind, app.name, app.target_name)}")
         lines += [f"# {comment}" for comment in self._comments.get(planned.place, ())]
         lines += [f'begin_app("{planned.name}")']
         if app.kind == "apply_force":

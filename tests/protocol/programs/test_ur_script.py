@@ -74,6 +74,16 @@ def test_a_press_has_the_poses_and_the_force_of_the_program():
     assert names.index("force_mode") < names.index("end_force_mode")
 
 
+def test_what_people_call_an_app_and_its_target_stands_in_a_comment():
+    """Every other script has these names."""
+    touch, pressed, away = press()
+    named = away.model_copy(update={"name": 'Lift "Ü" # end', "target_name": "above the tray"})
+    text = ur_script(as_file((touch, pressed, named)).model_copy(update={"robot": "ur5e"}))
+    assert text.count("# called: ") == 1
+    assert '  # called: Lift "?" # end: above the tray\n  begin_app("app 3 (move)")\n' in text
+    as_python(text)
+
+
 def test_a_contact_that_is_not_there_stops_the_program():
     controller = Controller()
     with pytest.raises(Halted):

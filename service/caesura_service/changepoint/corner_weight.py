@@ -21,6 +21,10 @@ class CornerWeight:
     the start, divided by the lesser of the peaks within `reach` chords before and after. So what only
     curves, or only slows down, starts no movement: it is a via point of the path.
 
+    A corner lies between two straight ways: the weight is multiplied by S((q − `straight`)/0.03) for either
+    one, with q its chord by its length. So a turn that takes as long as the ways is a curve, and what turns
+    beside a corner is no second one.
+
     A quick hand turns within less time than a slow one, so a corner has no time of its own. Several `chords`
     are looked at, and the largest weight counts (scale space: Lindeberg 1998).
 
@@ -43,6 +47,8 @@ class CornerWeight:
     turn_width_deg: float = 15.0
     dip: float = 0.6
     dip_width: float = 0.08
+    straight: float = 0.0  # 0: its ways may be curved
+    straight_width: float = 0.03
     chords: tuple[int, ...] = (2, 3, 4)
     reach: float = 5.0 / 3.0
     channel: Channel = "position"
@@ -87,7 +93,14 @@ class CornerWeight:
         dipped = (self.dip - speed / peak) / self.dip_width
         flight = min(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
         gamma = self.standing + (self.gamma - self.standing) * flight
-        return float(gamma * _logistic(turned) * _logistic(dipped))
+        ways = 1.0
+        if self.straight:
+            for chord_length, way in (
+                (lengths[0], steps[reach - chord : reach]),
+                (lengths[1], steps[reach + 1 :]),
+            ):
+                ways *= _logistic((chord_length / way.sum() - self.straight) / self.straight_width)
+        return float(gamma * _logistic(turned) * _logistic(dipped) * ways)
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""

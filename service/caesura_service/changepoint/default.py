@@ -1,12 +1,13 @@
 """The preset `default` with all seven kinds of segment, the preset `strokes`, and `default` without each
 principle.
 
-The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no library
-of strokes does; a movement ends at a corner, and everything else inside it is a via point; a corner has no
-time of its own; noise comes from the sensor, grows with speed, and is large now and then; free space has a
-bias, and contact is a change; a load differs from free space by its weight alone; residuals are correlated;
-speed separates movement from rest; a surface never drives what slides along it; two rests, or two contacts,
-do not follow each other; nothing lasts less than 0.4 s; a movement that the rotation explains is a turn.
+The principles (DESIGN, "Segmentation: what real recordings taught"): a hand guides a movement, and no
+library of strokes does; a movement ends at a corner, and everything else inside it is a via point; a corner
+has no time of its own, and lies between two straight ways; noise comes from the sensor, grows with speed,
+and is large now and then; free space has a bias, and contact is a change; a load differs from free space by
+its weight alone; residuals are correlated; speed separates movement from rest; a surface never drives what
+slides along it; two rests, or two contacts, do not follow each other; nothing lasts less than 0.4 s; a
+movement that the rotation explains is a turn.
 `WITHOUT` leaves each of them out and keeps the others.
 """
 
@@ -57,6 +58,7 @@ SLOW, REST = CREEP_M_PER_S * STEP_S, REST_M_PER_S * STEP_S  # [m] a step at thes
 TRACING = 0.025 * STEP_S  # [m] a step: slower movements are corrections, or lines that are traced
 TRACING_S = 2.0  # for which a traced line keeps its velocity: a segment
 FAST = 0.05 * STEP_S  # [m] half of the corners are passed more slowly
+STRAIGHT = 0.8  # least share of a way's length that its chord has, beside a corner: that of an arc of 130°
 REST_STEP_M = 0.0001  # by which a resting hand shifts from one observation to the next
 TOOL_M = 0.12  # from the reported point to what a tool turns about; the fingertips of a Panda are 0.10 m away
 HELD_NM = 0.2  # of a torque that is held; a tared sensor reads 0.02–0.1 Nm, a screw resists with 0.4 and more
@@ -102,12 +104,12 @@ def traced_motion() -> TracedMotion:
 
 def corner() -> CornerWeight:
     """Where the path turns while its speed dips."""
-    return CornerWeight(gamma=60.0, standing=25.0, fast=FAST, pace=SLOW)
+    return CornerWeight(gamma=60.0, standing=25.0, fast=FAST, pace=SLOW, straight=STRAIGHT)
 
 
 def corner_of_rotation() -> CornerWeight:
     """Where the tool turns back, or about another axis."""
-    return CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation")
+    return CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation", straight=STRAIGHT)
 
 
 def even_moves() -> list[Profile]:
@@ -258,6 +260,12 @@ def _one_chord(bias_n: float) -> Channels:
     return {name: replace(model, chords=(3,)) for name, model in one.items()}
 
 
+def _curved_ways(bias_n: float) -> Channels:
+    """A turn is a corner however curved the ways beside it are."""
+    curved = {"corner": corner(), "turned_back": corner_of_rotation()}
+    return {name: replace(model, straight=0.0) for name, model in curved.items()}
+
+
 def _thesis_scales(bias_n: float) -> Channels:
     """25 mm and 1.25 N whatever the sensor, Tab. 4.5."""
     place = ConstantLevel("position", Noise(1.0, 0.025, joint=True), origin="previous")
@@ -347,6 +355,7 @@ _CHANGED_CHANNELS: Mapping[str, Callable[[float], Channels]] = {
     "guided_motion": _strokes,
     "corners": _cornerless,
     "corner_chords": _one_chord,
+    "straight_ways": _curved_ways,
     "sensor_noise": _thesis_scales,
     "speed_noise": _even_noise,
     "heavy_tails": _light_tails,

@@ -233,6 +233,7 @@ EVERYTHING: dict[str, ChannelModel] = {
     "friction": FrictionConeWeight(least=2.0, pace=0.002),
     "corner": CornerWeight(gamma=30.0, pace=0.0005),
     "corner, standing": CornerWeight(gamma=30.0, pace=0.0005, standing=10.0, fast=0.004),
+    "corner, straight": CornerWeight(gamma=30.0, pace=0.0005, straight=0.8),
     "corner of a turn": CornerWeight(gamma=30.0, pace=0.005, channel="rotation"),
     "no rise": NoContactRise(scale=1.0),
     "no rise but a weight's": NoContactRise(scale=1.0, most_kg=0.1),

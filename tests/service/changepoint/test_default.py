@@ -31,6 +31,7 @@ TOUCHED = {
     "without_bias": {"untouched"},
     "without_change": {"pressed"},
     "without_corner_chords": {"corner", "turned_back"},
+    "without_straight_ways": {"corner", "turned_back"},
     "without_correlation": {"moving", "untouched", "pressed", "laden"},
     "without_pace": {"moving", "still"},
     "without_friction": {"slid_along"},

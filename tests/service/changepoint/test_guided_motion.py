@@ -17,6 +17,26 @@ from caesura_service.changepoint.guided_motion import GuidedMotion
 
 CORNER = CornerWeight(gamma=30.0, pace=SLOW)
 STEP_M = 0.01
+# [mm] steps of a simulated person who wipes to and fro (wiping, person 30001, 5.2 to 6.8 s)
+TURNS_BACK = [
+    (15.2, -35.9),
+    (9.3, -37.2),
+    (3.3, -32.4),
+    (0.9, -27.5),
+    (0.5, -22.6),
+    (2.2, -13.9),
+    (5.3, -0.7),
+]
+GOES_ON = [
+    (6.9, 4.8),
+    (5.4, 3.6),
+    (6.6, 12.7),
+    (9.0, 29.8),
+    (7.7, 35.6),
+    (3.4, 30.5),
+    (-0.5, 25.7),
+    (0.0, 20.0),
+]
 
 
 def observed(path: np.ndarray) -> list[ModelInput]:
@@ -120,6 +140,37 @@ def test_a_corner_has_no_time_of_its_own(leg: int, missed: list[int]) -> None:
     alone = {chord: weights(chord) for chord in CORNER.chords}
     assert [chord for chord, each in alone.items() if each.max() < 0.5] == missed
     np.testing.assert_array_equal(weights(*CORNER.chords), np.max([*alone.values()], axis=0))
+
+
+def test_what_turns_beside_a_corner_is_no_second_one() -> None:
+    """Within 0.2 s of a turn back two movements began: the ways of the second one lead around the first."""
+    path = np.cumsum([np.zeros(3), *(0.001 * np.array([x, y, 0.0]) for x, y in TURNS_BACK + GOES_ON)], axis=0)
+    weights, curved = (
+        model.log_evidence(rows_after(model, observed(path)))
+        for model in (corner(), replace(corner(), straight=0.0))
+    )
+    assert weights[6:9].min() > 50.0
+    assert curved[10] > 50.0
+    assert weights[10] < corner().standing
+
+
+@pytest.mark.parametrize(("across_deg", "is_straight"), [(10.0, True), (90.0, True), (180.0, False)])
+def test_a_way_is_straight_up_to_an_arc_of_130_degrees(across_deg: float, is_straight: bool) -> None:
+    """A corner of 100° with an arc before it, which turns as much as stated over the longest chord."""
+    chord = max(CORNER.chords)
+    turns = np.radians(across_deg) * np.arange(-6, 1) / chord
+    steps = [
+        *np.column_stack([np.cos(turns), np.sin(turns)]),
+        *np.diff(bent(100.0, 0.2)[6:, :2], axis=0) / STEP_M,
+    ]
+    path = STEP_M * np.cumsum([np.zeros(2), *steps], axis=0)
+    one = replace(CORNER, chords=(chord,))
+    straight = replace(one, straight=0.8)
+    observations = observed(np.pad(path, ((0, 0), (0, 1))))
+    share = max(straight.log_evidence(rows_after(straight, observations))) / max(
+        one.log_evidence(rows_after(one, observations))
+    )
+    assert (share > 0.8) == is_straight
 
 
 def test_at_the_rules_own_limits_a_corner_has_half_of_half_its_weight() -> None:

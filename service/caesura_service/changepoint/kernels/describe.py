@@ -342,6 +342,8 @@ def _corner(model: CornerWeight) -> Record:
         "turn_width": model.turn_width_deg,
         "dip": model.dip,
         "dip_width": model.dip_width,
+        "straight": model.straight,
+        "straight_width": model.straight_width,
         "chords": _padded(model.chords, MOST_CHORDS),
         "reaches": _padded(model.reaches, MOST_CHORDS),
         "chord_count": len(model.chords),

@@ -95,6 +95,8 @@ CHANNEL = np.dtype(
         ("turn_width", "f8"),
         ("dip", "f8"),
         ("dip_width", "f8"),
+        ("straight", "f8"),
+        ("straight_width", "f8"),
         ("chords", "i8", (MOST_CHORDS,)),
         ("reaches", "i8", (MOST_CHORDS,)),
         ("chord_count", "i8"),

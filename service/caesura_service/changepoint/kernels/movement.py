@@ -191,7 +191,20 @@ def corner_weight(past, squared, age, chord, reach, channel):
     dipped = (channel.dip - math.sqrt(squared[age] / peak2)) / channel.dip_width
     flight = min(squared[age] / channel.fast2, 1.0) if channel.fast2 else 1.0
     gamma = channel.standing + (channel.gamma - channel.standing) * flight
-    return gamma * logistic(turned) * logistic(dipped)
+    weight = gamma * logistic(turned) * logistic(dipped)
+    if channel.straight:
+        weight *= straightness(length_before, squared, age + 1, age + 1 + chord, channel)
+        weight *= straightness(length_after, squared, 0, age, channel)
+    return weight
+
+
+@compiled
+def straightness(chord_length, squared, first, last, channel):
+    """Near 1 where a way is straight, near 0 where it is curved; first, last: its steps in `squared`."""
+    way = 0.0
+    for back in range(first, last):
+        way += math.sqrt(squared[back])
+    return logistic((chord_length / way - channel.straight) / channel.straight_width)
 
 
 @compiled

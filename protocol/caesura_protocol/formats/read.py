@@ -60,7 +60,7 @@ from caesura_protocol.recording import (
     wrong_option,
 )
 from caesura_protocol.upright import parse_up, up_text
-from caesura_protocol.wrench_reading import read_wrench
+from caesura_protocol.wrench_faults import read_wrench
 
 BAG_METADATA = "metadata.yaml"  # of a rosbag2, in its directory
 # What a file that is no recording makes numpy, zipfile and csv raise.
@@ -93,7 +93,7 @@ def load_recording(
     time_unit, angle_unit, force_unit: of `t`, `q` and `force` in the file; they become s, rad and N.
     A unit among the arguments is declared: it is believed. check_units: refuse samples which are probably in
     another unit (`caesura_protocol.plausibility`), and times that go back.
-    as_stated: keep a wrench that cannot be used (`caesura_protocol.wrench_reading`), for a copy of the file;
+    as_stated: keep a wrench that cannot be used (`caesura_protocol.wrench_faults`), for a copy of the file;
     else its source is `none` or its torque is left out, and `Recording.cautions` has the reason.
     Raises RecordingError for anything that is not a recording, SourceError where an extra is missing.
     """

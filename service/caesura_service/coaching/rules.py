@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from caesura_protocol.wrench_reading import FROZEN_S
+from caesura_protocol.wrench_faults import FROZEN_S
 from caesura_service.coaching.coach import LOUD, Trigger, Words
 from caesura_service.coaching.measures import AHEAD_S, PUSH_LIMIT, CoachingSetup, Measures
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from caesura_protocol.wrench_reading import FROZEN_S, MOVED_M
+from caesura_protocol.wrench_faults import FROZEN_S, MOVED_M
 from caesura_service.coaching.bias import Vector
 
 FIRST_FROZEN_S = 2.0

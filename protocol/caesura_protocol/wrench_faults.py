@@ -1,4 +1,4 @@
-"""How far the wrench of a recording can be used: a force that is frozen, one that is 0, one that has no zero.
+"""Faults of a recording's wrench, and how far it can be used: a force that is frozen, is 0, or has no zero.
 
 A measured force scatters. One that stays the same number for number while the flange moves is repeated by a
 dead driver, or simulated. It shows no contact and no load. Where that is more than MOST_SHARE of a

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.wrench_reading import FROZEN_S, CheckedMotion, read_wrench
+from caesura_protocol.wrench_faults import FROZEN_S, CheckedMotion, read_wrench
 
 Change = Callable[[np.ndarray], np.ndarray]
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from caesura_protocol.recording import Recording
-from caesura_protocol.rotations import align_signs, matrices_of, quaternion_of
+from caesura_protocol.rotations import align_signs
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ def tilted(recording: Recording, turn: Array, up: Sequence[float] | None) -> Rec
     vectors = ("pos", "force", "torque") if recording.force_frame == "base" else ("pos",)
     signals |= {name: signals[name] @ turn.T for name in vectors if name in signals}
     if "quat" in signals:
-        turned = np.array([quaternion_of(turn @ matrix) for matrix in matrices_of(signals["quat"])])
+        turned = (Rotation.from_matrix(turn) * Rotation.from_quat(signals["quat"])).as_quat()
         align_signs(turned)
         signals["quat"] = turned
     stated = None if up is None else (float(up[0]), float(up[1]), float(up[2]))

@@ -22,10 +22,12 @@ from service.journal.test_sqlite import grow_no_more
 COUNT = 3 * BATCH
 KEY = (STATION, NAME)
 DEADLINE_S = 30.0
+FIRST = batch(0)
 
 
 def record(seq: int, session: str = NAME) -> Record:
-    return Record(STATION, session, float(seq), batch(seq, session))
+    """All have the samples of the first one, which take longer to make than a record to write."""
+    return Record(STATION, session, float(seq), FIRST.model_copy(update={"seq": seq, "session": session}))
 
 
 def taught(journal: SqliteJournal, count: int = COUNT, session: str = NAME) -> None:

@@ -110,12 +110,17 @@ def version_of(module: str) -> str:
 
 def imported_by(module: str) -> set[str]:
     """Own modules that a module imports, directly or not, with the packages that they are in, and itself."""
-    graph = grimp.build_graph(*OWN, cache_dir=None)
-    found = {module, *graph.find_upstream_modules(module)}
+    found = {module, *_graph().find_upstream_modules(module)}
     for name in list(found):
         parts = name.split(".")
         found |= {".".join(parts[:count]) for count in range(1, len(parts))}
     return found
+
+
+@cache
+def _graph() -> grimp.ImportGraph:
+    """The imports of all own modules, as they were when the process first asked."""
+    return grimp.build_graph(*OWN, cache_dir=None)
 
 
 def _files_of(modules: Iterable[str]) -> Iterable[Path]:

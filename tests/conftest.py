@@ -15,6 +15,8 @@ them.
 
 What is imported and collected lives as long as the process, so the garbage collector passes over it. The
 examples of a test make many objects, so it begins after more of them than usual: it took 7 % of the CPU.
+
+A runner of a command makes every command of its application; here it makes them once a process.
 """
 
 from __future__ import annotations
@@ -25,9 +27,11 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import Phase, settings
 
 from harness.forked import CAN_FORK
@@ -65,6 +69,7 @@ settings.register_profile(  # for `make mutations`: whether it fails, not how li
     "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)
 )
 settings.load_profile("quick")
+typer.testing._get_command = cache(typer.main.get_command)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -10,16 +10,16 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients.bridge.sources.registry import SourceOptions
-from caesura_clients.cli import build
 from caesura_clients.cli.bridge import _opened_source
 from caesura_protocol.recording import ASSUMED_ORDER
+from harness.commands import application
 
 BUTTON = Path(__file__).parents[2] / "data" / "button.npz"
 FROZEN, UNUSED = "The force is exactly (", "It is not used; contact and load are off"
 
 
 def caesura(*words: object):
-    return CliRunner().invoke(build(), [str(word) for word in words], env={"COLUMNS": "1000"})
+    return CliRunner().invoke(application(), [str(word) for word in words], env={"COLUMNS": "1000"})
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_clients.cli.result_tables import apps_table
 from caesura_protocol.messages import MAX_VIA_POINTS, App, Gap
 from caesura_protocol.programs.document import ProgramFile, read_document
@@ -26,6 +25,7 @@ from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
 from caesura_protocol.reproduced_path import curve_of
 from caesura_service.segmentation.view import NO_GRIPPER
+from harness.commands import application
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def segmented(tmp_path: Path, taught: Recording, *options: str) -> Path:
 
 
 def run(*arguments: str, code: int = 0) -> str:
-    result = CliRunner().invoke(build(), arguments)
+    result = CliRunner().invoke(application(), arguments)
     assert result.exit_code == code, result.output
     return result.output
 

@@ -16,7 +16,6 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect
-from caesura_clients.cli import build
 from caesura_clients.viewer.feed import StationFeed
 from caesura_clients.viewer.foxglove_server import FoxgloveServer
 from caesura_protocol.codec import decode
@@ -24,6 +23,7 @@ from caesura_protocol.messages import Ack, Heartbeat, SampleBatch
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
 from caesura_protocol.transport.network import Transport
 from clients.fake_service import eventually
+from harness.commands import application
 from harness.foxglove import Viewer, viewing
 from harness.processes import RECORDING, SESSION, serving, start, teaching
 
@@ -117,7 +117,7 @@ def test_a_viewer_receives_a_session_as_it_is_taught_and_the_end_of_the_command_
 
 
 def foxglove(*arguments: str):
-    return CliRunner().invoke(build(), ["foxglove", *arguments])
+    return CliRunner().invoke(application(), ["foxglove", *arguments])
 
 
 def test_the_layout_is_written_without_a_service(tmp_path):

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.groups import Group
+from harness.commands import application
 from harness.programs import as_file, press
 
 
 def caesura(*words: object):
-    return CliRunner().invoke(build(), [str(word) for word in words])
+    return CliRunner().invoke(application(), [str(word) for word in words])
 
 
 @pytest.fixture

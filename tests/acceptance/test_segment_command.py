@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_lab.commands.segment import announce_compilation
 from caesura_protocol.distribution import installed_version
+from harness.commands import application
 
 DATA = Path(__file__).parents[2] / "data"
 KINDS = {"motion", "contact", "transport", "steady", "hold", "sliding"}
 
 
 def caesura(*words: object):
-    return CliRunner().invoke(build(), [str(word) for word in words])
+    return CliRunner().invoke(application(), [str(word) for word in words])
 
 
 def recording(path: Path, t: np.ndarray, **arrays: np.ndarray) -> Path:

@@ -15,13 +15,13 @@ import pytest
 from mcap.reader import make_reader
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close
 from caesura_service.config import ServiceConfig, journal_path
 from caesura_service.journal import Record, SqliteJournal
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
+from harness.commands import application
 from harness.demonstrations import guided
 
 
@@ -44,7 +44,7 @@ def directory(tmp_path: Path) -> Path:
 
 
 def caesura(*arguments: object):
-    return CliRunner().invoke(build(), ["sessions", *map(str, arguments)])
+    return CliRunner().invoke(application(), ["sessions", *map(str, arguments)])
 
 
 def kept(directory: Path) -> list[str]:
@@ -243,6 +243,6 @@ def test_who_says_no_keeps_the_session(directory, monkeypatch):
     terminal = SimpleNamespace(isatty=lambda: True)
     monkeypatch.setattr("caesura_lab.commands.sessions.sys", SimpleNamespace(stdin=terminal))
     words = ["sessions", "delete", "s2", "--journal", str(directory)]
-    done = CliRunner().invoke(build(), words, input="n\n")
+    done = CliRunner().invoke(application(), words, input="n\n")
     assert "Delete samples, results and corrections of cell-1/s2 in " in done.output
     assert (done.exit_code, "cell-1/s2" in kept(directory)) == (1, True)

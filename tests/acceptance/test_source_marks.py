@@ -12,10 +12,10 @@ from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.sources import Mark
 from caesura_clients.bridge.sources.file import FileSource
-from caesura_clients.cli import build
 from caesura_protocol.formats.mcap_write import McapContent, write_mcap
 from caesura_service.offline_segmentation import segment_recording
 from harness import ros
+from harness.commands import application
 from harness.processes import QUICK, RECORDING, SESSION, serving
 
 PRESSED_S = 0.4  # in the middle of the rest at the beginning, where nobody sees a changepoint
@@ -69,7 +69,7 @@ def test_a_recording_of_another_format_is_played_to_the_service(caesura, tmp_pat
     source, file, more = written(tmp_path)
     where = ("--station", f"cell-{source}", "--session", SESSION, "--connect", caesura.transport.endpoint)
     options = ("--source", source, "--file", str(file), "--pace", "fast", *more)
-    result = CliRunner().invoke(build(), ["bridge", *where, *options])
+    result = CliRunner().invoke(application(), ["bridge", *where, *options])
     assert result.exit_code == 0, result.output
     found = caesura.snapshot(f"cell-{source}", SESSION)
     expected = segment_recording(RECORDING)

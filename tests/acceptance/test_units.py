@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.pacing import PacedSource
-from caesura_clients.cli import build
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import SourceError
@@ -24,6 +23,7 @@ from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.offline_segmentation import opening_of
+from harness.commands import application
 from harness.demonstrations import guided
 from harness.peer import Peer
 from lab.teacher.nominal import nominal_once
@@ -42,7 +42,7 @@ CASES = {  # what a file holds, times what, and what a user reads
 
 
 def caesura(*words: object):
-    return CliRunner().invoke(build(), [str(word) for word in words])
+    return CliRunner().invoke(application(), [str(word) for word in words])
 
 
 def other_unit(folder: Path, unit: str) -> Path:

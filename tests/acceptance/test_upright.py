@@ -17,7 +17,6 @@ from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
-from caesura_clients.cli import build
 from caesura_clients.full_samples import read_recording
 from caesura_clients.query import snapshot
 from caesura_clients.recorder import Recorder
@@ -36,6 +35,7 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.journal import Record
 from caesura_service.offline_segmentation import opening_of, recording_of
+from harness.commands import application
 from harness.demonstrations import guided
 from harness.peer import Peer
 from harness.tilted import tilted
@@ -54,7 +54,7 @@ WRONG = {
 
 
 def caesura(*words: object):
-    return CliRunner().invoke(build(), [str(word) for word in words], env={"COLUMNS": "300"})
+    return CliRunner().invoke(application(), [str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def hanging(name: str = "pick_and_place", *, states: bool = True) -> Recording:

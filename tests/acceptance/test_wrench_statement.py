@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 from caesura_clients.bridge.bridge import Bridge
 from caesura_clients.bridge.sources.file import FileSource
 from caesura_clients.bridge.sources.registry import SourceOptions, open_source
-from caesura_clients.cli import build
 from caesura_clients.full_samples import read_recording
 from caesura_clients.query import snapshot
 from caesura_clients.recorder import Recorder
@@ -33,6 +32,7 @@ from caesura_service.config import ServiceConfig
 from caesura_service.journal import Record
 from caesura_service.offline_segmentation import opening_of, recording_of, segment_recording
 from clients.conftest import free_port
+from harness.commands import application
 from harness.demonstrations import guided
 from harness.peer import Peer
 
@@ -45,7 +45,7 @@ ESTIMATE = "joint_torque_estimate"
 
 
 def caesura(*words: object):
-    return CliRunner().invoke(build(), [str(word) for word in words], env={"COLUMNS": "300"})
+    return CliRunner().invoke(application(), [str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def stating(source: str | None, hand: str = "unknown") -> Recording:

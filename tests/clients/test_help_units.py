@@ -7,15 +7,14 @@ import typer
 from typer.testing import CliRunner
 
 from caesura_clients.bridge.sources.registry import SOURCES
-from caesura_clients.cli import build
 from caesura_clients.cli.known_names import PRESET_NAMES, SCENARIO_NAMES
 from caesura_clients.cli.sessions import sessions
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.lazy_commands import LazyCommand
 from caesura_service.changepoint.presets import PRESETS
-from harness.commands import every_command
+from harness.commands import application, every_command
 
-APP = build()
+APP = application()
 
 
 COMMANDS = dict(every_command(typer.main.get_command(APP)))

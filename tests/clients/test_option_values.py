@@ -9,11 +9,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_protocol.option_words import limits
-from harness.commands import every_command
+from harness.commands import application, every_command
 
-APP = build()
+APP = application()
 WIDE = {"COLUMNS": "2000", "TERM": "dumb"}
 LONG_OPTION = "--"
 

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 import typer
 
-from caesura_clients.cli import build
 from caesura_clients.dashboard.dashboard_command import PASSWORD_LENGTH
 from caesura_service.monitoring.http_server import parse_address
+from harness.commands import application
 
 yaml = pytest.importorskip("yaml")
 
@@ -80,7 +80,7 @@ def parsed(words: list[str], file: Path) -> dict[str, Any]:
     """The options of a command, as caesura reads them; every certificate is a file that there is."""
     words = [re.sub(r"(/certs|\$\{CREDENTIALS_DIRECTORY\})/.*", str(file), word) for word in words]
     words = [word.replace("$(INSTANCE)", "segmenter-0") for word in words]
-    command = typer.main.get_command(build()).commands[words[0]]  # type: ignore[attr-defined]
+    command = typer.main.get_command(application()).commands[words[0]]  # type: ignore[attr-defined]
     return dict(command.make_context(words[0], words[1:]).params)
 
 

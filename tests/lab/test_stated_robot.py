@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from caesura_clients.cli import build
 from caesura_protocol.robots import robot_description
+from harness.commands import application
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def six(tmp_path: Path) -> Path:
 
 
 def caesura(*arguments: object) -> Result:
-    return CliRunner().invoke(build(), [str(argument) for argument in arguments], env={"COLUMNS": "300"})
+    return CliRunner().invoke(application(), [str(word) for word in arguments], env={"COLUMNS": "300"})
 
 
 def test_segment_and_report_take_the_robot_of_the_command_line(six: Path, tmp_path: Path) -> None:

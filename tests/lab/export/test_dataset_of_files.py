@@ -8,12 +8,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
+from harness.commands import application
 from harness.demonstrations import guided
 
 
 def caesura(*args: object):
-    return CliRunner().invoke(build(), [str(arg) for arg in args])
+    return CliRunner().invoke(application(), [str(arg) for arg in args])
 
 
 @pytest.fixture

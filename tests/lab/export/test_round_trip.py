@@ -16,7 +16,6 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_lab.export.mcap_file import write_mcap as write_session
 from caesura_lab.export.session_export import read_session_export
 from caesura_protocol.errors import CaesuraError
@@ -26,6 +25,7 @@ from caesura_protocol.formats.write import write_csv
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
 from caesura_service.offline_segmentation import as_json, recording_of, segment_recording
+from harness.commands import application
 from harness.demonstrations import guided
 from lab.export.test_mcap import kept
 
@@ -43,7 +43,7 @@ def assert_same(one: Recording, other: Recording) -> None:
 
 
 def caesura(*args: object):
-    return CliRunner().invoke(build(), [str(arg) for arg in args])
+    return CliRunner().invoke(application(), [str(arg) for arg in args])
 
 
 def test_a_session_that_is_exported_and_imported_gives_identical_results(tmp_path):
@@ -172,7 +172,7 @@ def test_an_export_with_a_limit_has_it_in_its_program_and_its_phases(tmp_path: P
     out, cell = tmp_path / "wiped.mcap", tmp_path / "cell.json"
     cell.write_text('{"force_n": 10.0}', encoding="utf-8")
     command = ["export", str(DATA / "wiping.npz"), "-o", str(out), "--cell", str(cell)]
-    done = CliRunner().invoke(build(), command)
+    done = CliRunner().invoke(application(), command)
     assert done.exit_code == 0, done.output
     found: dict[str, list[Any]] = {"/program": [], "/phases": []}
     with out.open("rb") as stream:

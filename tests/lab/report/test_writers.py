@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
 from caesura_lab.report.figures.path import informative_planes
 from caesura_lab.report.figures.style import LONGEST_S, windows
@@ -23,6 +22,7 @@ from caesura_lab.report.tables import program_table, segments_table
 from caesura_lab.report.writers import UnknownFormatError, write_report
 from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.recording import Recording
+from harness.commands import application
 from harness.demonstrations import guided
 
 TRUTH = Truth(
@@ -200,7 +200,7 @@ def test_the_command_finds_the_truth_beside_the_recording(tmp_path: Path, monkey
 
     monkeypatch.setattr("caesura_lab.report.writers.write_report", note)
     out = tmp_path / "out.html"
-    result = CliRunner().invoke(build(), ["report", str(tmp_path / "taught.npz"), "-o", str(out)])
+    result = CliRunner().invoke(application(), ["report", str(tmp_path / "taught.npz"), "-o", str(out)])
     assert result.exit_code == 0, result.output
     ((content, path),) = drawn
     assert content.truth is not None
@@ -225,7 +225,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
     monkeypatch.chdir(tmp_path)
     guided().save(tmp_path / "taught.npz")
     (tmp_path / "list.json").write_text("[1, 2]")
-    result = CliRunner().invoke(build(), ["report", *arguments])
+    result = CliRunner().invoke(application(), ["report", *arguments])
     assert result.exit_code == 1
     assert result.output.startswith("error: ")
     assert complaint in result.output

@@ -13,7 +13,6 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from typer.testing import CliRunner
 
-from caesura_clients.cli import build
 from caesura_service.security.certificates import (
     SecurityError,
     common_name,
@@ -22,10 +21,11 @@ from caesura_service.security.certificates import (
     new_authority,
 )
 from caesura_service.security.credential_store import CredentialStore, IssueRequest, identities
+from harness.commands import application
 
 
 def certs(*arguments: object):
-    return CliRunner().invoke(build(), ["certs", *map(str, arguments)])
+    return CliRunner().invoke(application(), ["certs", *map(str, arguments)])
 
 
 def content(directory) -> dict[str, bytes]:

@@ -14,13 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 from caesura_clients import connect
-from caesura_clients.cli import build
 from caesura_protocol.errors import AccessDenied, Unreachable
 from caesura_protocol.transport.diagnosis import diagnose_connection
 from caesura_service.security import zenoh_files
 from caesura_service.security.certificates import Issued, issue_client, issue_router, new_authority
 from caesura_service.security.roles import Identity
 from clients.conftest import RouterNetwork, free_port
+from harness.commands import application
 from service.security.acl_world import opened
 
 HOLDER = Identity("bridge", "cell-1")
@@ -184,7 +184,7 @@ def test_a_bridge_does_not_wait_for_what_waiting_will_not_change(port, tmp_path,
     words = ["bridge", "--file", "data/button.npz", "--connect", f"tls/127.0.0.1:{port}"]
     words += ["--zenoh-config", str(tmp_path / "client.json5")]
     with ThreadPoolExecutor(1) as pool:
-        done = pool.submit(CliRunner().invoke, build(), words).result(timeout=60.0)
+        done = pool.submit(CliRunner().invoke, application(), words).result(timeout=60.0)
     assert done.exit_code == 1
     assert "its certificate is not of our authority" in done.stderr
 

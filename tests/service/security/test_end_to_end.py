@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.control_client import ControlClient
-from caesura_clients.cli import build
 from caesura_clients.cli.bridge import _why_it_waits
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import AccessDenied, ProtocolError
@@ -24,6 +23,7 @@ from clients.bridging import QUICK
 from clients.conftest import free_port
 from clients.examples import LiveSource, samples
 from clients.fake_service import eventually
+from harness.commands import application
 from harness.sessions import batch, opening
 from service.security.acl_world import certificates, opened
 
@@ -172,7 +172,7 @@ def test_no_client_gets_in_without_a_certificate(network, directory):
 
 def run(network, directory, label: str, *words: str):
     where = ("--connect", network.endpoint, "--zenoh-config", str(directory / f"{label}.json5"))
-    return CliRunner().invoke(build(), [*words, *where])
+    return CliRunner().invoke(application(), [*words, *where])
 
 
 def test_the_command_line_works_with_the_generated_files(network, directory):

@@ -93,14 +93,15 @@ class CornerWeight:
         dipped = (self.dip - speed / peak) / self.dip_width
         flight = min(speed**2 / self.fast**2, 1.0) if self.fast else 1.0
         gamma = self.standing + (self.gamma - self.standing) * flight
-        ways = 1.0
+        weight = gamma * _logistic(turned) * _logistic(dipped)
         if self.straight:
-            for chord_length, way in (
-                (lengths[0], steps[reach - chord : reach]),
-                (lengths[1], steps[reach + 1 :]),
-            ):
-                ways *= _logistic((chord_length / way.sum() - self.straight) / self.straight_width)
-        return float(gamma * _logistic(turned) * _logistic(dipped) * ways)
+            weight *= self._straightness(lengths[0], steps[reach - chord : reach])
+            weight *= self._straightness(lengths[1], steps[reach + 1 :])
+        return float(weight)
+
+    def _straightness(self, chord_length: float, steps: Array) -> float:
+        """Near 1 where a way is straight, near 0 where it is curved; steps: their lengths."""
+        return _logistic((chord_length / float(steps.sum()) - self.straight) / self.straight_width)
 
     def log_evidence(self, rows: Rows) -> Array:
         """(h,)."""

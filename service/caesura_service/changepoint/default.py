@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -256,14 +257,18 @@ def _cornerless(bias_n: float) -> Channels:
 
 def _one_chord(bias_n: float) -> Channels:
     """Every corner is one of 0.3 s, however quick the hand."""
-    one = {"corner": corner(), "turned_back": corner_of_rotation()}
-    return {name: replace(model, chords=(3,)) for name, model in one.items()}
+    return _corners(chords=(3,))
 
 
 def _curved_ways(bias_n: float) -> Channels:
     """A turn is a corner however curved the ways beside it are."""
-    curved = {"corner": corner(), "turned_back": corner_of_rotation()}
-    return {name: replace(model, straight=0.0) for name, model in curved.items()}
+    return _corners(straight=0.0)
+
+
+def _corners(**changes: Any) -> Channels:
+    """Corners of the path and of the rotation, both with these changes."""
+    both = {"corner": corner(), "turned_back": corner_of_rotation()}
+    return {name: replace(model, **changes) for name, model in both.items()}
 
 
 def _thesis_scales(bias_n: float) -> Channels:

@@ -133,7 +133,7 @@ def test_another_target_is_no_place_to_go_on_from(edit: dict[str, Any]):
 
 
 def test_an_edit_of_an_app_that_a_correction_joined_with_another_one_says_so():
-    """Nobody deleted the second carry: the program must not lose it in silence."""
+    """No operator deleted the second carry: the program must not lose it in silence."""
     apps = pick_and_place()
     lift, carry = apps[2:4]
     joined = (*apps[:2], lift.model_copy(update={"tn": carry.tn, "target": carry.target}), *apps[4:])

@@ -59,7 +59,7 @@ def test_a_changepoint_is_inserted_with_the_mouse_and_undone(operator: Operator)
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
     _, second, third, *_ = operator.wire.now.segments
     assert second.tn == third.t0 == pytest.approx(T, abs=NEAR_S), "a new segment on the wire"
-    assert operator.wire.now.program.author == "Ann"
+    operator.wire.until(lambda: operator.wire.now.program.author == "Ann")
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Ann")
     operator.visitor.picture("inserted")
 
@@ -206,7 +206,7 @@ def test_a_name_is_asked_for_at_the_first_correction_which_then_is_made(operator
     name.press("Enter")
     operator.is_shown("inserted at 1.")
     operator.wire.until(lambda: operator.wire.corrected() == [pytest.approx(T, abs=NEAR_S)])
-    assert operator.wire.now.program.author == "Bea"
+    operator.wire.until(lambda: operator.wire.now.program.author == "Bea")
 
 
 def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, stage: Stage):

@@ -5,11 +5,15 @@ between there and where the work was begun has to know of it, for the work runs 
 greenlet: it stops in `give_way` once its slice is over, and goes on from there in its next one. Where nothing
 was begun as slices, `give_way` does nothing. So slices change when something is computed, and never what.
 
+Work calls `stand_aside` once its urgent part is done: the rest has its slices when no other work is left, or
+when the caller asks for it.
+
 A stack is used again for the next piece of work: a new one costs the interpreter fresh memory, which is more
 than most messages take otherwise.
 
 Rules
-- Until the work ends, others see of its session what they saw before it began.
+- Until the work ends, others see of its session what they saw before it began; of work that stands aside,
+  what it came to before that.
 - Before a station changes hands its work is brought to its end (`finish`).
 """
 
@@ -32,11 +36,12 @@ class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
     work: Callable[[], None] | None = None  # to be begun
     error: Exception | None = None  # with which the last work ended
     is_idle = True
+    stands_aside = False  # for the rest of its work
 
     def run(self) -> None:
         """Until the greenlet is left off; keeps nothing of a work that has ended."""
         while (work := self.work) is not None:
-            self.is_idle, self.work = False, None
+            self.is_idle, self.work, self.stands_aside = False, None, False
             try:
                 work()
             except Exception as error:
@@ -52,6 +57,14 @@ def give_way() -> None:
         current.parent.switch()
 
 
+def stand_aside() -> None:
+    """Let others have their turn now, and as long as they have anything to do."""
+    current = getcurrent()
+    if isinstance(current, _Stack):
+        current.stands_aside = True
+        current.parent.switch()
+
+
 class Slices:
     """Work by name, at most one piece of each. One thread uses it."""
 
@@ -63,6 +76,10 @@ class Slices:
     def is_under_way(self, name: str) -> bool:
         """Is there a slice left to do?"""
         return name in self._under_way
+
+    def stands_aside(self, name: str) -> bool:
+        """May what is left wait until others have nothing to do?"""
+        return name in self._under_way and self._under_way[name].stands_aside
 
     def begin(self, name: str, work: Callable[[], None]) -> bool:
         """Do the first slice; True where that was all."""

@@ -166,6 +166,7 @@ class Way:
             if not count:
                 self._one(RawPayload.of(source, block.payloads[0], ENCODING), source, station)
             self._publish(outputs)
+            self._publish(self._registry.make_due_program(station, block.session))
             block = block.after(max(count, 1))
 
     def _publish(self, outputs: Sequence[Output]) -> None:

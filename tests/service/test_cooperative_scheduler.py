@@ -16,7 +16,7 @@ from greenlet import getcurrent
 
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.messages import Ack, Edit, Insert, Open, SampleBatch
-from caesura_service.cooperative_scheduler import Slices, give_way
+from caesura_service.cooperative_scheduler import Slices, give_way, stand_aside
 from caesura_service.journal import MemoryJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Output, Owner, Publish
@@ -66,6 +66,28 @@ def test_work_is_finished_at_once_from_anywhere_and_the_caller_goes_on():
 
     assert slices.begin("b", asking)
     assert seen == ["a0", "a1", "a2", "asked"]
+
+
+def test_work_stands_aside_before_its_slice_is_over_and_the_next_work_does_not():
+    slices, seen = Slices(slice_s=60.0), list[str]()
+    stand_aside()  # nobody has begun anything: it does nothing
+
+    def work() -> None:
+        seen.append("segments")
+        stand_aside()
+        seen.append("program")
+
+    assert not slices.begin("a", work)
+    assert slices.stands_aside("a")
+    assert seen == ["segments"]
+    assert slices.go_on("a")
+    assert seen == ["segments", "program"]
+    assert not slices.stands_aside("a")
+
+    slices.slice_s = 0.0
+    assert not slices.begin("a", counting(seen, "a", 2)), "on the same stack"
+    assert not slices.stands_aside("a")
+    slices.finish("a")
 
 
 def test_an_error_ends_the_work_and_reaches_the_caller_of_the_slice():

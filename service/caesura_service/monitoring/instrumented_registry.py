@@ -73,6 +73,10 @@ class InstrumentedRegistry(Registry):
             self._record(station, message, changes, outputs, counters, began, batches=count)
         return count, outputs
 
+    def make_due_program(self, station: str, session: str) -> list[Output]:
+        """Make and publish the program that `handle_together` has left."""
+        return self._instrumented(station, None, partial(super().make_due_program, station, session))
+
     def reject(self, station: str | None, error: ProtocolError) -> list[Output]:
         """Count a message that could not be read."""
         return self._instrumented(station, None, partial(super().reject, station, error))

@@ -219,7 +219,8 @@ class Registry:
     def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process the first batches of a block together, as `handle_samples` does in turn; return how many.
 
-        0: the first one has to be handled by itself.
+        0: the first one has to be handled by itself. A program that is due is left to `make_due_program`,
+        so that segments need not wait for it.
         """
         session = self._find_session(station, block.session)
         if session is None or self.ownership.rejection_reason(station) is not None:
@@ -232,6 +233,16 @@ class Registry:
         if not count:
             return 0, []
         return count, self._with_limits(station, session, self._track_throttled(session, outputs), now)
+
+    def has_due_program(self, station: str, session: str) -> bool:
+        """Whether `handle_together` has left a program of the session to `make_due_program`."""
+        found = self._find_session(station, session)
+        return found is not None and found.has_due_program
+
+    def make_due_program(self, station: str, session: str) -> list[Output]:
+        """Make and publish the program that `handle_together` has left."""
+        found = self._find_session(station, session)
+        return [] if found is None else self._track_throttled(found, found.make_due_program())
 
     def _with_limits(self, station: str, session: Session, outputs: list[Output], now: float) -> list[Output]:
         """Count the rejected batches among the outputs; close the session at its limit of observations."""

@@ -100,6 +100,15 @@ class FakePipeline:
             self._push_one(float(row[0]), float(row[1]))
         return True
 
+    def push_without_program(self, samples: NDArray[np.float64]) -> bool:
+        """As `push`: the program is made at once."""
+        return self.push(samples)
+
+    has_due_program = False
+
+    def make_due_program(self) -> None:
+        """Do nothing: none is left."""
+
     def declare_gap(self) -> None:
         """Remember to close the gap at the next sample, or at the end."""
         self._gap_pending = True

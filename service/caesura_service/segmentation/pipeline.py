@@ -225,7 +225,10 @@ class SegmentationPipeline:
         self._lost = False  # the next gap was declared, not seen
         self._began = math.inf  # [s] first sample
         self._finished = False
-        self._view = self._look(self._happened())
+        self._program_part: dict[str, Any] = {"apps": (), "notes": (), "unapplied": {}}  # of the view
+        self._due_parts: list[SegmentEntry] | None = None  # not settled, of which a program has to be made
+        self._view: PipelineView
+        self.refresh()
 
     @property
     def view(self) -> PipelineView:
@@ -242,6 +245,12 @@ class SegmentationPipeline:
 
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Take the next samples. Raises ValueError for impossible ones; nothing has changed then."""
+        is_news = self.push_without_program(samples)
+        self.make_due_program()
+        return is_news
+
+    def push_without_program(self, samples: NDArray[np.float64]) -> bool:
+        """As `push`, but leave a program that is due to `make_due_program`."""
         if (found := self._first_second.look(samples)) is not None:
             declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
             raise ValueError(f"implausible: {found}; {declare}")
@@ -252,6 +261,19 @@ class SegmentationPipeline:
             return False
         self._take(conditioned)
         return True
+
+    @property
+    def has_due_program(self) -> bool:
+        """Whether a look has left its program to `make_due_program`."""
+        return self._due_parts is not None
+
+    def make_due_program(self) -> None:
+        """Make the program of the last look, if it has left it."""
+        if self._due_parts is None:
+            return
+        parts, self._due_parts = self._due_parts, None
+        self._program_part = self._with_notes(self._apps(parts), self._view.segments)
+        self._view = self._view._replace(**self._program_part)
 
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next, or the end, are lost for good."""
@@ -265,6 +287,7 @@ class SegmentationPipeline:
             latest = self._conditioner.t_last
             self._gaps.add(Gap(t0=latest, tn=latest, reason="evicted"))
         self._take(self._conditioner.finish())
+        self.make_due_program()
         self._close_hints()
 
     def resolve(self, change: Change) -> ResolvedEdit:
@@ -275,6 +298,7 @@ class SegmentationPipeline:
     def refresh(self) -> None:
         """Bring the view up to date."""
         self._view = self._look(self._happened())
+        self.make_due_program()
 
     @property
     def kinds(self) -> Sequence[str]:
@@ -297,7 +321,7 @@ class SegmentationPipeline:
             give_way()
         if self._finished:
             other._close_hints()
-        other._view = other._look(other._happened())
+        other.refresh()
         return other
 
     def _close_hints(self) -> None:
@@ -392,12 +416,12 @@ class SegmentationPipeline:
         ):
             self._view = self._look(happened)
         else:
-            self._view = self._look(happened, before=self._view)
+            self._view = self._look(happened, program=False)
 
     def _keep_up(self) -> None:
         """Make what has settled, where that is much by now."""
         if self._division.online.count >= self._looked.program + ALL_EVERY:
-            self._view = self._look(self._happened())
+            self.refresh()
         elif self._division.unlooked >= SETTLE_EVERY:
             self._settle()
 
@@ -432,24 +456,27 @@ class SegmentationPipeline:
             "hints": all_hints(self._coach.log, self._boundary_coach.log),
         }
 
-    def _look(self, happened: _Happened, *, before: PipelineView | None = None) -> PipelineView:
-        """What is known now; before: a view with program and phases that are not yet due again."""
+    def _look(self, happened: _Happened, *, program: bool = True) -> PipelineView:
+        """What is known now. A program that is due stays as before until `make_due_program`.
+
+        program: make phases, and leave a program to be made; neither is due at each look.
+        """
         division = self._division
-        count, program = division.online.count, self._looked.program
-        self._looked = _Looked(count, count if before is None else program, happened)
+        count, made = division.online.count, self._looked.program
+        self._looked = _Looked(count, count if program else made, happened)
         parts = self._settle()
-        apps = self._apps(parts) if before is None else before.apps
-        give_way()
-        phases = self._phases_with(parts) if before is None else before.phases
-        give_way()
-        unapplied = self._heeded.unapplied(apps, self._is_beyond)
         segments = division.settled.segments(parts)
+        if program:
+            self._due_parts, phases = parts, self._phases_with(parts)
+        else:
+            self._program_part = self._with_notes(self._view.apps, segments)
+            phases = self._view.phases
+        give_way()
         return PipelineView(
             **self._newest(),
+            **self._program_part,
             changepoints=division.settled.changepoints(parts),
             segments=segments,
-            apps=apps,
-            notes=(*self._notes(), *self._left_out(segments, apps), *self._heeded.notes(unapplied)),
             gaps=self._gaps.all,
             wrench=_wrench_report(
                 self._opening,
@@ -464,8 +491,13 @@ class SegmentationPipeline:
             robot=self._opening.robot,
             up=self._opening.up,
             phases=phases,
-            unapplied=unapplied,
         )
+
+    def _with_notes(self, apps: Sequence[App], segments: Sequence[Segment]) -> dict[str, Any]:
+        """The part of a view that is the program's."""
+        unapplied = self._heeded.unapplied(apps, self._is_beyond)
+        notes = (*self._notes(), *self._left_out(segments, apps), *self._heeded.notes(unapplied))
+        return {"apps": apps, "notes": notes, "unapplied": unapplied}
 
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
         """The phases so far; parts: those that have not settled."""

@@ -105,6 +105,16 @@ class Pipeline(Protocol):
         Does the view show anything new, but that so many samples more have come?
         """
 
+    def push_without_program(self, samples: NDArray[np.float64]) -> bool:
+        """As `push`, but a program that is due is left to `make_due_program`, which has to be called next."""
+
+    @property
+    def has_due_program(self) -> bool:
+        """Does `make_due_program` have anything to do?"""
+
+    def make_due_program(self) -> None:
+        """Make the program that was left."""
+
     def declare_gap(self) -> None:
         """Say that samples between the last push and the next, or the end, are lost for good."""
 

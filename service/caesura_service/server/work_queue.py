@@ -7,6 +7,9 @@ causes more work than its share waits behind the others, and they do not wait fo
 more by less than `BURST_S` are served in order of arrival. A station that had a long look would else wait
 until no other has anything to do. Within a lane items keep their order.
 
+Work that was put back to stand aside waits until no lane has a turn, or until something else arrives in its
+lane.
+
 Capacity and what is dropped: samples are dropped, newest first, when the queue is full in items or in bytes,
 or when one source has taken its share of either, so that no source shuts the others out; the session finds
 the hole by its number and asks again. Commands are never dropped: there is room for as many again, of one
@@ -80,7 +83,7 @@ class _Load:
 class _Lane(Generic[T]):
     """The waiting items of one station, in order."""
 
-    __slots__ = ("commands", "due", "items")
+    __slots__ = ("commands", "due", "items", "stands_aside")
 
     def __init__(self) -> None:
         # Each with what it counts for, if for anything, its size [bytes], and whether it is a command.
@@ -88,6 +91,7 @@ class _Lane(Generic[T]):
         self.items: deque[tuple[T, _Load | None, int, bool, int]] = deque()
         self.commands = 0
         self.due = 0.0  # [s] virtual time; its turn comes BURST_S earlier
+        self.stands_aside = False  # its first item does
 
 
 class WorkQueue(Generic[T]):
@@ -107,6 +111,7 @@ class WorkQueue(Generic[T]):
         self._lanes: dict[str, _Lane[T]] = {}
         # A heap of the lanes that wait, but for the one in service.
         self._turns: list[tuple[float, int, _Lane[T]]] = []
+        self._aside: dict[_Lane[T], None] = {}  # lanes that stand aside, in order
         self._served: _Lane[T] | None = None
         self._virtual_s, self._count = 0.0, count()
         self._waiting, self._woken = 0, False
@@ -163,10 +168,11 @@ class WorkQueue(Generic[T]):
         with self._lock:
             self._enqueue(lane, item)
 
-    def put_back(self, item: T) -> None:
-        """Put an item in front of the lane that `get` served last."""
+    def put_back(self, item: T, *, stands_aside: bool = False) -> None:
+        """Put an item in front of the lane that `get` served last; it may stand aside for other lanes."""
         with self._lock:
             assert self._served is not None
+            self._served.stands_aside = stands_aside
             self._served.items.appendleft((item, None, 0, False, 1))
             self._waiting += 1
 
@@ -174,13 +180,17 @@ class WorkQueue(Generic[T]):
         """Return the next item; None after the timeout [s] or a call of `wake`."""
         with self._lock:
             self._end_turn()
-            if not self._turns and not self._woken:
+            if not self._turns and not self._aside and not self._woken:
                 self._arrived.wait(timeout_s)
-            if not self._turns:
+            if self._turns:
+                self._virtual_s, _, lane = heappop(self._turns)
+            elif self._aside:
+                lane = next(iter(self._aside))
+                del self._aside[lane]
+            else:
                 self._woken = False
                 return None
-            self._virtual_s, _, lane = heappop(self._turns)
-            self._served = lane
+            self._served, lane.stands_aside = lane, False
             item, load, size, command, count = lane.items.popleft()
             lane.commands -= command
             self._waiting -= count
@@ -244,7 +254,8 @@ class WorkQueue(Generic[T]):
         lane.items.append((item, load, size, command, count))
         lane.commands += command
         self._waiting += count
-        if len(lane.items) == 1 and lane is not self._served:
+        if lane is not self._served and (len(lane.items) == 1 or lane in self._aside):
+            self._aside.pop(lane, None)
             self._queue(lane)
             self._arrived.notify()
 
@@ -255,7 +266,11 @@ class WorkQueue(Generic[T]):
 
     def _end_turn(self) -> None:
         lane, self._served = self._served, None
-        if lane is not None and lane.items:
+        if lane is None or not lane.items:
+            return
+        if lane.stands_aside and len(lane.items) == 1:
+            self._aside[lane] = None
+        else:
             self._queue(lane)
 
     def _new_lane(self, name: str) -> _Lane[T]:

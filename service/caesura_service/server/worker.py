@@ -21,6 +21,7 @@ from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Ack, Control, Heartbeat, Preview, SampleBatch
 from caesura_protocol.messages import Command as Wanted
 from caesura_protocol.number_words import counted
+from caesura_service.cooperative_scheduler import stand_aside
 from caesura_service.ownership.registry import REBUILDING, Registry
 from caesura_service.publishing.events import (
     BatchRejected,
@@ -125,7 +126,7 @@ class Worker(BackgroundThread):
             else:
                 done = self._run_slice(arrival, lane)
             if not done:
-                self._queue.put_back(Unfinished(lane))
+                self._queue.put_back(Unfinished(lane), stands_aside=self._registry.slices.stands_aside(lane))
             self._charge(lane, time.perf_counter() - began)
             if done:
                 self._previewing.discard(lane)
@@ -212,8 +213,12 @@ class Worker(BackgroundThread):
         self.emit(self._registry.handle_samples(station, message, self._clock()))
 
     def _process_batches(self, arrival: BatchesReceived) -> None:
-        """Process batches in turn, those of one observation together."""
+        """Process batches in turn, those of one observation together.
+
+        The program that the last ones change is made once no other station waits for its segments.
+        """
         block, station = arrival.block, arrival.station
+        session = block.session
         while block.payloads:
             count, outputs = self._registry.handle_together(station, block, self._clock())
             if not count:
@@ -221,6 +226,10 @@ class Worker(BackgroundThread):
                 self._process_samples(RawPayload(arrival.key, payload, ENCODING, len(payload)), station)
             self.emit(outputs)
             block = block.after(max(count, 1))
+            if self._registry.has_due_program(station, session):
+                if not block.payloads:
+                    stand_aside()
+                self.emit(self._registry.make_due_program(station, session))
 
     def _process_command(self, arrival: CommandReceived) -> None:
         try:

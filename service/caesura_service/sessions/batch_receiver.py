@@ -73,8 +73,8 @@ class BatchReceiver:
         """Process the first batches of a block together, up to one with which an observation is complete.
 
         Those of a block that is early are held. Return how many those are, and the outputs of `receive_batch`
-        for each in turn. 0: the first one has to be received by itself. Raises JournalError where the first
-        one cannot be recorded.
+        for each in turn. 0: the first one has to be received by itself. A program that is due may be left to
+        the host's `make_due_program`. Raises JournalError where the first one cannot be recorded.
         """
         if block.layout.message.columns != self._columns or self._buffer.is_duplicate(block.first):
             return 0, []
@@ -169,7 +169,7 @@ class BatchReceiver:
         is_in_turn = self._buffer.is_in_turn(block.first)
         self._buffer.advance(count)
         if is_in_turn:
-            return count, self._host.push_together(samples[: count * n], count)
+            return count, self._host.push_together(samples[: count * n], count, without_program=True)
         self._update_missing_batch()
         outputs = self._host.push_together(samples[: count * n], count)
         return count, [*outputs, *self._process_ready(), *self.request_missing(now)]

@@ -32,6 +32,12 @@ class ClosedPipeline:
         """Raise RuntimeError: a closed session takes no samples."""
         raise RuntimeError("the session is closed")
 
+    push_without_program = push
+    has_due_program = False
+
+    def make_due_program(self) -> None:
+        """Do nothing: the program is final."""
+
     def declare_gap(self) -> None:
         """Raise RuntimeError: a closed session has all its gaps."""
         raise RuntimeError("the session is closed")

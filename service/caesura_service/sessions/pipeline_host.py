@@ -44,6 +44,7 @@ from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
 
 logger = logging.getLogger(__name__)
+Take = Callable[[NDArray[np.float64]], bool]  # a pipeline's `push`, or `push_without_program`
 
 
 class PreparedEdit(NamedTuple):
@@ -119,24 +120,43 @@ class PipelineHost:
     def push(self, samples: NDArray[np.float64]) -> list[Output]:
         """Push the samples (n, columns) of a batch; invalid ones are rejected and leave a gap."""
         try:
-            return self._push(samples, 1)
+            return self._push(samples, 1, self._pipeline.push)
         except ProtocolError as error:
             return [*self.reject_batch(error), *self.declare_gap(1)]
 
-    def push_together(self, samples: NDArray[np.float64], batches: int) -> list[Output]:
-        """Push the samples of so many batches of one size as `push` does in turn, where `due_s` allows it."""
+    def push_together(
+        self, samples: NDArray[np.float64], batches: int, *, without_program: bool = False
+    ) -> list[Output]:
+        """Push the samples of so many batches of one size as `push` does in turn, where `due_s` allows it.
+
+        without_program: one that is due is left to `make_due_program`, which has to be called next.
+        """
+        take = self._pipeline.push_without_program if without_program else self._pipeline.push
         try:
-            return self._push(samples, batches)
+            return self._push(samples, batches, take)
         except ProtocolError:  # nothing has changed: which batch has to be rejected is found one by one
             parts = np.split(samples, batches)
             return [output for part in parts if self.lifecycle == "open" for output in self.push(part)]
 
-    def _push(self, samples: NDArray[np.float64], count: int) -> list[Output]:
+    @property
+    def has_due_program(self) -> bool:
+        """Does `make_due_program` have anything to do?"""
+        return self._pipeline.has_due_program
+
+    def make_due_program(self) -> list[Output]:
+        """Make the program that the last push has left, if it has, and publish it."""
+        if not self._pipeline.has_due_program:
+            return []
+        try:
+            self._pipeline.make_due_program()  # may give way, as a push
+        except Exception as error:
+            return self._fail(error)
+        return self._run_guarded(self._update_view)
+
+    def _push(self, samples: NDArray[np.float64], count: int, take: Take) -> list[Output]:
         """Push the samples of so many batches. Raises ProtocolError for invalid ones; nothing has changed."""
         try:
-            changed = _push(
-                self._pipeline, samples
-            )  # may give way: what is published meanwhile is not retracted
+            changed = _push(take, samples)  # may give way: what is published meanwhile is not retracted
         except ProtocolError:
             raise
         except Exception as error:
@@ -362,7 +382,7 @@ class PipelineHost:
         self._program_pending |= self.state.program_header.version > before.program_header.version
         view = self.state.view
         due = view.gaps != before.view.gaps or view.t >= self._status_t + self._limits.status_interval_s
-        return [*changes, *self._program_if_due(), *([self.publish_status()] if due else [])]
+        return [*changes, *([self.publish_status()] if due else []), *self._program_if_due()]
 
     def _program_if_due(self) -> list[Output]:
         """Publish a changed program, the less often the longer it is; at once when closed."""
@@ -400,13 +420,13 @@ def replacing_apps(command: EditProgram) -> tuple[App, ...]:
     return command.apps if isinstance(command, AppliedProgramEdit) else ()
 
 
-def _push(pipeline: Pipeline, samples: NDArray[np.float64]) -> bool:
+def _push(take: Take, samples: NDArray[np.float64]) -> bool:
     """Push samples; return whether the view changed. Raises ProtocolError `malformed`.
 
     The pipeline raises a plain ValueError and is unchanged then; every other error is internal.
     """
     try:
-        return pipeline.push(samples)
+        return take(samples)
     except ValueError as error:
         if type(error) is not ValueError:
             raise

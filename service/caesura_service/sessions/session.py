@@ -233,13 +233,23 @@ class Session:
     def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process the first batches of a block together, as `receive` does in turn.
 
-        Return how many, and the outputs. 0: the first one has to be received by itself. Raises JournalError.
+        Return how many, and the outputs. 0: the first one has to be received by itself. A program that is due
+        is left to `make_due_program`, which has to be called next. Raises JournalError.
         """
         message, opening = block.layout.message, self._opening
         is_own = message.bridge in {opening.bridge, None} or opening.bridge is None
         if not is_own or message.epoch != opening.epoch or self._host.lifecycle != "open":
             return 0, []
         return self._receiver.receive_together(block, now)
+
+    @property
+    def has_due_program(self) -> bool:
+        """Does `make_due_program` have anything to do?"""
+        return self._host.has_due_program
+
+    def make_due_program(self) -> list[Output]:
+        """Make and publish the program that `receive_together` has left."""
+        return self._host.make_due_program()
 
     def is_repeated(self, edit: Edit | EditProgram) -> bool:
         """Whether an edit is the last one that was carried out: its author asks again for a lost answer.

@@ -309,6 +309,33 @@ def program_of(pipeline: SegmentationPipeline) -> tuple[wire.App, ...]:
     return task_program(steps, pipeline._grips, history.moment, least_s=0.3, paths=paths, gaps=view.gaps)
 
 
+def test_a_program_that_is_left_is_made_as_it_would_have_been_and_is_as_before_until_then():
+    wiping = load_recording(Path(__file__).parents[3] / "data" / "wiping.npz")
+    opening = wire.Open(session="any", columns=wiping.columns, wrench_source=wiping.wrench_source)
+    whole, apart = (make_pipeline(opening, "default") for _ in range(2))
+    left = 0
+    for samples in np.array_split(wiping.matrix(), 300):
+        before = apart.view
+        assert apart.push_without_program(samples) == whole.push(samples)
+        if apart.has_due_program:
+            between = apart.view
+            assert [between.apps, between.notes, between.unapplied] == [
+                before.apps,
+                before.notes,
+                before.unapplied,
+            ]
+            assert between._replace(apps=(), notes=()) == whole.view._replace(apps=(), notes=())
+            left += between != whole.view
+        apart.make_due_program()
+        assert not apart.has_due_program
+        assert apart.view == whole.view
+    assert left > 3
+    for pipeline in (whole, apart):
+        pipeline.finish()
+    assert apart.view == whole.view
+    assert len(apart.view.apps) > 1
+
+
 def test_phases_hold_every_segment_and_a_final_one_is_never_revised(monkeypatch: pytest.MonkeyPatch):
     wiping = load_recording(Path(__file__).parents[3] / "data" / "wiping.npz")
     now_and_then = list(views(wiping))

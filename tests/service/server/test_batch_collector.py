@@ -313,6 +313,7 @@ class Together(Service):
                 count, outputs = self.registry.handle_together(STATION, block, 0.0)
                 if count:
                     self.receive(outputs)
+                    self.receive(self.registry.make_due_program(STATION, block.session))
                     self.together += count > 1
                 else:
                     super().samples(RawPayload.of(KEY, block.payloads[0], ENCODING))

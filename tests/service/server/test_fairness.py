@@ -27,6 +27,7 @@ from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.token_bucket import Rate
 from harness.peer import DEADLINE_S, MemoryPeer
+from harness.processes import eventually
 from harness.sessions import batches, closing, opening
 
 
@@ -94,6 +95,55 @@ def test_while_one_stations_batch_takes_long_another_is_taught_from_its_opening_
     assert (ack.state, ack.next_seq) == ("closed", 3)
     status = peer.snapshot("slow", "cell-1").status
     assert (status.batches, status.repeats, status.gaps, status.lost) == (3, 0, (), 0)
+
+
+class Owing(FakePipeline):
+    """Leaves a program after every batch, and writes down what it does when; `first` waits for the gate."""
+
+    due_s = 0.0
+    gate: threading.Event
+    begun: threading.Event
+    done: list[tuple[str, str]]
+    session: str
+
+    def push_without_program(self, samples: NDArray[np.float64]) -> bool:
+        self.done.append((self.session, "segments"))
+        if self.session == "first":
+            self.begun.set()
+            self.gate.wait(DEADLINE_S)
+        self.has_due_program = True
+        return super().push(samples)
+
+    def make_due_program(self) -> None:
+        if self.has_due_program:
+            self.done.append((self.session, "program"))
+        self.has_due_program = False
+
+
+def test_no_station_waits_for_the_program_of_another(config, network, gate, begun):
+    done: list[tuple[str, str]] = []
+
+    def owing(command: Open, preset: str) -> Pipeline:
+        fake = make_fake_pipeline(command, preset)
+        fake.__class__ = Owing
+        vars(fake).update(gate=gate, begun=begun, done=done, session=command.session)
+        return fake
+
+    service = Service(config, pipeline_factory=owing, join=in_memory(network))
+    names = ("first", "second", "third")
+    with service, MemoryPeer(network) as peer:
+        for name in names:
+            peer.command(opening(name), name)
+            peer.send(batches(1, name)[0], name)  # from the second one on they come as blocks
+        for name in names:
+            peer.send(batches(2, name)[1], name)
+            assert begun.wait(DEADLINE_S), "the first one holds the worker"
+        eventually(lambda: len(service._edge._queue) == 2)
+        gate.set()
+        for name in names:
+            assert peer.command(closing(1, name), name).next_seq == 2
+    assert done[:3] == [(name, "segments") for name in names]
+    assert sorted(done[3:]) == [(name, "program") for name in sorted(names)]
 
 
 WORK = Rate(0.001, 0.0001)

@@ -47,6 +47,14 @@ class Held:
         assert self._gate.wait(30.0)
         return self._pipeline.push(samples)
 
+    has_due_program = False
+
+    def push_without_program(self, samples: NDArray[np.float64]) -> bool:
+        return self.push(samples)
+
+    def make_due_program(self) -> None:
+        """None is left."""
+
     @property
     def view(self) -> PipelineView:
         return self._pipeline.view

@@ -116,6 +116,41 @@ def test_samples_and_commands_of_a_station_share_a_lane_and_what_is_put_back_is_
     assert (len(inbox), taken(inbox, spent_s={})) == (3, [9, 2, 3])
 
 
+def test_what_stands_aside_waits_until_no_other_lane_has_a_turn():
+    inbox = inbox_of()
+    for lane in ("a", "b"):
+        inbox.offer(1, lane)
+        inbox.get(0.0)
+        inbox.put_back(10 if lane == "a" else 20, stands_aside=True)
+    inbox.offer(2, "c")
+    inbox.offer(3, "d")
+    assert [inbox.get(0.0), inbox.get(0.0)] == [2, 3]
+    assert [inbox.get(0.0), inbox.get(0.0)] == [10, 20], "in the order in which they stood aside"
+    assert (inbox.get(0.0), len(inbox)) == (None, 0)
+
+
+def test_what_stands_aside_has_its_turn_once_something_else_arrives_in_its_lane():
+    inbox = inbox_of()
+    inbox.offer(1, "a")
+    inbox.get(0.0)
+    inbox.put_back(10, stands_aside=True)
+    inbox.offer(2, "b")
+    assert inbox.get(0.0) == 2
+    inbox.offer(3, "a")
+    inbox.offer(4, "c")
+    assert [inbox.get(0.0) for _ in range(4)] == [10, 4, 3, None]
+
+
+def test_behind_what_stands_aside_something_waits_already():
+    inbox = inbox_of()
+    inbox.offer(1, "a")
+    inbox.offer(2, "b")
+    inbox.offer(3, "a")
+    assert inbox.get(0.0) == 1
+    inbox.put_back(10, stands_aside=True)
+    assert [inbox.get(0.0) for _ in range(4)] == [2, 10, 3, None]
+
+
 def test_so_many_commands_of_one_station_wait_and_those_of_another_have_their_own_room():
     inbox: WorkQueue[int] = WorkQueue(QueueSettings(10, commands=2))
     assert [inbox.put_command(item, "a") for item in range(3)] == [True, True, False]

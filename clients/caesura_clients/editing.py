@@ -77,7 +77,7 @@ def send(transport: Transport, station: str, made: Made, *, patience_s: float = 
         except ProtocolError as refusal:
             if refusal.code != "overloaded" or time.monotonic() >= began + patience_s:
                 raise
-        except Unreachable:  # asking again does no harm: carried out once, it is stale
+        except Unreachable:  # asking again does no harm: what was carried out is acknowledged once more
             if time.monotonic() >= began + min(patience_s, SILENCE_S):
                 raise
         time.sleep(RETRY_S)

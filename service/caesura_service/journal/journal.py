@@ -19,6 +19,7 @@ from typing import NamedTuple, Protocol
 from caesura_protocol.messages import (
     Close,
     Describe,
+    Edit,
     EditProgram,
     Error,
     JournalReport,
@@ -132,6 +133,11 @@ class Journal(Protocol):
 
     def edits(self, station: str, session: str) -> tuple[AppliedEdit, ...]:
         """Return the edits of a session, oldest first."""
+
+    def last_edit(
+        self, station: str, session: str, kind: type[Edit] | type[EditProgram]
+    ) -> Edit | EditProgram | None:
+        """Return the last edit of a session, or of its program; None without one. Raises JournalError."""
 
     def sessions(self) -> tuple[Key, ...]:
         """Return (station, session) of every session, in the order of their first record."""

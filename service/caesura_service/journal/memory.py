@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 
 from caesura_protocol.codec import decode, encoding_of
-from caesura_protocol.messages import Close, Describe, EditProgram, JournalReport, SampleBatch
+from caesura_protocol.messages import Close, Describe, Edit, EditProgram, JournalReport, SampleBatch
 from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.journal import (
     Copy,
@@ -84,6 +84,13 @@ class MemoryJournal:
         """Return the edits of a session, oldest first."""
         messages = (record.message for record in self._records.get((station, session), ()))
         return tuple(message for message in messages if isinstance(message, AppliedEdit))
+
+    def last_edit(
+        self, station: str, session: str, kind: type[Edit] | type[EditProgram]
+    ) -> Edit | EditProgram | None:
+        """Return the last edit of a session, or of its program; None without one."""
+        messages = (record.message for record in reversed(self._records.get((station, session), ())))
+        return next((message for message in messages if isinstance(message, kind)), None)
 
     def sessions(self) -> tuple[Key, ...]:
         """Return (station, session) of every session, oldest first."""

@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 
 from caesura_protocol.codec import encoding_of
-from caesura_protocol.messages import Close, Describe, EditProgram
+from caesura_protocol.messages import Close, Describe, Edit, EditProgram
 from caesura_protocol.number_words import counted
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.edits import AppliedEdit
@@ -151,6 +151,13 @@ SELECT_EDITS = f"""
 SELECT * FROM records WHERE encoding = '{EDIT}' AND session_id = (
     SELECT id FROM sessions WHERE station = ? AND session = ?
 ) ORDER BY place"""
+SELECT_LAST_EDIT = {
+    kind: f"""
+SELECT * FROM records WHERE encoding = '{encoding}' AND session_id = (
+    SELECT id FROM sessions WHERE station = ? AND session = ?
+) ORDER BY place DESC LIMIT 1"""
+    for kind, encoding in ((Edit, EDIT), (EditProgram, EDIT_PROGRAM))
+}
 SELECT_BEYOND = """
 SELECT * FROM records
 WHERE session_id = (SELECT id FROM sessions WHERE station = :station AND session = :session)

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from caesura_protocol.messages import JournalReport
+from caesura_protocol.messages import Edit, EditProgram, JournalReport
 from caesura_service.journal.deletion import mark_deleted
 from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
@@ -37,12 +37,14 @@ from caesura_service.journal.peer_journals import open_for_reading
 from caesura_service.journal.retention import DAY_S, JournalSettings, StationUsage, excess
 from caesura_service.journal.rows import (
     SessionRow,
+    Stored,
     copies_in,
     edits_of,
     epoch_in,
     outcome_of,
     pages_of,
     record_of,
+    verify,
 )
 from caesura_service.journal.salvage import copy_intact_sessions
 from caesura_service.journal.schema import (
@@ -52,6 +54,7 @@ from caesura_service.journal.schema import (
     SELECT_EDITS,
     SELECT_EXTENT,
     SELECT_KEYS,
+    SELECT_LAST_EDIT,
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
     SELECT_OUTCOME,
@@ -143,6 +146,17 @@ class SqliteJournal(SqliteWriter):
         with self._writing, map_sqlite_errors(self.path):
             rows = self._database.execute(SELECT_EDITS, (station, session)).fetchall()
             return edits_of((station, session), rows)
+
+    def last_edit(
+        self, station: str, session: str, kind: type[Edit] | type[EditProgram]
+    ) -> Edit | EditProgram | None:
+        """Return the last edit of a session, or of its program; None without one. Raises JournalError."""
+        self.commit()
+        key = (station, session)
+        with self._writing, map_sqlite_errors(self.path):
+            row = self._database.execute(SELECT_LAST_EDIT[kind], key).fetchone()
+            message = record_of(key, verify(key, Stored(*row))).message if row else None
+        return message if isinstance(message, kind) else None
 
     def sessions(self) -> tuple[Key, ...]:
         """Return (station, session) of every session, oldest first."""

@@ -184,7 +184,7 @@ class Registry:
                 if not session.has_pipeline and _needs_rebuilding(command, session):
                     owner = self.ownership.owner(station, now)
                     return [Reply(self._rebuilder.request(station, session, owner))]
-                if isinstance(command, EditProgram):
+                if isinstance(command, EditProgram) and not session.is_repeated(command):
                     command = self._with_apps(station, session, command)
                 return self._track_throttled(session, session.receive(command, now))
         except ProtocolError as error:
@@ -464,11 +464,12 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
     """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
     if isinstance(command, Edit) and session.is_repeated(command):
         return False
+    if not session.has_records:  # only a peer's journal has them, and the last edit
+        return isinstance(command, Edit | Preview | Describe | EditProgram)
     if isinstance(command, Edit | Preview):
         session.check_revision(command)
         return True
-    # only a peer's journal has the records
-    return isinstance(command, Describe | EditProgram) and not session.has_records
+    return False
 
 
 class _JournalErrorsAs:

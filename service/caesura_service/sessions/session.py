@@ -23,7 +23,6 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     Ack,
     Close,
-    Correction,
     Describe,
     Edit,
     EditEffect,
@@ -32,7 +31,6 @@ from caesura_protocol.messages import (
     Heartbeat,
     Open,
     Preview,
-    ProgramEdit,
     Redo,
     SampleBatch,
     TakeBack,
@@ -254,17 +252,13 @@ class Session:
     def is_repeated(self, edit: Edit | EditProgram) -> bool:
         """Whether an edit is the last one that was carried out: its author asks again for a lost answer.
 
-        False for what no list has by its number: undo, redo and take_back.
+        Raises JournalError.
         """
-        last: Correction | ProgramEdit | None
-        if isinstance(edit, Edit):
-            revision, last = self.revision, next(iter(self.state.program_header.corrections[-1:]), None)
-        else:
-            log = self.state.program_edits
-            revision, last = log.revision, next(iter(log.active[-1:]), None)
-        if last is None or not edit.revision + 1 == revision == last.number:
+        kind = Edit if isinstance(edit, Edit) else EditProgram
+        revision = self.revision if kind is Edit else self.state.program_edits.revision
+        if edit.revision + 1 != revision or (last := self._journal.last_edit(kind)) is None:
             return False
-        return (last.author, last.action) == (edit.author, edit.action)
+        return (last.revision, last.author, last.action) == (edit.revision, edit.author, edit.action)
 
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from caesura_protocol.messages import SampleBatch
+from caesura_protocol.messages import Edit, EditProgram, SampleBatch
 from caesura_service.journal import EncodedBatch, Journal, JournalError, Outcome, Record, Recordable
 from caesura_service.sessions.batch_block import BatchBlock
 
@@ -39,6 +39,10 @@ class SessionJournal:
             copy.closed and copy.edits >= edits and copy.described >= annotations
             for copy in self._journal.copies(self._station, self._session)
         )
+
+    def last_edit(self, kind: type[Edit] | type[EditProgram]) -> Edit | EditProgram | None:
+        """Return the last edit of the session, or of its program. Raises JournalError."""
+        return None if self._journal is None else self._journal.last_edit(self._station, self._session, kind)
 
     def append(self, message: Recordable, now: float) -> None:
         """Append a message; all except batches are on disk then. Raises JournalError and changes nothing."""

@@ -86,6 +86,22 @@ def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_a
     assert T in [one.t for one in b.standing.view.changepoints]
 
 
+def test_an_undo_of_a_closed_session_is_acknowledged_again_by_another_instance_and_made_once(pair):
+    """Only the records have whose undo it was, and b has none before it rebuilds the session."""
+    a, b = pair
+    a.open()
+    a.feed(*range(COUNT))
+    a.close()
+    acks = [corrected(a, 0), corrected(a, 1, Insert(t=0.525)), corrected(a, 2, Undo())]
+    a.kill()
+    b.take()
+    assert refused(corrected(b, 2, Undo())).code == "overloaded"
+    stepped(b.registry)
+    assert (corrected(b, 2, Undo()), b.standing.revision) == (acks[-1], 3)
+    other = refused(answer(b.registry.handle_command(STATION, edit(2, Undo(), author="Bo"), 9.0)))
+    assert (other.code, other.limit) == ("conflict", 3)
+
+
 @pytest.mark.parametrize("cancelled_after", [None, *range(COUNT, COUNT + 5)])
 def test_an_edit_of_the_program_waits_until_all_that_a_peer_recorded_is_copied(
     pair, cancelled_after: int | None

@@ -27,6 +27,7 @@ from caesura_protocol.messages import (
     ProgramAction,
     Redo,
     ReplacePart,
+    TakeBack,
     Undo,
 )
 from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
@@ -117,22 +118,31 @@ def test_an_acknowledged_edit_is_there_after_the_service_was_killed(tmp_path: Pa
 
 @pytest.mark.parametrize("is_closed", [False, True])
 @pytest.mark.parametrize(
-    "command",
+    ("kind", "actions"),
     [
-        EditProgram(session=NAME, revision=0, author="Ann", action=DuplicateApp(app=FIRST)),
-        Edit(session=NAME, revision=0, author="Ann", action=Insert(t=1.235)),
+        (EditProgram, [DuplicateApp(app=FIRST)]),
+        (EditProgram, [RENAMED, RENAMED, Undo()]),
+        (EditProgram, [RENAMED, DuplicateApp(app=FIRST), Undo(), Undo(), Redo()]),
+        (Edit, [Insert(t=1.235)]),
+        (Edit, [Insert(t=0.8), Insert(t=1.235), Undo()]),
+        (Edit, [Insert(t=0.8), Insert(t=1.235), Undo(), Undo(), Redo()]),
+        (Edit, [Insert(t=0.8), Insert(t=1.235), TakeBack(number=1)]),
     ],
 )
 def test_an_edit_whose_answer_was_lost_is_acknowledged_again_and_made_once(
-    tmp_path: Path, command: Edit | EditProgram, is_closed: bool
+    tmp_path: Path, kind: type[Edit] | type[EditProgram], actions: list[Any], is_closed: bool
 ):
     """A client asks again after a kill; it once read that another operator had been first."""
     with registry_on(tmp_path / "a.sqlite") as registry:
         taught(registry, closed=is_closed)
-        while isinstance(answered := ask(registry, command), ProtocolError):
-            assert answered.code == "overloaded"
-            registry.rebuild_step()
+        for revision, action in enumerate(actions):
+            command = kind(session=NAME, revision=revision, author="Ann", action=action)
+            while isinstance(answered := ask(registry, command), ProtocolError):
+                assert answered.code == "overloaded"
+                registry.rebuild_step()
         before = program(registry)
+        assert ask(registry, command) == answered.model_copy(update={"effect": None})
+        assert program(registry) == before
     with registry_on(tmp_path / "a.sqlite") as registry:
         again = ask(registry, command)
         assert again == answered.model_copy(update={"effect": None})
@@ -328,6 +338,22 @@ def test_a_part_taught_again_survives_a_restart_and_the_deletion_of_its_session(
         redo = EditProgram(session=NAME, revision=2, author="Bo", action=Redo())
         assert isinstance(ask(registry, redo), Ack)
         assert tuple(edited_program(registry).apps) == tuple(shown.apps)
+
+
+def test_a_part_whose_answer_was_lost_is_acknowledged_though_its_session_was_deleted_meanwhile(
+    tmp_path: Path,
+):
+    path = tmp_path / "a.sqlite"
+    command = EditProgram(session=NAME, revision=0, author="Ann", action=PART)
+    with registry_on(path) as registry:
+        taught(registry)
+        teach_again(registry)
+        answered = ask(registry, command)
+    with SqliteJournal(path, JournalSettings()) as journal:
+        journal.delete(STATION, AGAIN)
+    with registry_on(path) as registry:
+        assert ask(registry, command) == answered
+        assert edited_program(registry).edit_revision == 1
 
 
 def test_a_closed_session_is_rebuilt_from_its_records_with_the_part_bit_for_bit(tmp_path: Path):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from caesura_protocol.messages import App, RestForce
 from caesura_protocol.number_words import fixed
 
+LEAST_FORCE_N = 1e-3  # of a press, for it to have a direction: scripts state forces in such steps
 CUT_SHARE = 1e-9  # of a force that may be missing where nothing was cut
 
 
@@ -23,6 +24,11 @@ class ExertedForce(NamedTuple):
     def is_cut(self) -> bool:
         """Is less exerted than was taught?"""
         return self.newton < self.newton_taught * (1.0 - CUT_SHARE)
+
+
+def is_press(newton: float) -> bool:
+    """Is a force [N] one to press with? The size of a vector of LEAST_FORCE_N may be rounded down."""
+    return newton >= LEAST_FORCE_N * (1.0 - CUT_SHARE)
 
 
 def with_force_limit(app: App, limit_n: float) -> App:

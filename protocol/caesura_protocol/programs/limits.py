@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS, app_name
-from caesura_protocol.force_limit import exerted_forces
+from caesura_protocol.force_limit import LEAST_FORCE_N, exerted_forces, is_press
 from caesura_protocol.messages import App, Quaternion, Vector
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.document import ProgramFile
@@ -36,7 +36,6 @@ CONSTANTS = {
     "MAX_PAUSE_S": ("pause_s", "between two apps; what was taught longer is shortened"),
 }
 FORCE_SLACK_N = 1e-6
-LEAST_FORCE_N = 1e-3  # of a press: scripts state forces in such steps
 SLIDE_M = 0.015  # from which on a way in contact is one along a surface, as in franky's template
 MOST_FRICTION = 1.0  # coefficient of Coulomb friction, as coaching takes it
 STRAIGHT_SHARE = 0.9  # of the way of a stroke, that its ends are apart
@@ -106,7 +105,7 @@ def _refuse_incomplete(name: str, app: App) -> None:
     if app.path is not None and app.target is None:
         raise ValueError(f"{name} has a path, but no target")
     newtons = math.hypot(*(app.force or ()))
-    if APP_KINDS[app.kind].presses and newtons < LEAST_FORCE_N:
+    if APP_KINDS[app.kind].presses and not is_press(newtons):
         expected = f"expected one with a direction, at least {LEAST_FORCE_N:g} N"
         raise ValueError(f"{name}: force {newtons:g} N, {expected}")
 

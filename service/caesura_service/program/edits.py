@@ -21,7 +21,13 @@ from typing import Any, NamedTuple, get_args
 
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.force_limit import CUT_SHARE, is_path_limited, with_force_limit
+from caesura_protocol.force_limit import (
+    CUT_SHARE,
+    LEAST_FORCE_N,
+    is_path_limited,
+    is_press,
+    with_force_limit,
+)
 from caesura_protocol.messages import (
     MAX_PROGRAM_EDITS,
     MAX_TAUGHT_AGAIN,
@@ -56,7 +62,6 @@ NAMED = 3  # apps in the reason of an edit that is not applied: a reference may 
 OTHER_S = 2 * SLACK_S  # by which an end of an app has moved, for the program to say so
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
 MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any robot: sums of them stay numbers
-LEAST_N = 1e-6  # of a force that has a direction
 FIELDS: tuple[AppField, ...] = get_args(AppField)
 
 
@@ -352,7 +357,7 @@ class _Draft:
         if lacks:
             raise _NotApplicableError(f"'{app_title(app.kind)}' {lacks}")
         if name == "force_n":
-            self._check_force(value)
+            self._check_force(value, presses=True)
             self._check_corrected_force(value, app)
         if name == "target":
             self._check_target(value)
@@ -361,8 +366,10 @@ class _Draft:
         if max(map(abs, target)) > MOST_M:
             raise _NotApplicableError(f"its target is more than {MOST_M:g} m away")
 
-    def _check_force(self, newtons: float) -> None:
+    def _check_force(self, newtons: float, presses: bool) -> None:
         most = self._force_limit_n
+        if presses and not is_press(newtons):
+            raise _NotApplicableError(f"{newtons:g} N is less than the least of a press, {LEAST_FORCE_N:g} N")
         if newtons > MOST_N:
             raise _NotApplicableError(f"{newtons:g} N is more than any robot exerts")
         if most is not None and newtons > most:
@@ -389,10 +396,7 @@ class _Draft:
         if insert.target is not None:
             self._check_target(insert.target)
         if insert.force is not None:
-            newtons = math.hypot(*insert.force)
-            self._check_force(newtons)
-            if facts.presses and newtons <= LEAST_N:
-                raise _NotApplicableError(f"a force of {newtons:g} N has no direction to press in")
+            self._check_force(math.hypot(*insert.force), facts.presses)
         t0 = before.tn if before else following.t0 if following else 0.0
         app = App(
             kind=insert.kind,
@@ -477,7 +481,7 @@ def _set_force(app: App, newtons: float) -> dict[str, Any]:
     """Rests beside a stroke are pressed harder or softer by the same factor."""
     direction = _direction(app)
     x, y, z = (newtons / math.hypot(*direction) * component for component in direction)
-    factor = newtons / max(math.hypot(*(app.force or direction)), LEAST_N)
+    factor = newtons / max(math.hypot(*(app.force or direction)), LEAST_FORCE_N)
     rests = (("rest_before", app.rest_before), ("rest_after", app.rest_after))
     pressed = {name: _pressed(rest, factor, newtons) for name, rest in rests if rest is not None}
     return {"force": (x, y, z), **pressed}
@@ -512,7 +516,7 @@ def _direction(app: App) -> Vector:
 def _lacks_force(app: App) -> str:
     if not APP_KINDS[app.kind].presses or app.force is None:
         return "exerts no force"
-    return "" if math.hypot(*_direction(app)) > LEAST_N else "has no direction of force that was taught"
+    return "" if is_press(math.hypot(*_direction(app))) else "has no direction of force that was taught"
 
 
 #: Why an app cannot have a field, empty where it can; fields that are not here every app has.

@@ -24,6 +24,7 @@ from typing import Any
 
 from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.force_limit import LEAST_FORCE_N, is_press
 from caesura_protocol.messages import (
     MAX_CORRECTIONS,
     App,
@@ -420,6 +421,9 @@ def _limited(t: float, newton: float | None, shown: EditContext) -> float:
     if newton is not None and most is not None and newton > most:
         why = "no app exerts more than the cell's force limit"
         raise ProtocolError("malformed", why, value=newton, limit=most)
+    if newton is not None and not is_press(newton):
+        why = "that is less than the least of a press"
+        raise ProtocolError("malformed", why, value=newton, limit=LEAST_FORCE_N)
     _check_time(t, shown)
     exerting = [app for app in shown.apps if app.force is not None]
     near = sorted(exerting, key=lambda app: max(app.t0 - t, t - app.tn))

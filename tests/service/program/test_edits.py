@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.force_limit import LEAST_FORCE_N
 from caesura_protocol.messages import (
     App,
     AppPath,
@@ -34,6 +35,7 @@ from caesura_protocol.messages import (
     ViaPoint,
 )
 from caesura_protocol.programs.document import document
+from caesura_protocol.programs.limits import refuse_beyond_limits
 from caesura_service.program import edits as edits_module
 from caesura_service.program.edits import EditLog, apply, check_applies, log_of, with_edits
 from harness.programs import app, pick_and_place, press, pressed_harder_before
@@ -182,6 +184,24 @@ def test_a_force_keeps_the_direction_that_was_taught_and_the_limit_of_the_cell()
     assert "Edit 1 by Ann (change) is not applied: 40 N is more" in limited.notes[-1]
 
 
+@pytest.mark.parametrize("newtons", [0.0, 2e-6, 0.99 * LEAST_FORCE_N, LEAST_FORCE_N, 0.0011])
+def test_a_press_that_no_script_states_is_refused_and_every_other_is_written(newtons: float):
+    """Presses of 1e-6 to 1e-3 N were accepted, and then refused by every exporter of scripts."""
+    touch, pressing, leave = press()
+    slanted = pressing.model_copy(update={"force": (1.0, 2.0, -3.0), "force_taught": (1.0, 2.0, -3.0)})
+    actions = (
+        ChangeApp(app=ref(slanted), force_n=newtons),
+        InsertApp(after=ref(touch), kind="apply_force", force=(0.0, 0.0, -newtons)),
+    )
+    for action in actions:
+        made = edited((touch, slanted, leave), action)
+        if newtons < LEAST_FORCE_N:
+            assert made.edits[0].reason == f"{newtons:g} N is less than the least of a press, 0.001 N"
+        else:
+            assert made.edits[0].state == "applied"
+        refuse_beyond_limits(document(made))
+
+
 def test_rests_beside_a_stroke_are_pressed_harder_or_softer_with_it():
     apps = pressed_harder_before()
     softer = edited(apps, ChangeApp(app=ref(apps[1]), force_n=5.0)).apps[1]
@@ -251,7 +271,7 @@ def test_a_position_gets_a_name_and_loses_it_again():
         (InsertApp(after=None, kind="apply_force"), "'apply force' needs a force"),
         (
             InsertApp(after=None, kind="apply_force", force=(0.0, 0.0, 0.0)),
-            "a force of 0 N has no direction to press in",
+            "0 N is less than the least of a press, 0.001 N",
         ),
         (
             MoveApp(app=ref(press()[0]), after=None),
@@ -408,7 +428,7 @@ def test_a_value_beyond_any_robot_is_refused_before_it_is_infinite_or_no_number(
         ([ChangeApp(app=ref(first), target=FAR)], "more than 100 m away"),
         ([InsertApp(after=None, kind="cartesian_motion", target=FAR)], "more than 100 m away"),
         ([InsertApp(after=None, kind="apply_force", force=STRONG)], "more than any robot exerts"),
-        ([press_faintly], "has no direction to press in"),
+        ([press_faintly], "is less than the least of a press"),
         ([ChangeApp(app=ref(faint), force_n=1e300)], "has no direction of force"),
     ):
         shown = edited((*taught(), faint), *actions)

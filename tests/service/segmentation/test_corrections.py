@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
+from caesura_protocol.force_limit import LEAST_FORCE_N
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import (
     MAX_CORRECTIONS,
@@ -269,6 +270,8 @@ def test_a_force_limit_without_a_force_or_above_the_cells_is_refused(shown: Pipe
     limited = make_pipeline(opening.model_copy(update={"force_limit_n": 10.0}), "default")
     error = refusal(limited, LimitForce(t=0.0, newton=10.5))
     assert (error.code, error.value, error.limit) == ("malformed", 10.5, 10.0)
+    error = refusal(shown, LimitForce(t=0.0, newton=LEAST_FORCE_N / 2))
+    assert (error.code, error.value, error.limit) == ("malformed", LEAST_FORCE_N / 2, LEAST_FORCE_N)
 
 
 def test_a_segment_behind_a_gap_begins_there_whatever_is_corrected():

@@ -105,7 +105,7 @@ def _write_mcap(out: Path, station: str, found: RecordedSession) -> None:
         columns=recording.columns,
         poses=mcap.poses_of(recording),
         more={"missing_batches": str(recorder.lost)},
-        complete=found.closed,
+        program=mcap.TaskProgram(complete=found.closed),
     )
     if snapshot is not None:
         content = replace(
@@ -113,8 +113,8 @@ def _write_mcap(out: Path, station: str, found: RecordedSession) -> None:
             segments=snapshot.segments.segments,
             changepoints=snapshot.changepoints.changepoints,
             gaps=snapshot.status.gaps,
-            apps=snapshot.program.apps,
-            notes=snapshot.program.notes,
+            phases=snapshot.segments.phases,
+            program=mcap.TaskProgram.of(snapshot.program),
             wrench_note=snapshot.status.wrench.note,
         )
     mcap.write_mcap(out, content)

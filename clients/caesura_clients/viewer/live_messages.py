@@ -283,18 +283,10 @@ def _time_of_day(t: float, began_s: float | None) -> int:
 
 def _results_of(update: Update) -> dict[str, tuple[Message, ...]]:
     """Results by topic."""
-    program = TaskProgram(
-        complete=update.program.complete,
-        apps=update.program.apps,
-        notes=update.program.notes,
-        force_limit_n=update.program.force_limit_n,
-        robot=update.program.robot,
-        up=update.program.up,
-    )
     return {
         "/segments": update.segments,
         "/phases": update.phases,
         "/changepoints": update.changepoints,
         "/gaps": update.status.gaps,
-        "/program": (program,),
+        "/program": (TaskProgram.of(update.program),),
     }

@@ -18,6 +18,7 @@ from caesura_lab.commands.segment import segmented
 from caesura_lab.recording_warnings import without_confirmed
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
+from caesura_protocol.formats.channels import TaskProgram
 from caesura_protocol.formats.read import load_recording, recordings_of
 from caesura_protocol.formats.write import WRITERS, check_writable
 from caesura_protocol.number_words import counted
@@ -121,6 +122,12 @@ def _taught(recording: Recording, preset: str, name: str | None = None) -> Sessi
         recording=recording,
         began_s=max(0.0, -float(recording.t.min())),  # unknown; a time before 1970 cannot be written
         view=view,
-        notes=(*view.notes, *recording.cautions),
-        complete=True,
+        program=TaskProgram(
+            complete=True,
+            apps=tuple(view.apps),
+            notes=(*view.notes, *recording.cautions),
+            force_limit_n=view.force_limit_n,
+            robot=view.robot,
+            up=view.up,
+        ),
     )

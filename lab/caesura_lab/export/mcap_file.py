@@ -49,11 +49,8 @@ def content_of(session: SessionExport) -> McapContent:
         phases=tuple(view.phases),
         changepoints=tuple(view.changepoints),
         gaps=view.gaps,
-        apps=tuple(view.apps),
-        notes=session.notes,
-        force_limit_n=view.force_limit_n,
+        program=session.program,
         wrench_note=view.wrench.note,
-        complete=session.complete,
     )
 
 

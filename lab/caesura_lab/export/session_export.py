@@ -14,14 +14,17 @@ from dataclasses import dataclass, field
 
 from caesura_protocol.codec import unpack_samples
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Close, Describe, Description, Open, SampleBatch
+from caesura_protocol.formats.channels import TaskProgram
+from caesura_protocol.messages import Close, Describe, Description, Open, Program, SampleBatch
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.config import DEFAULT_PRESET
 from caesura_service.journal import Journal, MemoryJournal, Outcome, Record
 from caesura_service.offline_segmentation import recording_of
 from caesura_service.ownership.registry import Registry
+from caesura_service.ownership.takeover import is_current
+from caesura_service.program import log_of, with_edits
 from caesura_service.publishing.events import Owner
-from caesura_service.publishing.session_state import SessionState
+from caesura_service.publishing.session_state import SessionState, program_of
 from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.sessions.closed_pipeline import view_from_snapshot
@@ -37,8 +40,7 @@ class SessionExport:
     recording: Recording  # as it was sent
     began_s: float  # [s] time of day at the session's time 0
     view: PipelineView
-    notes: tuple[str, ...]  # of the program
-    complete: bool  # the session is closed
+    program: TaskProgram  # as people edited it
     description: Description = field(default_factory=Description)  # what people state about it
 
 
@@ -46,12 +48,11 @@ def read_session_export(journal: Journal, station: str, session: str) -> Session
     """Read a session from a journal. Raises RecordingError where it has no samples, JournalError."""
     records = [_with_preset(record) for record in journal.replay(station, session)]
     recording = recording_of(records)
-    outcome = journal.outcome(station, session)
-    whole = outcome is not None and not outcome.snapshot.status.gaps_before
-    view, notes, complete = _result_of_outcome(outcome) if outcome and whole else _result_of_records(records)
+    outcome = _whole_outcome(journal, station, session)
+    view, program = _result_of_records(records) if outcome is None else _result_of_outcome(outcome)
     opening = [record.message for record in records if isinstance(record.message, Open)][-1]
     began_s, description = _session_began_s(records), description_of(records)
-    return SessionExport(station, opening, recording, began_s, view, notes, complete, description)
+    return SessionExport(station, opening, recording, began_s, view, TaskProgram.of(program), description)
 
 
 def description_of(records: Sequence[Record]) -> Description:
@@ -75,15 +76,24 @@ def _with_preset(record: Record) -> Record:
     return record._replace(message=message.model_copy(update={"preset": DEFAULT_PRESET}))
 
 
-def _result_of_outcome(outcome: Outcome) -> tuple[PipelineView, tuple[str, ...], bool]:
-    """Return view, notes and completeness from the stored outcome of a closed session."""
-    return view_from_snapshot(outcome.snapshot), outcome.snapshot.program.notes, True
+def _whole_outcome(journal: Journal, station: str, session: str) -> Outcome | None:
+    """Return the stored outcome of a closed session, where it has all gaps and the last edit."""
+    outcome = journal.outcome(station, session)
+    (copy,) = journal.copies(station, session)
+    whole = outcome is not None and not outcome.snapshot.status.gaps_before and is_current(outcome, copy)
+    return outcome if whole else None
 
 
-def _result_of_records(records: Sequence[Record]) -> tuple[PipelineView, tuple[str, ...], bool]:
-    """Return view, notes and completeness by replaying the records through the service."""
+def _result_of_outcome(outcome: Outcome) -> tuple[PipelineView, Program]:
+    """Return the view and the edited program from the stored outcome of a closed session."""
+    inferred = outcome.snapshot.program
+    return view_from_snapshot(outcome.snapshot), with_edits(inferred, log_of(inferred))
+
+
+def _result_of_records(records: Sequence[Record]) -> tuple[PipelineView, Program]:
+    """Return the view and the edited program by replaying the records through the service."""
     state = _replayed_state(records)
-    return state.view, state.program_header.notes, not state.is_open
+    return state.view, program_of(state)
 
 
 def _replayed_state(records: Sequence[Record]) -> SessionState:

@@ -17,10 +17,12 @@ from pydantic_core import core_schema
 from caesura_protocol.messages import (
     App,
     Changepoint,
+    Count,
     Gap,
     Joints,
     Message,
     Phase,
+    Program,
     Quaternion,
     Seconds,
     Segment,
@@ -53,14 +55,25 @@ class Wrench(Message):
 
 
 class TaskProgram(Message):
-    """The task program at the end. Its apps have no marks of edits: those have values of several types."""
+    """The task program at the end, as people edited it.
 
-    complete: bool
-    apps: tuple[App, ...]
-    notes: tuple[str, ...]
+    Its apps have no marks of edits: those have values of several types.
+    """
+
+    complete: bool = False  # the session is closed
+    apps: tuple[App, ...] = ()
+    notes: tuple[str, ...] = ()
+    name: str | None = None  # that a person gave it
+    edit_revision: Count = 0  # how many edits it has had, each undo and redo too; 0: it is as it was inferred
     force_limit_n: float | None = None  # [N] of the cell: no app exerts more
     robot: str | None = None  # on which it was taught
     up: Up | None = None  # away from gravity, base frame
+
+    @classmethod
+    def of(cls, program: Program) -> TaskProgram:
+        """Return what a file holds of a program."""
+        fields = {name: getattr(program, name) for name in cls.model_fields}
+        return cls.model_validate(fields | {"apps": tuple(program.apps)})
 
     @field_validator("apps")
     @classmethod

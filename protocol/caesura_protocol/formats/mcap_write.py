@@ -29,7 +29,7 @@ from caesura_protocol.formats.channels import (
     Wrench,
     schema_of,
 )
-from caesura_protocol.messages import App, Changepoint, Gap, Message, Phase, Segment
+from caesura_protocol.messages import Changepoint, Gap, Message, Phase, Segment
 from caesura_protocol.recording import Recording
 
 Array = NDArray[np.float64]
@@ -66,11 +66,8 @@ class McapContent:
     phases: tuple[Phase, ...] = ()
     changepoints: tuple[Changepoint, ...] = ()
     gaps: tuple[Gap, ...] = ()
-    apps: tuple[App, ...] = ()
-    notes: tuple[str, ...] = ()  # of the program
-    force_limit_n: float | None = None  # [N] of the cell
+    program: TaskProgram = field(default_factory=TaskProgram)
     wrench_note: str = ""
-    complete: bool = False  # the session is closed
     more: dict[str, str] = field(default_factory=dict)  # the caller's metadata
 
 
@@ -163,7 +160,7 @@ def _metadata(content: McapContent) -> dict[str, str]:
         "station": content.station,
         "session": content.session,
         "preset": content.preset,
-        "complete": json.dumps(content.complete),
+        "complete": json.dumps(content.program.complete),
         "wrench_note": content.wrench_note,
         **recording.stated_options,
         "columns": " ".join(content.columns),
@@ -197,20 +194,12 @@ def _values(signal: Array) -> list[Any]:
 
 def _results(content: McapContent) -> list[McapMessage]:
     end = float(content.recording.t.max())
-    program = TaskProgram(
-        complete=content.complete,
-        apps=content.apps,
-        notes=content.notes,
-        force_limit_n=content.force_limit_n,
-        robot=content.recording.setting.robot,
-        up=content.recording.up,
-    )
     said: Iterable[tuple[float, str, Message]] = (
         *((one.t0, "/segments", one) for one in content.segments),
         *((one.t0, "/phases", one) for one in content.phases),
         *((one.t, "/changepoints", one) for one in content.changepoints),
         *((one.t0, "/gaps", one) for one in content.gaps),
-        (end, "/program", program),
+        (end, "/program", content.program),
     )
     return sorted((result_of(*one) for one in said), key=itemgetter(0))
 

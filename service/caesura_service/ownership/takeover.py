@@ -114,7 +114,7 @@ class Takeover:
         """Restore a closed session from its outcome in the best copy; a local copy without it is unused."""
         station, name = copies.best.key
         outcome = self._journals.outcome(copies)
-        if outcome is None or not _is_current(outcome, copies.best):
+        if outcome is None or not is_current(outcome, copies.best):
             return None
         if copies.best is not copies.own:
             self._peer_only.add((station, name))
@@ -178,7 +178,7 @@ def is_behind(session: Session, copies: SessionCopies) -> bool:
     return (session.is_open and further) or peer.edits > session.revision or described
 
 
-def _is_current(outcome: Outcome, copy: Copy) -> bool:
+def is_current(outcome: Outcome, copy: Copy) -> bool:
     """Whether no correction or annotation came after it: the power may go before it is stored anew."""
     status, program = outcome.snapshot.status, outcome.snapshot.program
     return (status.revision, status.described + program.edit_revision) == (copy.edits, copy.described)

@@ -17,12 +17,30 @@ from caesura_lab.export.mcap_file import entries, write_mcap
 from caesura_lab.export.session_export import read_session_export
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.formats.channels import CHANNELS, schema_of
-from caesura_protocol.messages import App, Changepoint, Close, Error, Gap, Open, Segment
+from caesura_protocol.messages import (
+    Ack,
+    App,
+    Changepoint,
+    Close,
+    Edit,
+    EditProgram,
+    Error,
+    Gap,
+    Insert,
+    InsertApp,
+    NameProgram,
+    Open,
+    Segment,
+)
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.journal import Journal, MemoryJournal, Record
 from caesura_service.offline_segmentation import BATCH_SAMPLES, opening_of, segment_recording
+from caesura_service.ownership.registry import Registry
+from caesura_service.publishing.session_state import program_of
+from caesura_service.segmentation.pipeline import make_pipeline
+from caesura_service.sessions.limits import Limits
 from harness.demonstrations import guided
-from harness.sessions import new_registry
+from harness.sessions import OWNER, answer, new_registry
 
 BEGAN = 1_773_480_413.25  # [s] time of day at session time 0
 TRAVEL = 0.0625  # [s] of the batch that was quickest
@@ -121,6 +139,47 @@ def test_the_results_are_those_of_the_session(recording: Recording, file: File):
     assert program["complete"]
     (note,) = program["notes"]
     assert note.startswith("Wrench source flange_sensor: ")
+
+
+EDITS = (
+    Edit(session="s1", revision=0, author="Ann", action=Insert(t=2.0)),
+    EditProgram(session="s1", revision=0, author="Ann", action=NameProgram(name="Press")),
+    EditProgram(
+        session="s1",
+        revision=1,
+        author="Ann",
+        action=InsertApp(after=None, kind="cartesian_motion", target=(0.4, 0.0, 0.4)),
+    ),
+)
+
+
+@pytest.mark.parametrize("outcome", ["none", "before the edits", "after them"])
+def test_the_program_is_the_one_that_people_edited(outcome: str, tmp_path: Path):
+    """The inferred apps were exported, without a word; and those before a correction that a kill followed."""
+    journal = kept(guided(), closed=outcome != "none")
+    registry = Registry(
+        owner=OWNER,
+        pipeline_factory=make_pipeline,
+        default_preset="default",
+        journal=journal,
+        limits=Limits(),
+    )
+    registry.restore()
+    before = journal.outcome("cell-1", "s1")
+    for edit in EDITS:
+        assert isinstance(answer(registry.handle_command("cell-1", edit, BEGAN + 60.0)), Ack)
+    if outcome == "before the edits":
+        journal.store_outcome("cell-1", before)
+    (state,) = registry.index.all_states()
+    shown = program_of(state)
+    file = exported(journal, tmp_path)
+    (program,) = file.of("/program")
+    Draft202012Validator(schema_of("/program")).validate(program)
+    made = [(one["kind"], one["t0"], one["tn"], one.get("added")) for one in program["apps"]]
+    assert made == [(one.kind, one.t0, one.tn, one.added) for one in shown.apps]
+    assert made[0][3] == 2
+    assert (program["name"], program["edit_revision"]) == ("Press", 2)
+    assert len(file.of("/segments")) == len(state.view.segments)
 
 
 # What is left out of a file because it is None.

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, takewhile
+from itertools import groupby, pairwise, takewhile
 from types import MappingProxyType
 
 import numpy as np
@@ -271,16 +271,24 @@ def _contacts(group: _Group) -> Iterable[App]:
     t0, tn = group.steps[0].segment.t0, group.steps[-1].segment.tn
     hardest = _hardest(group.steps)
     mine = [grip for grip in group.grips if grip.is_near(t0, tn)]
-    for grip in mine:
+    for grip, (begun, ended) in zip(mine, _shares(mine, t0, tn), strict=True):
         group.grips.remove(grip)
-        confidence = min(step.confidence for step in group.steps)
-        gripping = _grip_app(grip, t0, tn, group.moment_at, confidence, [step.index for step in group.steps])
+        confidence, indices = min(step.confidence for step in group.steps), [one.index for one in group.steps]
+        gripping = _grip_app(grip, begun, ended, group.moment_at, confidence, indices)
         yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
     if _arrives(first) and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
         yield _press(group)
+
+
+def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tuple[float, float]]:
+    """Of the time of a contact [s], that of each grip in it: an edit names an app by when it begins."""
+    if len(grips) < 2:
+        return [(t0, tn)] * len(grips)
+    between = [0.5 * (grip.t + following.t) for grip, following in pairwise(grips)]
+    return list(pairwise([min(t0, grips[0].t), *between, max(tn, grips[-1].t)]))
 
 
 def _arrives(step: ProgramSegment) -> bool:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from caesura_protocol.messages import AppReference, ChangeApp, ProgramEdit
 from caesura_service.program import GripperAction, Moment, ProgramSegment, task_program
+from caesura_service.program.edits import apply
 from service.program.segments import kinds, moment_at, program, segment, stopping_at
 
 
@@ -181,6 +183,23 @@ def test_only_the_last_movement_before_a_contact_moves_to_it():
         at=stopping_at,
     )
     assert kinds(apps) == ["cartesian_motion", "move_to_contact", "apply_force"]
+
+
+@pytest.mark.parametrize("first", [1.8, 0.75])
+def test_fingers_that_move_twice_in_a_contact_are_two_apps_one_after_the_other(first: float):
+    """Both once had the time of the contact: an edit of the first one changed the second one."""
+    apps = program(
+        segment("motion", 0.0, 1.0),
+        segment("contact", 1.0, 3.5, force_end=(0.0, 0.0, 15.0)),
+        grips=(GripperAction(first, "open", 0.04), GripperAction(first + 0.2, "open", 0.08)),
+    )
+    one, other = apps[1:]
+    assert (one.kind, other.kind, one.tn) == ("gripper_move", "gripper_move", other.t0)
+    assert (one.t0, one.tn, other.tn) == pytest.approx((min(first, 1.0), first + 0.1, 3.5))
+    named = AppReference(kind=one.kind, t0=one.t0, tn=one.tn)
+    action = ChangeApp(app=named, name="half open")
+    edit = ProgramEdit(number=1, author="Ann", at=0.0, action=action, state="applied")
+    assert [app.name for app in apply(apps, [edit]).apps] == [None, "half open", None]
 
 
 def test_a_grip_in_free_space_is_an_app_in_its_place():

@@ -81,12 +81,13 @@ class SlowSocket:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._held: list[str | bytes] | None = None
+        self._words = ""
         self._socket: WebSocketRoute | None = None
         page.route_web_socket(re.compile("socket.io"), self._route)
 
-    def hold(self) -> None:
-        """Let nothing through."""
-        self._held = []
+    def hold(self, words: str = "") -> None:
+        """Let nothing through that has these words."""
+        self._held, self._words = [], words
 
     def release(self) -> None:
         """Let everything through that was held."""
@@ -108,7 +109,7 @@ class SlowSocket:
 
     def _pass(self, message: str | bytes) -> None:
         assert self._socket is not None
-        if self._held is None:
+        if self._held is None or self._words not in str(message):
             self._socket.send(message)
         else:
             self._held.append(message)

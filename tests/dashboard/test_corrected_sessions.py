@@ -18,7 +18,17 @@ from caesura_protocol.messages import Remove
 from clients.answering import Answering
 from clients.conftest import RouterNetwork
 from clients.examples import snapshot
-from dashboard.browser import DESK, PATIENCE_MS, PHONE, THEMES, Visitor, looks_right, needs_chromium, settled
+from dashboard.browser import (
+    DESK,
+    PATIENCE_MS,
+    PHONE,
+    THEMES,
+    SlowSocket,
+    Visitor,
+    looks_right,
+    needs_chromium,
+    settled,
+)
 from dashboard.operator import NEAR_S, Operator, T
 from dashboard.stage import Dashboard, Stage
 from harness.demonstrations import guided
@@ -396,6 +406,29 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         assert part in Path(download.value.path()).read_text("utf-8")
     # A browser keeps the text of a refused download to itself; a refused page is shown.
     assert page.locator(".exports a[download]").count() == 0
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_an_operator_who_edits_again_before_the_program_is_there_makes_two_edits(
+    stage: Stage, browser: Browser
+):
+    """The second one named the revision of the first, as where an answer is lost: it was not made."""
+    visitor = taught_before(stage, browser, "cell-quick", author="Ann")
+    page, said = visitor.page, visitor.page.locator(".program-said")
+    slow = SlowSocket(page)
+    page.goto(f"{stage.dashboard.url}/sessions/cell-quick/over")
+    copy = page.get_by_role("button", name="Duplicate app 1")
+    page.locator(".app").first.get_by_text("Edit", exact=True).click()
+    slow.hold("editRevision")
+    for _ in range(2):
+        copy.click()
+        expect(said).to_contain_text("duplicated")
+        expect(copy).to_be_enabled()
+    with stage.reader() as caesura:
+        assert caesura.snapshot("cell-quick", "over").program.edit_revision == 2
+    slow.release()
+    expect(page.locator(".edits summary")).to_contain_text("Edits: 2")
     assert visitor.errors == []
     visitor.close()
 

@@ -15,7 +15,7 @@ export default {
   provide() {
     return { appsShown: () => this.program.apps };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "" }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {} }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -103,11 +103,14 @@ export default {
       if (name && name !== this.program.name) this.say({ do: "name", name });
     },
     say(action) { // with the name that corrections have too
+      if (this.busy) return;
       const author = (localStorage.getItem(AUTHOR) || "").trim();
       if (!author) return this.askName(action);
       Object.assign(this, { busy: true, message: "", failed: false });
-      const { session, editRevision } = this.program;
-      this.$emit("edit", { session, revision: editRevision, author, action });
+      const { session, editRevision } = this.program, { made } = this; // an edit of this page may be there before its program
+      const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;
+      this.sent = { session, revision: revision + 1 };
+      this.$emit("edit", { session, revision, author, action });
     },
     askName(action) { // of who edits, at the first edit; then it is made
       Object.assign(this, { asked: action, draft: "" });
@@ -122,7 +125,7 @@ export default {
       this.say(action);
     },
     answered(message, failed) {
-      Object.assign(this, { message, failed, busy: false });
+      Object.assign(this, { message, failed, busy: false, made: failed ? {} : this.sent });
     },
   },
 };

@@ -103,7 +103,6 @@ export default {
       if (name && name !== this.program.name) this.say({ do: "name", name });
     },
     say(action) { // with the name that corrections have too
-      if (this.busy) return;
       const author = (localStorage.getItem(AUTHOR) || "").trim();
       if (!author) return this.askName(action);
       Object.assign(this, { busy: true, message: "", failed: false });

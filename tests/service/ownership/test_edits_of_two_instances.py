@@ -189,13 +189,19 @@ steps = st.lists(
 
 
 def edited(instance: Instance, action: Any) -> bool:
-    """Was it acknowledged? A session that is known by its outcome is rebuilt first."""
+    """Was it acknowledged, and once more where it is asked for again?
+
+    A session that is known by its outcome is rebuilt first.
+    """
     revision = instance.standing.revision
     reply = corrected(instance, revision, action)
     if isinstance(reply, ProtocolError) and reply.code == "overloaded":
         assert not [said for said in stepped(instance.registry) if isinstance(said, TakeoverFailed)]
         reply = corrected(instance, revision, action)
-    return isinstance(reply, Ack)
+    if not isinstance(reply, Ack):
+        return False
+    assert corrected(instance, revision, action) == reply.model_copy(update={"effect": None})
+    return True
 
 
 @settings(deadline=None, max_examples=50)

@@ -45,6 +45,9 @@ READ = r"""() => {
   const words = (one) => ["aria-label", "aria-valuetext", "title"].map((name) => one.getAttribute(name));
   return [document.body.innerText, ...named.flatMap(words)].join("\n");
 }"""
+# As the dashboard's server would send it: what a subscriber got before the answer to an edit, sent after it.
+LATE = """(payload) => runMethod(+document.querySelector(".plots").closest("[id^=c]").id.slice(1), "take",
+  [0, payload])"""
 TICKS = "() => [...document.querySelector('.plots').plots.plots.values()].at(-1).plot.axes[0]._values"
 
 
@@ -345,6 +348,30 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
         menu.locator(".insert").tap()
         expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
         assert caesura.snapshot("cell-touch", "over").status.revision == 1
+    assert visitor.errors == []
+    visitor.close()
+
+
+def test_what_comes_late_to_a_page_makes_no_undo_of_two(stage: Stage, browser: Browser):
+    """The page took the revision of what came late, and its next undo passed for the last one, sent again."""
+    visitor = taught_before(stage, browser, "cell-late", author="Ann")
+    page = visitor.page
+    with stage.reader() as caesura:
+        for t in (0.4, 1.2, 1.6):
+            caesura.insert("cell-late", "over", t, author="Ann")
+        page.goto(f"{stage.dashboard.url}/sessions/cell-late/over")
+        undo, undone = (
+            page.get_by_role("button", name="Undo", exact=True),
+            page.locator(".corrections .state"),
+        )
+        expect(undo).to_be_enabled()
+        for count in (1, 2):
+            undo.click()
+            expect(undone).to_have_count(count)
+        page.evaluate(LATE, {"revision": 4})
+        undo.click()
+        expect(undone).to_have_count(3)
+        assert caesura.snapshot("cell-late", "over").status.revision == 6
     assert visitor.errors == []
     visitor.close()
 

@@ -32,7 +32,7 @@ const SURE = 2; // standard deviations of a load that is there
 
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
-  tare: null, frame: "base", start: 0, t: 0, closed: false, session: "", revision: 0, undoable: false, redoable: false,
+  tare: null, frame: "base", start: 0, t: 0, closed: false, session: "", revision: 0, made: 0, undoable: false, redoable: false,
   corrections: [],
 });
 // The row at a time: at a changepoint the later one, as a correction there means it.
@@ -151,6 +151,7 @@ export default {
       for (const name of ["start", "t", "closed", "session", "revision", "undoable", "redoable", "corrections", "columns", "tare", "frame"]) {
         if (name in payload) this[name] = payload[name];
       }
+      this.revision = Math.max(this.revision, this.made); // what was sent before an edit of this page may come after its answer
       for (const name of ["segments", "phases", "changepoints"]) {
         if (payload[name]) this[name] = Object.freeze([...this[name].slice(0, payload[name].first), ...payload[name].rows]);
       }
@@ -186,7 +187,8 @@ export default {
     },
     answered(message, failed) {
       Object.assign(this, { message: failed ? message : this.undoneWords() || message, failed, busy: false });
-      if (!failed && this.act) this.acted();
+      if (failed) this.made = 0;
+      else if (this.act) this.acted();
       this.act = null;
     },
     named(event) {

@@ -45,7 +45,7 @@ export const undoing = {
     },
     acted() { // the service has made it: one revision more than was seen
       const { undoes, redoes, number, seen } = this.act, at = seen + 1;
-      this.revision = Math.max(this.revision, at);
+      this.made = this.revision = Math.max(this.revision, at);
       const past = held(this.past, seen), future = held(this.future, seen);
       if (undoes) {
         this.past = moved(past.slice(0, -1), at);

@@ -134,10 +134,13 @@ class Journal(Protocol):
     def edits(self, station: str, session: str) -> tuple[AppliedEdit, ...]:
         """Return the edits of a session, oldest first."""
 
-    def last_edit(
-        self, station: str, session: str, kind: type[Edit] | type[EditProgram]
+    def edit_at(
+        self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the last edit of a session, or of its program; None without one. Raises JournalError."""
+        """Return the edit of a session, or of its program, that so many came before; None without one.
+
+        Raises JournalError.
+        """
 
     def sessions(self) -> tuple[Key, ...]:
         """Return (station, session) of every session, in the order of their first record."""

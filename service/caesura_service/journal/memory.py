@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Set
+from itertools import islice
 
 from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Close, Describe, Edit, EditProgram, JournalReport, SampleBatch
@@ -85,12 +86,13 @@ class MemoryJournal:
         messages = (record.message for record in self._records.get((station, session), ()))
         return tuple(message for message in messages if isinstance(message, AppliedEdit))
 
-    def last_edit(
-        self, station: str, session: str, kind: type[Edit] | type[EditProgram]
+    def edit_at(
+        self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the last edit of a session, or of its program; None without one."""
-        messages = (record.message for record in reversed(self._records.get((station, session), ())))
-        return next((message for message in messages if isinstance(message, kind)), None)
+        """Return the edit of a session, or of its program, that so many came before; None without one."""
+        messages = (record.message for record in self._records.get((station, session), ()))
+        made = (message for message in messages if isinstance(message, kind))
+        return next(islice(made, revision, None), None)
 
     def sessions(self) -> tuple[Key, ...]:
         """Return (station, session) of every session, oldest first."""

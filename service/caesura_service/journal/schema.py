@@ -151,11 +151,11 @@ SELECT_EDITS = f"""
 SELECT * FROM records WHERE encoding = '{EDIT}' AND session_id = (
     SELECT id FROM sessions WHERE station = ? AND session = ?
 ) ORDER BY place"""
-SELECT_LAST_EDIT = {
+SELECT_EDIT_AT = {
     kind: f"""
 SELECT * FROM records WHERE encoding = '{encoding}' AND session_id = (
     SELECT id FROM sessions WHERE station = ? AND session = ?
-) ORDER BY place DESC LIMIT 1"""
+) ORDER BY place LIMIT 1 OFFSET ?"""
     for kind, encoding in ((Edit, EDIT), (EditProgram, EDIT_PROGRAM))
 }
 SELECT_BEYOND = """

@@ -51,10 +51,10 @@ from caesura_service.journal.schema import (
     BUSY_S,
     GUEST_BUSY_S,
     SELECT_CLOSED,
+    SELECT_EDIT_AT,
     SELECT_EDITS,
     SELECT_EXTENT,
     SELECT_KEYS,
-    SELECT_LAST_EDIT,
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
     SELECT_OUTCOME,
@@ -147,14 +147,17 @@ class SqliteJournal(SqliteWriter):
             rows = self._database.execute(SELECT_EDITS, (station, session)).fetchall()
             return edits_of((station, session), rows)
 
-    def last_edit(
-        self, station: str, session: str, kind: type[Edit] | type[EditProgram]
+    def edit_at(
+        self, station: str, session: str, kind: type[Edit] | type[EditProgram], revision: int
     ) -> Edit | EditProgram | None:
-        """Return the last edit of a session, or of its program; None without one. Raises JournalError."""
+        """Return the edit of a session, or of its program, that so many came before; None without one.
+
+        Raises JournalError.
+        """
         self.commit()
         key = (station, session)
         with self._writing, map_sqlite_errors(self.path):
-            row = self._database.execute(SELECT_LAST_EDIT[kind], key).fetchone()
+            row = self._database.execute(SELECT_EDIT_AT[kind], (*key, revision)).fetchone()
             message = record_of(key, verify(key, Stored(*row))).message if row else None
         return message if isinstance(message, kind) else None
 

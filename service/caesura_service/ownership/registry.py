@@ -464,7 +464,7 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
     """Whether a session without a pipeline has to be rebuilt first. Raises ProtocolError `conflict`."""
     if isinstance(command, Edit) and session.is_repeated(command):
         return False
-    if not session.has_records:  # only a peer's journal has them, and the last edit
+    if not session.has_records:  # only a peer's journal has them, and the edits
         return isinstance(command, Edit | Preview | Describe | EditProgram)
     if isinstance(command, Edit | Preview):
         session.check_revision(command)

@@ -250,15 +250,16 @@ class Session:
         return self._host.make_due_program()
 
     def is_repeated(self, edit: Edit | EditProgram) -> bool:
-        """Whether an edit is the last one that was carried out: its author asks again for a lost answer.
+        """Whether an edit was carried out already: its author asks again for a lost answer.
 
         Raises JournalError.
         """
         kind = Edit if isinstance(edit, Edit) else EditProgram
         revision = self.revision if kind is Edit else self.state.program_edits.revision
-        if edit.revision + 1 != revision or (last := self._journal.last_edit(kind)) is None:
+        made = self._journal.edit_at(kind, edit.revision) if edit.revision < revision else None
+        if made is None:
             return False
-        return (last.revision, last.author, last.action) == (edit.revision, edit.author, edit.action)
+        return (made.revision, made.author, made.action) == (edit.revision, edit.author, edit.action)
 
     def check_revision(self, edit: Edit | Preview) -> None:
         """Check that the edit is based on the current revision. Raises ProtocolError `conflict`."""

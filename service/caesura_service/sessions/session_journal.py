@@ -40,9 +40,11 @@ class SessionJournal:
             for copy in self._journal.copies(self._station, self._session)
         )
 
-    def last_edit(self, kind: type[Edit] | type[EditProgram]) -> Edit | EditProgram | None:
-        """Return the last edit of the session, or of its program. Raises JournalError."""
-        return None if self._journal is None else self._journal.last_edit(self._station, self._session, kind)
+    def edit_at(self, kind: type[Edit] | type[EditProgram], revision: int) -> Edit | EditProgram | None:
+        """Return the edit of the session, or of its program, at a revision. Raises JournalError."""
+        if self._journal is None:
+            return None
+        return self._journal.edit_at(self._station, self._session, kind, revision)
 
     def append(self, message: Recordable, now: float) -> None:
         """Append a message; all except batches are on disk then. Raises JournalError and changes nothing."""

@@ -9,14 +9,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import upright_rotation
-from caesura_service.changepoint.channel_model import ModelInput
+from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
 from caesura_service.changepoint.filter_interface import ChangepointFilter
+from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.preset import Preset
 from caesura_service.offline_segmentation import opening_of
+from caesura_service.segmentation.observation_store import force_scale, holding, turned_upright
 from caesura_service.segmentation.opening_layout import layout_of
-from caesura_service.segmentation.pipeline import observed
 from caesura_service.segmentation.segmenter import filter_of
 from caesura_service.signals import Conditioner, ConditioningParameters, Observation, SampleLayout
 
@@ -68,3 +72,15 @@ def condition(recording: Recording, parameters: ConditioningParameters | None = 
     pushed, ended = conditioner.push(recording.matrix()), conditioner.finish()
     observations = (*pushed.observations, *ended.observations)
     return ConditionedRecording(observations, conditioner.layout, conditioner.tare is not None)
+
+
+def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:
+    """What the segment models see of an observation; upright: as of `ObservationStore`.
+
+    It shares nothing with the rows of a session, so that results can be compared with those of a session.
+    """
+    force = observation.force_base / force_scale(observation)
+    rotation = UNTURNED if observation.rotation is None else observation.rotation
+    torsion = torsion_of(observation.force_base, observation.torque_base)
+    seen = ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
+    return turned_upright(seen, upright)

@@ -24,7 +24,7 @@ from caesura_protocol.programs.document import ProgramFile, read_document
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import Recording
 from caesura_protocol.reproduced_path import curve_of
-from caesura_service.segmentation.view import NO_GRIPPER
+from caesura_service.segmentation.input_notes import NO_GRIPPER
 from harness.commands import application
 
 Array = NDArray[np.float64]

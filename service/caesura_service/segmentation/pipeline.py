@@ -7,24 +7,19 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple, Self, cast
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from caesura_protocol import messages
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import with_force_limit
-from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment, WrenchReport
+from caesura_protocol.messages import App, Change, Gap, Open, Phase, Segment
 from caesura_protocol.plausibility import FirstSecond
-from caesura_protocol.recording import ASSUMED
 from caesura_protocol.robots import RobotError
 from caesura_protocol.rotations import upright_rotation
 from caesura_protocol.upright import UP, up_in_words
-from caesura_service.changepoint.channel_model import UNTURNED, ModelInput
-from caesura_service.changepoint.held_torque import torsion_of
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.presets import KNOWN_PRESETS, preset_named
 from caesura_service.changepoint.threshold_segmenter import check_level
@@ -60,28 +55,17 @@ from caesura_service.segmentation.corrections import (
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
-from caesura_service.segmentation.observation_store import (
-    ObservationStore,
-    force_scale,
-    holding,
-    turned_upright,
-)
+from caesura_service.segmentation.input_notes import standing_notes, wrench_report
+from caesura_service.segmentation.observation_store import ObservationStore, holding
 from caesura_service.segmentation.opening_layout import arm_of, robot_of, sample_layout
 from caesura_service.segmentation.program_builder import IncrementalProgramBuilder
 from caesura_service.segmentation.segmenter import Segmenter
-from caesura_service.segmentation.view import (
-    ASSUMED_ROBOT,
-    NO_GRIPPER,
-    UNREAD_JOINTS,
-    Pipeline,
-    PipelineView,
-)
+from caesura_service.segmentation.view import Pipeline, PipelineView
 from caesura_service.signals import (
     Conditioner,
     ConditioningOutput,
     Observation,
     SampleLayout,
-    WrenchCapabilities,
 )
 from caesura_service.signals.tare import UNTARED_BIAS_N
 
@@ -128,15 +112,6 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
     except ValueError as error:
         value = opening.robot if isinstance(error, RobotError) else list(opening.columns)
         raise ProtocolError("malformed", str(error), value=value) from error
-
-
-def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:
-    """What the segment models see of an observation; upright: as of `ObservationStore`."""
-    force = observation.force_base / force_scale(observation)
-    rotation = UNTURNED if observation.rotation is None else observation.rotation
-    torsion = torsion_of(observation.force_base, observation.torque_base)
-    seen = ModelInput(observation.position_base, force, holding(observation), rotation, torsion)
-    return turned_upright(seen, upright)
 
 
 def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> ObservedPose:
@@ -200,17 +175,7 @@ class SegmentationPipeline:
         )
         if opening.up is not None:
             self._in_use = replace(self._in_use, up=up_in_words(opening.up))
-        weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
-        without = weighs and "gripper" not in opening.columns
-        of_file = (words for key, words in ASSUMED.items() if key in opening.assumed)
-        assumed = opening.robot is None and layout.needs_robot
-        self._standing_notes = (
-            self._in_use.note,
-            *([NO_GRIPPER] if without else []),
-            *([ASSUMED_ROBOT] if assumed else []),
-            *([UNREAD_JOINTS] if layout.has("q") and not layout.has_orientation else []),
-            *of_file,
-        )
+        self._standing_notes = standing_notes(opening, preset, layout, self._in_use)
         self._upright = upright_rotation(opening.up)
         self._conditioner = Conditioner(layout)
         self._first_second = FirstSecond(opening.columns, opening.length_unit, opening.declared_units)
@@ -478,7 +443,7 @@ class SegmentationPipeline:
             changepoints=division.settled.changepoints(parts),
             segments=segments,
             gaps=self._gaps.all,
-            wrench=_wrench_report(
+            wrench=wrench_report(
                 self._opening,
                 self._conditioner.layout.source_in_use,
                 self._in_use,
@@ -596,26 +561,3 @@ class SegmentationPipeline:
                 "look at them again"
             )
         return tuple(notes)
-
-
-@lru_cache(maxsize=1024)
-def _wrench_report(
-    opening: Open,
-    source: str,
-    worth: WrenchCapabilities,
-    tare: tuple[float, float, float] | None,
-    tare_note: str,
-) -> WrenchReport:
-    """What becomes of the wrench, in words; the same one at every look."""
-    return WrenchReport(
-        source=cast(messages.WrenchSource, source),
-        stated=opening.wrench_source is not None,
-        hand_on_robot=opening.hand_on_robot,
-        contact_models=worth.contact_models,
-        transport_models=worth.transport_models,
-        tare=tare,
-        note=f"{worth.note} {tare_note}",
-        frame=opening.force_frame,
-        frame_stated="force_frame" not in opening.assumed,
-        up=opening.up,
-    )

@@ -29,20 +29,6 @@ from caesura_protocol.recording import ASSUMED
 from caesura_service.program.gaps import NOT_OBSERVED
 from caesura_service.segmentation.corrections import ResolvedEdit
 
-# Its weight alone shows a load then, against a bias of free space with a scale of 2.3 N (docs/judge.md).
-ASSUMED_ROBOT = (
-    "Robot not stated: its seven joints are read as those of a Panda. State --robot where it is another one."
-)
-UNREAD_JOINTS = (
-    "Robot not stated: no orientation is computed from its joints, and targets have none. State --robot, or "
-    "send qx qy qz qw."
-)
-NO_GRIPPER = (
-    "No gripper state: a light load (with preset default below about 0.75 kg) is shown as motion. "
-    "Send the column gripper where the robot has one."
-)
-
-
 MOST_TOGETHER = 500  # samples of several pushes in one
 
 

@@ -17,10 +17,10 @@ from caesura_protocol.recording import Recording
 from caesura_service.changepoint.presets import preset_named
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.changepoint.segments import InferredSegment, stretches
+from caesura_service.conditioned_recording import observed
 from caesura_service.constants import GRID_HZ, TARED_BIAS_N
 from caesura_service.offline_segmentation import opening_of
 from caesura_service.segmentation.opening_layout import layout_of
-from caesura_service.segmentation.pipeline import observed
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals import Conditioner, Observation
 from caesura_service.signals.backend import REFERENCE

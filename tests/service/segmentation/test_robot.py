@@ -17,9 +17,9 @@ from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import Recording
 from caesura_protocol.robots import description
 from caesura_service.offline_segmentation import segment_recording
+from caesura_service.segmentation.input_notes import ASSUMED_ROBOT, UNREAD_JOINTS
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.pipeline import make_pipeline
-from caesura_service.segmentation.view import ASSUMED_ROBOT, UNREAD_JOINTS
 
 DATA = Path(__file__).parents[3] / "data"
 POSE = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")

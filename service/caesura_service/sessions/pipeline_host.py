@@ -382,7 +382,8 @@ class PipelineHost:
         self._program_pending |= self.state.program_header.version > before.program_header.version
         view = self.state.view
         due = view.gaps != before.view.gaps or view.t >= self._status_t + self._limits.status_interval_s
-        return [*changes, *([self.publish_status()] if due else []), *self._program_if_due()]
+        program = [] if self._pipeline.has_due_program else self._program_if_due()
+        return [*changes, *([self.publish_status()] if due else []), *program]
 
     def _program_if_due(self) -> list[Output]:
         """Publish a changed program, the less often the longer it is; at once when closed."""

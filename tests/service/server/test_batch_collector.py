@@ -433,6 +433,11 @@ def test_a_demonstration_in_batches_that_wait_is_bit_for_bit_the_same(size):
     assert compared(stream(cuts, {})) > 35, "of 50 observations, the first ten by themselves"
 
 
+def test_a_program_that_waits_to_be_published_is_not_published_just_before_the_next_is_made():
+    cuts = [20] * (len(MATRIX) // 20)
+    assert compared(stream(cuts, {}), apps_per_s=0.66) > 35
+
+
 @pytest.mark.parametrize("late_s", [-0.03, 0.05, 0.25])
 def test_a_wrong_guess_when_an_observation_is_complete_changes_nothing(late_s):
     assert compared(stream([20] * 200, {}), late_s=late_s) > 10

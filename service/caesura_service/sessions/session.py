@@ -379,7 +379,7 @@ class Session:
 
     def _receive_edit(self, edit: Edit, now: float) -> list[Output]:
         if self.is_repeated(edit):
-            return [self._ack()]
+            return [self._ack(revision=edit.revision + 1)]
         self._check_editable(edit)
         prepared = self._host.prepare_edit(edit, now)
         self._check_records_exist()  # once more: that may have taken long
@@ -522,18 +522,21 @@ class Session:
             snapshot = snapshot_of(self.state, inferred_program_of(self.state))
             self._journal.store_outcome(Outcome(self._opening, self.next_seq - 1, snapshot))
 
-    def _ack(self, effect: EditEffect | None = None) -> Reply:
-        """Write all records to disk, then acknowledge. Raises JournalError."""
-        self._journal.commit()
-        return Reply(self._acknowledgement(effect))
+    def _ack(self, effect: EditEffect | None = None, revision: int | None = None) -> Reply:
+        """Write all records to disk, then acknowledge. Raises JournalError.
 
-    def _acknowledgement(self, effect: EditEffect | None) -> Ack:
+        revision: that of an edit which was made before others; by default the present one.
+        """
+        self._journal.commit()
+        return Reply(self._acknowledgement(effect, revision))
+
+    def _acknowledgement(self, effect: EditEffect | None, revision: int | None = None) -> Ack:
         state = self.state.lifecycle
         return Ack(
             session=self._opening.session,
             next_seq=self.next_seq,
             state="open" if state == "open" else "closed",
-            revision=self.revision,
+            revision=self.revision if revision is None else revision,
             effect=effect,
             lost=self.state.counters.lost,
             up=self._opening.up,

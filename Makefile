@@ -55,6 +55,7 @@ faults: $(TESTED)
 	PYTHONPATH=tests $(BIN)/python -m faults.suite $(ARGS)
 
 mutations: $(TESTED)
+	scripts/debian.sh gcc
 	PYTHONPATH=tests $(BIN)/python -m mutations $(ARGS)
 
 hour: $(TESTED)

@@ -2,7 +2,7 @@
 
 Service, dashboard, bridges and browser are processes of their own on this machine. Every tenth of a second
 what a page shows is compared with what a subscriber has heard: how much session time it is behind the wire.
-The time to load is from the request until a card, the tools or a table can be seen; median of seven.
+The time to load is from the request until a card, the signals or a table can be seen; median of seven.
 Usage: python tests/bench/dashboard_lag.py
 """
 
@@ -90,7 +90,7 @@ def measure(stage: Stage, browser: Browser, stations: list[str], seconds: float)
     wall, station = Visitor(browser), Visitor(browser)
     with listening(stage, stations) as received:
         eventually(lambda: all(one.update is not None for one in received.values()))
-        for path, seen in (("/", "li.card"), (f"/station/{stations[0]}", ".tools"), ("/system", "table")):
+        for path, seen in (("/", "li.card"), (f"/station/{stations[0]}", ".signals"), ("/system", "table")):
             print(f"load of {path} [s]: {load(browser, url + path, seen)}")
         station.page.goto(f"{url}/station/{stations[0]}")
         wall.page.goto(url)

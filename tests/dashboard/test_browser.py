@@ -185,6 +185,23 @@ def test_a_session_that_is_over_can_be_gone_through(stage: Stage, visitor: Visit
     slider.fill(slider.get_attribute("max"))
     visitor.picture("phases")
     visitor.picture("scrubbed")
+    page.get_by_role("button", name="Play", exact=True).first.click()
+    expect(page.locator(".selection")).to_contain_text("motion")
+    page.get_by_role("button", name="Pause").click()
+
+
+def test_at_a_desk_plots_are_high_and_the_program_stands_beside_them(stage: Stage, visitor: Visitor):
+    page = goto(stage, visitor, "/sessions/cell-2/done-1")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    expect(page.locator(".app").first).to_be_visible()
+    drawn = page.locator(".panels .u-over")
+    expect(drawn.nth(1)).to_be_attached()
+    assert min(drawn.evaluate_all("(all) => all.map((one) => one.clientHeight)")) >= 160
+    plots, program = (page.locator(name).first.bounding_box() for name in (".panels", ".program-column"))
+    assert plots
+    assert program
+    assert program["x"] >= plots["x"] + plots["width"]
+    assert program["y"] < plots["y"] + 160
 
 
 def test_a_session_is_exported_as_a_dataset_from_its_page_and_from_the_list(stage: Stage, visitor: Visitor):

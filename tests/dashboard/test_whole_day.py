@@ -190,6 +190,12 @@ def simulate(visitor: Visitor) -> None:
     path.get_by_role("button", name="Play").click()
     expect(path.get_by_role("button", name="Pause")).to_be_visible()
     visitor.picture("day-simulated-desktop")
+    taught_s = float(path.get_by_role("slider").get_attribute("max") or 0.0)
+    path.locator(".simulated-speed").select_option("optimal")
+    path.get_by_role("button", name="Simulate", exact=True).click()
+    expect(run).to_have_attribute("aria-pressed", "true")
+    expect(path.get_by_role("button", name="Simulate", exact=True)).to_be_enabled()
+    assert float(path.get_by_role("slider").get_attribute("max") or 0.0) < taught_s, "faster than taught"
 
 
 def export(visitor: Visitor) -> dict[str, object]:

@@ -7,7 +7,7 @@ import { fixed } from "caesura-dashboard/numbers.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
 export const LEFT = 64, RIGHT = 12; // beside the plots
-const HEIGHT = 160, AXIS = 24;
+const PADDING = 6, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3]];
 const EMPTY = [[], []];
@@ -60,7 +60,7 @@ export class Plots {
     const line = (i) => () => this.ink.lines[panel.columns.length === 1 ? 0 : i % this.ink.lines.length];
     const axis = { stroke: () => this.ink.faint, font: fontOf(), ticks: { stroke: () => this.ink.rule, size: 4 }, grid: { stroke: () => this.ink.rule, width: 0.5 } };
     return {
-      width: this.host.clientWidth, height: HEIGHT + (isLast ? AXIS : 0), padding: [6, RIGHT, isLast ? 0 : 6, 0],
+      width: this.host.clientWidth, height: HEIGHT + (isLast ? AXIS : 0), padding: [PADDING, RIGHT, isLast ? 0 : PADDING, 0],
       legend: { show: false },
       cursor: { drag: { x: false, y: false, setScale: false }, sync: { key: "caesura", setSeries: false }, y: false, points: { show: false } },
       scales: { x: { time: false, range: () => this.state.view() }, y: { range: (u, low, high) => this.range(panel, low, high) } },

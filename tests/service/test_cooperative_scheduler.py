@@ -40,7 +40,7 @@ def counting(seen: list[str], name: str, to: int) -> Callable[[], None]:
 
 def test_work_goes_on_where_it_stopped_and_others_have_their_turn_in_between():
     slices, seen = Slices(slice_s=0.0), list[str]()
-    give_way()  # nobody has begun anything: it does nothing
+    give_way()  # no work is under way: it does nothing
     assert not slices.begin("a", counting(seen, "a", 2))
     assert not slices.begin("b", counting(seen, "b", 1))
     assert not slices.go_on("a")
@@ -70,7 +70,7 @@ def test_work_is_finished_at_once_from_anywhere_and_the_caller_goes_on():
 
 def test_work_stands_aside_before_its_slice_is_over_and_the_next_work_does_not():
     slices, seen = Slices(slice_s=60.0), list[str]()
-    stand_aside()  # nobody has begun anything: it does nothing
+    stand_aside()  # no work is under way: it does nothing
 
     def work() -> None:
         seen.append("segments")

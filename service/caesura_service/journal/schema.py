@@ -147,17 +147,15 @@ SELECT * FROM records WHERE session_id = ? AND place > ? AND place <= ? ORDER BY
 SELECT_EXTENT = """
 SELECT *, (SELECT coalesce(max(place), -1) FROM records WHERE session_id = id) FROM sessions
 WHERE station = ? AND session = ?"""
-SELECT_EDITS = f"""
-SELECT * FROM records WHERE encoding = '{EDIT}' AND session_id = (
-    SELECT id FROM sessions WHERE station = ? AND session = ?
-) ORDER BY place"""
-SELECT_EDIT_AT = {
+_SELECT_ALL = {
     kind: f"""
 SELECT * FROM records WHERE encoding = '{encoding}' AND session_id = (
     SELECT id FROM sessions WHERE station = ? AND session = ?
-) ORDER BY place LIMIT 1 OFFSET ?"""
+) ORDER BY place"""
     for kind, encoding in ((Edit, EDIT), (EditProgram, EDIT_PROGRAM))
 }
+SELECT_EDITS = _SELECT_ALL[Edit]
+SELECT_EDIT_AT = {kind: f"{select} LIMIT 1 OFFSET ?" for kind, select in _SELECT_ALL.items()}
 SELECT_BEYOND = """
 SELECT * FROM records
 WHERE session_id = (SELECT id FROM sessions WHERE station = :station AND session = :session)

@@ -24,6 +24,7 @@ from service.journal.test_deletion import record, taught
 
 FILES = 32
 DISK = SHARE * SIZE + (48 << 20)  # [bytes] room for a reserve, and for what the tests write before
+LITTLE_S = 0.01
 
 
 def full() -> JournalError:
@@ -101,25 +102,27 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize(
     ("commit_s", "free"),
-    [(0.01, None), (0.5, None), (0.5, 1 << 40)],
+    [(LITTLE_S, None), (0.5, None), (0.5, 1 << 40)],
     ids=["little waits", "more waits than the reserve holds", "more waits, and a quota is full"],
 )
 def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, commit_s, free, monkeypatch):
     """`caesura sessions delete` said "deleted", and the service could not write for ever after.
 
-    What waits took the room that was given back for the deletion, or needed all its room at once.
+    What waits took the room that was given back for the deletion, or needed all its room at once. What is
+    deleted holds 18 MB, the new session 13 MB.
     """
     if free is not None:
         monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path, JournalSettings(commit_s=commit_s)) as journal:
         for name in ("old", "older"):
-            taught(journal, 12_000, name)
+            taught(journal, 18_000, name)
         eventually((disk / f"{path.name}{SUFFIX}").exists)
         fill(disk)
         with pytest.raises(JournalError, match="no room left"):
-            taught(journal, 20_000, "new")
+            taught(journal, 26_000, "new")
         eventually(lambda: journal.report().trouble is not None)
+        assert (journal.report().waiting > SIZE) == (commit_s > LITTLE_S)
         for name in ("old", "older"):
             with SqliteJournal(path, alone=False) as another:
                 another.delete(STATION, name)

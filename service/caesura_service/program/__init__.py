@@ -6,7 +6,7 @@ from caesura_service.program.contacts import may_press_in
 from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, left_out_note
-from caesura_service.program.movements import turns_or_slows
+from caesura_service.program.movements import is_end_of_movement
 from caesura_service.program.paths import Paths
 from caesura_service.program.program_segment import (
     GRIP_SLACK_S,
@@ -33,12 +33,12 @@ __all__ = [
     "ProgramSegment",
     "check_applies",
     "holds",
+    "is_end_of_movement",
     "left_out_note",
     "log_of",
     "may_end_movement",
     "may_press_in",
     "observed_share",
     "task_program",
-    "turns_or_slows",
     "with_edits",
 ]

@@ -3,7 +3,7 @@
 - What the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot.
 - What stands where it was gripped is not held yet.
-- A carry, or a turn in the air, that leads nowhere is a rest.
+- A carry, or a movement in the air, that leads nowhere is a rest.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from operator import mul
 import numpy as np
 
 from caesura_protocol.messages import Segment, Vector
+from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
 from caesura_service.program.program_segment import (
@@ -31,7 +32,11 @@ from caesura_service.program.strokes import LEAST_TURN_RAD, NOWHERE_M, OUT_M
 
 HANGING_N, HANGING_ASIDE, HANGING_SD_N = 1.5, 0.6, 1.0  # a load's weight, what is aside of it, its error
 SURE_SDS = 2.0  # deviations of a load from nothing
-NOWHERE_RAD = math.radians(3.0)  # of a turn in the air: a check names what is more
+NOWHERE = {  # how far [m] and by how much [rad] a step leads at least, by kind; of a turn, a check names more
+    "transport": (NOWHERE_M, LEAST_TURN_RAD),
+    "turning": (OUT_M, math.radians(3.0)),
+    "motion": (TOLERANCE_M, TOLERANCE_RAD),
+}
 STANDS_S = 1.0  # a load that rests for longer where it was gripped is held there on purpose
 SHUT_M = 0.003  # between fingers that hold nothing
 
@@ -92,20 +97,21 @@ def _down(force: Vector, up: Vector) -> float:
 
 
 def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
-    """A carry, or a turn in the air, that leads nowhere is a rest: a person and a robot differ in it.
+    """A carry, or a movement in the air, that leads nowhere is a rest: a person and a robot differ in it.
 
-    The path of what the fingers hold is kept; of a turn in the air, only what is less than a check names.
+    The path of what the fingers hold is kept. Of a turn in the air no more is lost than a check passes over,
+    of another movement no more than a path may be off.
     """
     segment = step.segment
-    carried = segment.contact == "transport" and holds(step, context.grips)
-    turned = segment.contact == "free" and segment.kind == "turning"
-    if segment.corrected or segment.motion == "steady" or not (carried or turned):
+    is_carried = segment.contact == "transport" and bool(holds(step, context.grips))
+    if segment.corrected or segment.motion == "steady" or not (is_carried or segment.contact == "free"):
         return step
     seen = [context.moment_at(t) for t in observed(segment.t0, segment.tn)]
     way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
     turns = [one.orientation for one in seen if one.orientation is not None]
-    most_m, most_rad = (NOWHERE_M, LEAST_TURN_RAD) if carried else (OUT_M, NOWHERE_RAD)
-    if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
+    most_m, most_rad = NOWHERE["transport" if is_carried else segment.kind]
+    leads_on = length(step.moved) >= NOWHERE_M or way >= most_m
+    if leads_on or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
         return step
     kind = KINDS["steady", segment.contact]
     still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}

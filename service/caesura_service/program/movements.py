@@ -1,8 +1,8 @@
-"""Movements in the air that are one: where a hand neither slows down nor turns, no next movement begins.
+"""Movements in the air that are one: only a stop or a corner ends one, and a corner turns and slows.
 
-A hand that only gets faster or slower, as on its way into a circle and out of it, is in one movement. Its
-tempo differs on both sides, and the segmentation divides it there. But a corner is a place that turns and
-slows, and everything else inside a movement is a via point of its path.
+Everything else inside a movement is a via point of its path. A hand that gets faster or slower, as on its way
+into a circle and out of it, is in one movement, though the segmentation may divide it there. What an operator
+divides stays divided.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from caesura_service.program.program_segment import (
     ROUNDED_S,
+    STOPS_SHARE,
     Context,
     MomentAt,
     ProgramSegment,
@@ -23,8 +24,7 @@ from caesura_service.program.program_segment import (
 )
 
 NEAR_S = 0.7  # to either side of a boundary, where the neighbouring peaks of speed lie
-CORNER_COSINE = 0.5**0.5  # of 45 degrees, from which on a path turns
-SLOWS_SHARE = 0.9  # of the lesser of the peaks: the way in 0.1 s, 5 mm, is known to half a millimetre
+CORNER_COSINE, CORNER_SHARE = 0.5**0.5, 0.6  # of 45 degrees, and of the lesser peak: as in the corner weight
 MOVES = ("motion", "transport")  # kinds that may be one with another of their kind
 
 
@@ -34,22 +34,26 @@ def with_whole_movements(steps: Sequence[ProgramSegment], context: Context) -> l
 
 
 def _moves_on(movement: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does a movement in the air go on in a step of its kind, at once and without a corner?"""
+    """Does a movement in the air go on in a step of its kind, at once, without a stop or a corner?"""
     one, two = movement.segment, step.segment
-    if one.corrected or two.corrected or one.kind != two.kind or one.kind not in MOVES:
+    if one.corrected or two.corrected or step.parts[0].is_set_apart:
+        return False
+    if one.kind != two.kind or one.kind not in MOVES:
         return False
     at_once = step.parts[0].index == movement.parts[-1].index + 1 and two.t0 - one.tn < ROUNDED_S
-    return at_once and not turns_or_slows(two.t0, moment_at)
+    return at_once and not is_end_of_movement(two.t0, moment_at)
 
 
-def turns_or_slows(t: float, moment_at: MomentAt) -> bool:
-    """Is the hand slower at a boundary [s] than near it, or does it go on another way?
+def is_end_of_movement(t: float, moment_at: MomentAt) -> bool:
+    """Does a movement end at a boundary [s]: does the hand stop there, or turn and slow?
 
-    It is slower where its speed is at most `SLOWS_SHARE` of the lesser of the peaks on both sides.
+    Speeds are those of the steps about the boundary, beside the lesser of the peaks on both sides. It turns
+    where the ways of `NEAR_S` to the boundary and from it do.
     """
     before, after = observed(t - NEAR_S, t), observed(t, t + NEAR_S)
-    steps = np.diff(np.array([moment_at(one).position for one in (*before, *after)]), axis=0)
+    places = np.array([moment_at(one).position for one in (*before, *after)])
     place = len(before) - 1  # of the step across the boundary
-    into, out_of = steps[place - 1], steps[place + 1]
+    into, out_of = places[place] - places[0], places[-1] - places[place + 1]
     turns = float(into @ out_of) <= CORNER_COSINE * length(into) * length(out_of)
-    return turns or slows_at(np.linalg.norm(steps, axis=1), place, SLOWS_SHARE)
+    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    return slows_at(ways, place, CORNER_SHARE if turns else STOPS_SHARE)

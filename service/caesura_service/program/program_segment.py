@@ -19,6 +19,7 @@ OBSERVED_S, TOUCHED_S = 0.1, 0.05  # from one observation to the next; from a bo
 ROUNDED_S = 1e-6
 UNLIKE_N = 2.0 * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
+STOPS_SHARE = 0.2  # of the lesser of the peaks of speed on both sides, up to which a movement or a turn stops
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 KINDS = {
@@ -90,13 +91,15 @@ class Context:
 class ProgramSegment:
     """A segment as the program sees it.
 
-    base: of a contact, the force [N] before anything was touched; rests_before, rests_after: of a stroke, as
-    parts of it; approach: what it is the end of, as a part of it: movements into a contact, a stroke.
+    is_set_apart: an operator has stated that it begins there; base: of a contact, the force [N] before
+    anything was touched; rests_before, rests_after: of a stroke, as parts of it; approach: what it is the end
+    of, as a part of it: movements into a contact, a stroke.
     """
 
     index: int
     segment: Segment
     confidence: float
+    is_set_apart: bool = False
     base: Vector = (0.0, 0.0, 0.0)
     rests_before: tuple[ProgramSegment, ...] = ()
     rests_after: tuple[ProgramSegment, ...] = ()

@@ -25,6 +25,7 @@ from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     ROUNDED_S,
+    STOPS_SHARE,
     UNLIKE_N,
     Context,
     Moment,
@@ -44,7 +45,6 @@ SAME_SIDE = 0.5  # cosine between two forces; friction tilts that of a stroke, a
 PRESS_LOOKS = 100  # observations of a press that are looked at
 PRESS_SHARE = 0.7  # of the largest force of a stroke, from which on it is pressed: as of a segment
 SAME_AXIS = 0.9  # cosine between two turns that are one
-STOPS_SHARE = 0.2  # of the lower of the peaks on both sides: a turn that is slower stops
 LEAST_TURN_RAD = 0.1  # a turn by less is a rest: it has no screw motion
 TILT_COSINE = 0.7  # of the angle between the tool and the axis of a turn: 45 degrees
 TIP_REACH_M = 0.2  # from the reported point to the tip of a tool
@@ -356,7 +356,7 @@ def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
 def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
     """Does a turn go on in a step about the same axis, without a stop, and in contact pressed as hard?"""
     one, two = turn.segment, step.segment
-    named = one.corrected or two.corrected
+    named = one.corrected or two.corrected or step.is_set_apart
     if named or not one.kind == two.kind == "turning" or one.contact != two.contact:
         return False
     if one.turn is None or two.turn is None or step.index != turn.index + 1:

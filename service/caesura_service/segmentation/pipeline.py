@@ -477,7 +477,12 @@ class SegmentationPipeline:
         starts = [*(part.changepoint.probability for part in parts), 1.0]
         starts[0] = starts[0] if first else 1.0
         steps = [
-            ProgramSegment(first + i, part.segment, part.segment.probability * min(starts[i], starts[i + 1]))
+            ProgramSegment(
+                first + i,
+                part.segment,
+                part.segment.probability * min(starts[i], starts[i + 1]),
+                is_set_apart=part.changepoint.corrected,
+            )
             for i, part in enumerate(parts)
         ]
         if self._program.paths is not None:  # the last segment goes on, and so does its path

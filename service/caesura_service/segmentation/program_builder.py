@@ -28,10 +28,10 @@ from caesura_service.program import (
     Paths,
     ProgramSegment,
     holds,
+    is_end_of_movement,
     may_end_movement,
     may_press_in,
     task_program,
-    turns_or_slows,
 )
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 
@@ -142,7 +142,7 @@ class IncrementalProgramBuilder:
             moves = kind == "motion" and self._lasts(before) and not touched and not may_end_movement(step)
             gripped = any(t0 <= grip.t <= t0 + GRIP_SLACK_S for grip in grips)
             quiet = self._lasts(step) and moves and not holds(step, known) and not gripped
-            if quiet and (before.segment.motion == "steady" or turns_or_slows(t0, self._moment)):
+            if quiet and (before.segment.motion == "steady" or is_end_of_movement(t0, self._moment)):
                 return i
         if last < begin + MOST_UNQUIET:
             return 0

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import App
-from caesura_service.program import GripperAction, Moment, MomentAt, Paths
+from caesura_service.program import GripperAction, Moment, MomentAt, Paths, ProgramSegment, task_program
 from service.program.segments import kinds, program, segment
 
 SPEED_M_PER_S = 0.1
@@ -44,14 +45,16 @@ def paths_of(at: MomentAt) -> Paths:
 
 
 def taught(
-    at: MomentAt, kind: str = "motion", onward: str = "motion", t0: float = BOUNDARY_S
+    at: MomentAt, kind: str = "motion", onward: str = "motion", t0: float = BOUNDARY_S, *, apart: bool = False
 ) -> tuple[App, ...]:
-    parts = (
-        segment(kind, 0.0, BOUNDARY_S, position_end=at(BOUNDARY_S + 0.05).position),
-        segment(onward, t0, 4.0),
-    )
+    """Two segments; apart: an operator has stated that the second one begins there."""
+    first = segment(kind, 0.0, BOUNDARY_S, position_end=at(BOUNDARY_S + 0.05).position)
+    steps = [
+        ProgramSegment(0, first, 0.9),
+        ProgramSegment(1, segment(onward, t0, 4.0), 0.9, is_set_apart=apart),
+    ]
     grips = (GRASP,) if kind == "transport" else ()
-    return tuple(app for app in program(*parts, grips=grips, at=at, paths=paths_of(at)) if app.segments)
+    return tuple(app for app in task_program(steps, grips, at, paths=paths_of(at)) if app.segments)
 
 
 @pytest.mark.parametrize(
@@ -60,12 +63,15 @@ def taught(
         ({}, [(0, 1)]),
         ({"turn_deg": 30.0}, [(0, 1)]),
         ({"turn_deg": 30.0, "slower": 0.95}, [(0, 1)]),
-        ({"slower": 0.8}, [(0,), (1,)]),
-        ({"turn_deg": 80.0}, [(0,), (1,)]),
+        ({"turn_deg": 90.0}, [(0, 1)]),
+        ({"turn_deg": 90.0, "slower": 0.95}, [(0, 1)]),
+        ({"turn_deg": 90.0, "slower": 0.5}, [(0,), (1,)]),
+        ({"turn_deg": 30.0, "slower": 0.3}, [(0, 1)]),
+        ({"turn_deg": 30.0, "slower": 0.1}, [(0,), (1,)]),
     ],
 )
 @pytest.mark.parametrize("kind", ["motion", "transport"])
-def test_a_movement_that_neither_turns_nor_slows_down_goes_on(
+def test_a_movement_that_neither_stops_nor_turns_and_slows_goes_on(
     way: dict[str, float], apps: list[tuple[int, ...]], kind: str
 ) -> None:
     """Two circles in a row became three moves, and the robot stopped twice on its way."""
@@ -84,6 +90,11 @@ def test_a_movement_that_an_operator_names_stays_one() -> None:
     named = segment("motion", BOUNDARY_S, 4.0).model_copy(update={"corrected": True})
     made = program(segment("motion", 0.0, BOUNDARY_S), named, at=moving())
     assert [app.segments for app in made] == [(0,), (1,)]
+
+
+@pytest.mark.parametrize("kind", ["motion", "transport"])
+def test_a_movement_that_an_operator_divides_stays_divided(kind: str) -> None:
+    assert [app.segments for app in taught(moving(), kind, kind, apart=True)] == [(0,), (1,)]
 
 
 def test_a_corner_is_passed_with_the_velocity_of_the_hand() -> None:
@@ -116,3 +127,24 @@ def test_a_carry_goes_on_in_a_hold() -> None:
     assert kinds(made) == ["transport", "hold"]
     assert made[0].path is not None
     assert made[0].path.end_velocity is not None
+
+
+@pytest.mark.parametrize(
+    ("way_m", "turn_deg", "moves"), [(0.0015, 0.5, 2), (0.0025, 0.5, 3), (0.0015, 1.5, 3)]
+)
+def test_a_movement_that_leads_nowhere_is_a_rest(way_m: float, turn_deg: float, moves: int) -> None:
+    """A hand stood for 0.3 s and trembled. What is within the tolerance of a path is no app."""
+
+    def standing(t: float) -> Moment:
+        """Half a metre a second until 2 s and from 2.5 s on; between them a little way, and a little turn."""
+        share = min(max((t - 2.1) / 0.3, 0.0), 1.0)
+        half = 0.5 * share * math.radians(turn_deg)
+        x = 0.5 * (min(t - 2.0, 0.0) + max(t - 2.5, 0.0)) + share * way_m
+        return Moment((x, 0.0, 0.3), (0.0, 0.0, math.sin(half), math.cos(half)), None, 0.04)
+
+    ends = [(t, standing(t).position) for t in (0.0, 2.0, 2.5, 4.0)]
+    parts = [
+        segment("motion", t0, tn, position_start=start, position_end=end)
+        for (t0, start), (tn, end) in pairwise(ends)
+    ]
+    assert kinds(program(*parts, at=standing)) == ["cartesian_motion"] * moves

@@ -127,6 +127,17 @@ def test_an_insert_at_the_time_of_a_changepoint_confirms_it():
         assert [one.t for one in view.changepoints if one.corrected] == [t]
 
 
+def test_a_changepoint_that_an_operator_inserts_divides_the_app():
+    """The hand goes on there: the program had one app, and the corrected session looked as before."""
+    walked = whole("parkour")
+    first, *_ = walked.view.apps
+    assert first.tn - first.t0 > 0.8
+    divided = with_one(walked, Insert(t=first.t0 + 0.45)).apps
+    assert len(divided) == len(walked.view.apps) + 1
+    assert divided[0].tn == divided[1].t0 == pytest.approx(first.t0 + 0.45, abs=STEP_S / 2 + 1e-9)
+    assert divided[1].tn == first.tn
+
+
 def test_a_removed_changepoint_is_gone_and_nothing_takes_its_place_between_its_neighbours(shown: Pipeline):
     before = [shown.view.segments[0].t0, *times(shown.view), np.inf]
     for last, t, following in zip(before, before[1:], before[2:], strict=False):

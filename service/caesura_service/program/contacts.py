@@ -17,6 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from caesura_protocol.messages import Vector
+from caesura_service.program.loads import hangs
 from caesura_service.program.program_segment import (
     PUSHES_BACK_N,
     UNLIKE_N,
@@ -61,7 +62,8 @@ def set_down(
 ) -> ProgramSegment:
     """A load keeps its weight, and in the air nothing resists a short movement into a contact.
 
-    Where the force changes by more than a bias can and stays so, it touches.
+    Where the force changes by more than a bias can and stays so, it touches. But what weighs more has been
+    lifted off what bore it.
     """
     segment = step.segment
     arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
@@ -70,6 +72,8 @@ def set_down(
     base = base_after(last, context)
     forces = _felt(step, context)
     changed = context.median(forces) - base if len(forces) else np.zeros(3)
+    if segment.contact == "transport" and hangs(tuple(changed.tolist()), context.up):
+        return step
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
 
 

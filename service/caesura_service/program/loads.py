@@ -15,7 +15,7 @@ from operator import mul
 
 import numpy as np
 
-from caesura_protocol.messages import Segment, Vector
+from caesura_protocol.messages import Vector
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_protocol.rotations import angle_between
 from caesura_service.constants import GRAVITY
@@ -75,7 +75,7 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
 
     What a hand slides along pushes back; only a load pulls straight down.
     """
-    if not step.touches or not _hangs(step.segment, context.up):
+    if not step.touches or not hangs(step.segment.force, context.up):
         return step
     if step.segment.kind == "contact" and not holds(step, context.grips):
         return step
@@ -83,9 +83,9 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
     return step.read_as("transport", load_kg=down / GRAVITY, load_sd_kg=HANGING_SD_N / GRAVITY)
 
 
-def _hangs(segment: Segment, up: Vector) -> bool:
-    """Does its force pull straight down on the robot?"""
-    (x, y, z), (ux, uy, uz), down = segment.force, up, _down(segment.force, up)
+def hangs(force: Vector, up: Vector) -> bool:
+    """Does a force [N] pull straight down on the robot, as a load does?"""
+    (x, y, z), (ux, uy, uz), down = force, up, _down(force, up)
     aside = length((x + down * ux, y + down * uy, z + down * uz))
     return down >= HANGING_N and aside <= HANGING_ASIDE * down
 

@@ -66,6 +66,26 @@ def test_a_load_that_weighs_something_else_is_set_down() -> None:
     assert kinds(carried(-1.0)) == ["grasp", "transport", "hold", "transport", "hold", "transport"]
 
 
+@pytest.mark.parametrize(
+    ("force", "becomes"),
+    [((0.0, 0.0, -5.0), "transport"), ((2.0, 0.0, -5.0), "transport"), ((4.0, 0.0, -4.0), "apply_force")],
+)
+def test_what_weighs_more_has_been_lifted(force: tuple[float, float, float], becomes: str) -> None:
+    """What stood on a table weighed nothing; lifted, it pulled at what it touched, and no robot ran that."""
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+
+    def lifted(t: float) -> Moment:
+        return replace(moment_at(t), force=force if t > 2.0 else (0.0, 0.0, 0.0))
+
+    made = program(
+        segment("hold", 0.0, 2.0, load_kg=0.0, load_sd_kg=0.05),
+        segment("transport", 2.0, 4.0, **load),
+        grips=(GripperAction(-1.0, "grasp", 0.03),),
+        at=lifted,
+    )
+    assert kinds(made)[-1] == becomes
+
+
 @pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.008, "hold"), (0.02, "transport")])
 def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
     """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""

@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     Move,
     PhaseOutline,
     Remove,
+    Segment,
     SegmentOutline,
 )
 from caesura_protocol.number_words import counted, fixed
@@ -33,6 +34,7 @@ _WORDS: Mapping[str, str] = {
     "take_back": "took correction {number} back",
 }
 LEAST_MM = 0.1  # by which a target moves, to be stated
+SURE = 2.0  # standard deviations of a load that is there
 LISTED = 3  # segments or apps that a sentence names, before and after
 _UNLIMITED = "lifted the limit of the force at {t} s"
 
@@ -68,6 +70,15 @@ def no_corrections(revision: int) -> str:
     if not revision:
         return "no corrections"
     return f"revision {revision}: its corrections, made under an older version of the service, are not listed"
+
+
+def transport_doubt(segment: Segment) -> str:
+    """Why a segment that is called a transport may be none; empty for any other, and with a load."""
+    load_kg, sd_kg = segment.load_kg, segment.load_sd_kg or 0.0
+    if segment.kind != "transport" or load_kg is None or abs(load_kg) > SURE * sd_kg:
+        return ""
+    grams = f"{fixed(round(1000 * load_kg) + 0.0, 0)} ± {fixed(1000 * sd_kg, 0)} g"
+    return f"Its load is {grams}: is something carried there? Undo takes it back."
 
 
 def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:

@@ -13,6 +13,7 @@ from caesura_clients.correction_words import (
     described,
     effect_words,
     in_words,
+    transport_doubt,
 )
 from caesura_protocol.messages import (
     Action,
@@ -52,6 +53,33 @@ from clients.examples import snapshot
 )
 def test_every_correction_has_words(action: Action, words: str):
     assert in_words(action) == words
+
+
+@pytest.mark.parametrize(
+    ("kind", "load_kg", "load_sd_kg", "words"),
+    [
+        ("transport", 0.0, 0.012, "Its load is 0 ± 12 g: is something carried there? Undo takes it back."),
+        (
+            "transport",
+            -0.0002,
+            0.012,
+            "Its load is 0 ± 12 g: is something carried there? Undo takes it back.",
+        ),
+        (
+            "transport",
+            0.023,
+            0.012,
+            "Its load is 23 ± 12 g: is something carried there? Undo takes it back.",
+        ),
+        ("transport", 0.025, 0.012, ""),
+        ("transport", None, None, ""),
+        ("hold", 0.0, 0.012, ""),
+    ],
+)
+def test_a_transport_without_a_load_is_doubted(kind, load_kg, load_sd_kg, words):
+    (segment,) = snapshot(1, "motion").segments.segments[:1]
+    made = segment.model_copy(update={"kind": kind, "load_kg": load_kg, "load_sd_kg": load_sd_kg})
+    assert transport_doubt(made) == words
 
 
 def test_times_are_those_of_the_clock_that_people_read():

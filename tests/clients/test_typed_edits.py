@@ -1,4 +1,4 @@
-"""Edits as they are typed, and how refusals are worded: without a service."""
+"""Edits as they are typed, without a service."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from caesura_clients import editing
 from caesura_clients.cli import edit_program as edit_program_command
 from caesura_clients.cli.commands import register
-from caesura_clients.cli.edit import corrections_table, nearest_named, parse
+from caesura_clients.cli.edit import corrections_table, parse
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
 from caesura_protocol.messages import (
     Correction,
@@ -26,7 +26,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock
+from caesura_protocol.session_clock import NO_OFFSET
 from clients.examples import snapshot
 from harness.programs import app
 
@@ -127,33 +127,6 @@ def test_patience_ends(monkeypatch, refusal: Exception):
     made = Edit(session="s1", revision=0, author="Ann", action=Insert(t=1.0))
     with pytest.raises(type(refusal)):
         editing.send(None, "cell-1", made, patience_s=0.0)
-
-
-@pytest.mark.parametrize(
-    ("expected", "said"),
-    [
-        ([[2.65, 4.35], [7.65, 9.45]], "the nearest that do: 2.65 to 4.35 s, 7.65 to 9.45 s"),
-        ("none is there", "no app of this session does"),
-    ],
-)
-def test_a_force_limit_where_no_app_is_names_the_nearest(expected, said):
-    # As it comes from the wire; it once read "value 0.5; limit 0.5; expected ['[2.65, 4.35]']".
-    refusal = ProtocolError(
-        "conflict", "no app exerts a force there", value=0.5, limit=0.5, expected=expected
-    )
-    with pytest.raises(CaesuraError) as shown, nearest_named(LimitForce(t=0.5, newton=3.0)):
-        raise refusal
-    assert str(shown.value) == f"no app exerts a force at 0.5 s; {said}"
-    with pytest.raises(ProtocolError), nearest_named(Insert(t=0.5)):
-        raise refusal
-
-
-def test_a_refusal_has_its_times_of_day_as_people_read_them():
-    began, ended, wanted = 1764172800.35, 1764172812.95, Insert(t=1764172899.35)
-    refusal = ProtocolError("malformed", "the time is outside", value=wanted.t, limit=(began, ended))
-    with pytest.raises(CaesuraError) as shown, nearest_named(wanted, SessionClock(began)):
-        raise refusal
-    assert str(shown.value) == "malformed: the time is outside; value 99.00; limit (0.00, 12.60)"
 
 
 @pytest.mark.parametrize(

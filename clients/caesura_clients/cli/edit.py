@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import getpass
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -16,7 +16,7 @@ from rich.text import Text
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines
-from caesura_clients.cli.typed_actions import validated, wrong
+from caesura_clients.cli.typed_actions import refused_in_words, validated, wrong
 from caesura_clients.client import Caesura
 from caesura_clients.correction_words import (
     changepoint_made,
@@ -25,6 +25,7 @@ from caesura_clients.correction_words import (
     effect_words,
     in_words,
     no_corrections,
+    transport_doubt,
 )
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
@@ -33,8 +34,8 @@ from caesura_protocol.messages import (
     Correction,
     EditEffect,
     Insert,
-    LimitForce,
     Move,
+    Relabel,
     Remove,
     Snapshot,
     TakeBack,
@@ -100,7 +101,7 @@ def edit(
             if revision is None or _times(wanted):
                 seen = _seen(caesura, station, session, revision)
             wanted = _on_clock(wanted, seen.clock)
-            with nearest_named(wanted, seen.clock):
+            with refused_in_words(wanted, seen.clock):
                 if preview:
                     effect = caesura.preview(station, session, wanted, revision=seen.revision)
                     typer.echo(
@@ -117,9 +118,23 @@ def edit(
                     author=author or getpass.getuser(),
                     revision=seen.revision,
                 )
+                doubt = _doubt(caesura, station, session, wanted)
     typer.echo(f"{_done(wanted, ack.effect, seen)}; {station}/{session} is at revision {ack.revision}")
     if ack.effect is not None:
         typer.echo("\n".join(effect_words(ack.effect, seen.clock)))
+    if doubt:
+        typer.echo(f"warning: {doubt}", err=True)
+
+
+def _doubt(caesura: Caesura, station: str, session: str, action: Action) -> str:
+    """Why a segment that was just called a transport may be none; empty without a reason."""
+    if not (isinstance(action, Relabel) and action.kind == "transport"):
+        return ""
+    with suppress(CaesuraError, ProtocolError):  # it is done, whatever becomes of this question
+        segments = caesura.snapshot(station, session).segments.segments
+        there = [one for one in segments if one.t0 <= action.t <= one.tn]
+        return transport_doubt(there[-1]) if there else ""
+    return ""
 
 
 class _SessionSeen(NamedTuple):
@@ -183,30 +198,6 @@ def _on_clock(wanted: Action, clock: SessionClock) -> Action:
 def _times(wanted: Action) -> dict[str, float]:
     """The times [s] of an action by the names of their fields; undo and redo have none."""
     return {name: getattr(wanted, name) for name in ("t", "to") if hasattr(wanted, name)}
-
-
-@contextmanager
-def nearest_named(wanted: Action, clock: SessionClock = NO_OFFSET) -> Iterator[None]:
-    """Name the nearest apps where a force limit meets none; in other refusals, times as people read them.
-
-    Raises CaesuraError in place of these refusals.
-    """
-    try:
-        yield
-    except ProtocolError as refusal:
-        if refusal.code != "conflict" or not isinstance(wanted, LimitForce) or refusal.value != wanted.t:
-            if clock == NO_OFFSET:
-                raise
-            raise CaesuraError(clock.text(str(refusal))) from refusal
-        spans = refusal.expected if isinstance(refusal.expected, list | tuple) else []
-        nearest = ", ".join(f"{_span(str(span), clock)} s" for span in spans)
-        there = f"the nearest that do: {nearest}" if nearest else "no app of this session does"
-        raise CaesuraError(f"no app exerts a force at {clock.brief(wanted.t)} s; {there}") from refusal
-
-
-def _span(words: str, clock: SessionClock) -> str:
-    """Two times as a refusal states them, `[3.0, 4.5]`, as people read them."""
-    return " to ".join(clock.brief(float(t)) for t in words.strip("[]()").split(", "))
 
 
 def parse(words: list[str]) -> Action:

@@ -16,7 +16,7 @@ from rich.text import Text
 from caesura_clients.cli.connection_options import Config, Connect
 from caesura_clients.cli.options import connected, named, reported
 from caesura_clients.cli.result_tables import PLAIN, clock_lines, program_view
-from caesura_clients.cli.typed_actions import validated, word_of, wrong
+from caesura_clients.cli.typed_actions import refused_in_words, validated, word_of, wrong
 from caesura_clients.program_editing import edit_program as send_edit
 from caesura_clients.program_editing import in_words, part_between, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_name
@@ -129,14 +129,15 @@ def edit_program(
                 return
             wanted = parse(found, program, clock)
             seen = program.edit_revision if revision is None else revision
-            send_edit(
-                caesura.transport,
-                station,
-                session,
-                wanted,
-                author=author or getpass.getuser(),
-                revision=seen,
-            )
+            with refused_in_words(wanted, clock):
+                send_edit(
+                    caesura.transport,
+                    station,
+                    session,
+                    wanted,
+                    author=author or getpass.getuser(),
+                    revision=seen,
+                )
             typer.echo(f"{station}/{session}: {_said(wanted, program, clock)}")
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import typer
 from pydantic import TypeAdapter, ValidationError
 
+from caesura_clients.refusal_words import Refused, refusal_words
+from caesura_protocol.errors import CaesuraError, ProtocolError
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 from caesura_protocol.validation_words import Place, first_finding
 
 A = TypeVar("A")
@@ -31,3 +35,15 @@ def validated(
         return adapter.validate_python(dict(fields))
     except ValidationError as error:
         raise wrong(first_finding(error, named=named)) from error
+
+
+@contextmanager
+def refused_in_words(action: Refused, clock: SessionClock = NO_OFFSET) -> Iterator[None]:
+    """Raise CaesuraError in place of a refusal of the service, in words that say what to do.
+
+    clock: of the session.
+    """
+    try:
+        yield
+    except ProtocolError as refusal:
+        raise CaesuraError(refusal_words(refusal, action, clock)) from refusal

@@ -1,11 +1,11 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
-A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation]. Its start is
-[px, py, pz] [m]; the last two are [kg] or None. A phase is [t0, tn, kind, probability, final, strokes, name],
-a changepoint [t, probability, final, t_low, t_high, corrected], a column of run lengths
-[t, [[length, probability], …]], a correction [number, words, time of day, undone]. Times are on the clock
-of the samples; `start` is what people read as 0 of it. Signals go another way: a
-page asks for those that it shows (`signals.py`).
+A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation, doubt]. Its
+start is [px, py, pz] [m]; load and deviation are [kg] or None; doubt is why a transport may be none.
+A phase is [t0, tn, kind, probability, final, strokes, name], a changepoint
+[t, probability, final, t_low, t_high, corrected], a column of run lengths [t, [[length, probability], …]],
+a correction [number, words, time of day, undone]. Times are on the clock of the samples; `start` is what
+people read as 0 of it. Signals go another way: a page asks for those that it shows (`signals.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from caesura_clients.correction_words import described
+from caesura_clients.correction_words import described, transport_doubt
 from caesura_clients.dashboard.station_summary import reached, session_clock
 from caesura_clients.results import Update
 from caesura_protocol.messages import Changepoint, Correction, Phase, Posterior, Segment
@@ -88,6 +88,7 @@ def segment_row(one: Segment) -> Cells:
         [round(value, 4) for value in one.position_start],
         one.load_kg,
         one.load_sd_kg,
+        transport_doubt(one),
     ]
 
 

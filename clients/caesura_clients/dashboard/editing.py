@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from caesura_clients.correction_words import effect_words
-from caesura_clients.editing import is_stale, send
+from caesura_clients.editing import send
+from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview
-from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import first_finding
 
@@ -43,7 +44,7 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
     try:
         ask(station, edit)
     except ProtocolError as error:
-        raise EditRefused(said(error, clock)) from error
+        raise EditRefused(said(error, edit.action, clock)) from error
     except CaesuraError as error:
         raise EditRefused(clock.text(f"Not done: {error}")) from error
     return done(edit.action, clock)
@@ -57,11 +58,13 @@ def preview(
     Of one that would be refused: why, and no row. clock: of the session, for the words.
     """
     try:
-        effect = ask(station, parse_preview(request)).effect
+        asked = parse_preview(request)
     except EditRefused as error:
         return _no_effect(str(error))
+    try:
+        effect = ask(station, asked).effect
     except ProtocolError as error:
-        return _no_effect(said(error, clock))
+        return _no_effect(said(error, asked.action, clock))
     except CaesuraError as error:
         return _no_effect(clock.text(f"Not done: {error}"))
     if effect is None:
@@ -99,34 +102,9 @@ def _parsed(model: type[M], request: Request, names: Sequence[str]) -> M:
         raise EditRefused(f"Not done: {first_finding(error)}") from error
 
 
-def said(error: ProtocolError, clock: SessionClock = NO_OFFSET) -> str:
-    """A refusal, for an operator."""
-    if is_stale(error):
-        return (
-            f"Not done: another operator corrected this session meanwhile (it is at revision {error.limit}, "
-            f"you saw {error.value}). What is there now is shown: look, and do it again."
-        )
-    return clock.text(f"Not done: {error.message}{_within(error, clock)}{_there_is(error, clock)}.")
-
-
-def _within(error: ProtocolError, clock: SessionClock) -> str:
-    """What a number was not within, where a refusal states two limits."""
-    if not isinstance(error.value, int | float) or not isinstance(error.limit, list | tuple):
-        return ""
-    value, *limits = (_number(one, clock) for one in (error.value, *error.limit))
-    return f": {value} is not within {' to '.join(limits)}"
-
-
-def _number(value: object, clock: SessionClock, write: Callable[[object], str] = "{:g}".format) -> str:
-    """A value of a refusal, as `write` has it; a time of day as people read it."""
-    return clock.brief(value) if isinstance(value, int | float) and is_of_day(value) else write(value)
-
-
-def _there_is(error: ProtocolError, clock: SessionClock) -> str:
-    """The alternatives of a refusal."""
-    if not isinstance(error.expected, list | tuple):
-        return ""
-    return f"; there is {', '.join(_number(one, clock, str) for one in error.expected)}"
+def said(error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET) -> str:
+    """A refusal, for an operator. action: that was refused; clock: of its session."""
+    return f"Not done: {refusal_words(error, action, clock)}."
 
 
 def done(action: Action, clock: SessionClock = NO_OFFSET) -> str:

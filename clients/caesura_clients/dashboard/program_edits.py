@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from caesura_clients.dashboard.editing import EditRefused
-from caesura_clients.editing import is_stale, send
+from caesura_clients.dashboard.editing import EditRefused, said
+from caesura_clients.editing import send
 from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -49,7 +49,7 @@ class ProgramDesk:
         try:
             send(self._transport, station, command)
         except ProtocolError as error:
-            raise EditRefused(clock.text(_said(error))) from error
+            raise EditRefused(said(error, command.action, clock)) from error
         except CaesuraError as error:
             raise EditRefused(clock.text(f"Not done: {error}")) from error
         words = in_words(command.action, clock)
@@ -63,15 +63,6 @@ def parse(request: Request) -> EditProgram:
     except ValidationError as error:
         found = first_finding(error, named=lambda place: dotted(place[-1:]))
         raise EditRefused(f"Not done: {found}") from error
-
-
-def _said(error: ProtocolError) -> str:
-    if is_stale(error):
-        return (
-            "Not done: another operator edited this program meanwhile. What is there now is shown: look, and "
-            "do it again."
-        )
-    return f"Not done: {error.message}."
 
 
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import EffectWords from "caesura-dashboard/effect_words.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
-import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
 import { pair } from "caesura-dashboard/pair.js";
 import { Plots } from "caesura-dashboard/plots.js";
@@ -28,7 +27,6 @@ const PLAY_S = 0.1, LISTED = 30;
 const POINTING = matchMedia("(pointer: coarse)").matches
   ? { choose: "Tap", correct: "hold your finger there to correct it", move: "drag it to see another time", opens: "a long press" }
   : { choose: "Click", correct: "right-click it to correct", move: "use the arrow keys in it", opens: "a right click" };
-const SURE = 2; // standard deviations of a load that is there
 
 const empty = () => ({
   segments: [], phases: [], changepoints: [], data: null, available: [],
@@ -140,8 +138,7 @@ export default {
     doubt() { // a transport without a load
       const t = this.relabelled;
       const one = t === null ? undefined : this.segments.find(([t0, tn]) => t0 <= t && t <= tn);
-      if (!one || one[2] !== "transport" || one[8] === null || Math.abs(one[8]) > SURE * (one[9] ?? 0)) return "";
-      return `Its load is ${fixed(1000 * one[8], 0)} ± ${fixed(1000 * (one[9] ?? 0), 0)} g: is something carried there? Undo takes it back.`;
+      return one ? one[10] : "";
     },
   },
   methods: {

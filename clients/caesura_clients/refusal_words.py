@@ -1,0 +1,94 @@
+"""Refusals of corrections and edits in words that say what to do, for the command line and the dashboard.
+
+A refusal states a value, a limit and the alternatives as they are on the wire. What they are follows from the
+action that was refused: a time has a unit and the session's clock, a force a unit.
+"""
+
+from __future__ import annotations
+
+from caesura_clients.editing import is_stale
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import Action, LimitForce, Move, ProgramAction, Remove
+from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day
+
+Refused = Action | ProgramAction
+
+
+def refusal_words(
+    error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET
+) -> str:
+    """Return why an edit was refused, without the full stop.
+
+    action: that was refused; clock: of its session.
+
+    >>> outside = ProtocolError("malformed", "the time is outside", value=9.2, limit=[0.0, 8.4])
+    >>> refusal_words(outside, Remove(t=9.2))
+    'time 9.2 s is outside the session (0 to 8.4 s)'
+    """
+    if is_stale(error):
+        what = "edited this program" if "program" in error.message else "corrected this session"
+        return (
+            f"another operator {what} meanwhile (it is at revision {error.limit}, you saw {error.value}): "
+            "look at what is there now, and do it again"
+        )
+    if _is_time(error.value, action):
+        return _of_time(error, action, clock)
+    return clock.text(f"{error.message}{_found(error, action)}{_there_is(error, clock)}")
+
+
+def _is_time(value: object, action: Refused | None) -> bool:
+    """Whether the value of a refusal is a time that the action states."""
+    stated = [getattr(action, name, None) for name in ("t", "to")]
+    return isinstance(value, int | float) and value in stated
+
+
+def _of_time(error: ProtocolError, action: Refused | None, clock: SessionClock) -> str:
+    """A refusal of a time."""
+    at, limit = clock.brief(error.value), error.limit
+    if isinstance(limit, list | tuple) and len(limit) == 2:
+        return f"time {at} s is outside the session ({' to '.join(map(clock.brief, limit))} s)"
+    near = error.expected if isinstance(error.expected, list | tuple) else []
+    if isinstance(action, LimitForce) and error.expected is not None:
+        spans = ", ".join(f"{_span(str(span), clock)} s" for span in near)
+        there = f"the nearest that do: {spans}" if spans else "no app of this session does"
+        return f"no app exerts a force at {at} s; {there}"
+    if isinstance(action, Remove | Move) and error.expected is not None:
+        times = ", ".join(f"{clock.brief(float(t))} s" for t in near)
+        there = f"the nearest are at {times}" if times else "this session has none"
+        return f"there is no changepoint near {at} s; {there}"
+    if limit is None and error.expected is None:
+        return clock.text(error.message)
+    return f"at {at} s {clock.text(error.message)}{_there_is(error, clock)}"
+
+
+def _span(words: str, clock: SessionClock) -> str:
+    """Two times as a refusal states them, `[3.0, 4.5]`, as people read them."""
+    return " to ".join(clock.brief(float(t)) for t in words.strip("[]()").split(", "))
+
+
+def _found(error: ProtocolError, action: Refused | None) -> str:
+    """What was found, and the limit that it broke; nothing where the message states it."""
+    value, limit = error.value, error.limit
+    if value is None or (limit is None and error.expected is None) or type(error.expected) is int:
+        return ""
+    unit = " N" if isinstance(action, LimitForce) else ""
+    is_bound = isinstance(value, int | float) and isinstance(limit, int | float)
+    if is_bound and not isinstance(error.expected, list | tuple):
+        return f": {value:g}{unit}, {'at most' if value > limit else 'at least'} {limit:g}{unit}"
+    words = repr(value) if isinstance(value, str) else f"{value}"
+    return "" if words in error.message else f": {words}"
+
+
+def _there_is(error: ProtocolError, clock: SessionClock) -> str:
+    """The alternatives of a refusal."""
+    there = error.expected
+    if isinstance(there, list | tuple):
+        return f"; there is {', '.join(_alternative(one, clock) for one in there)}"
+    return f"; expected {there}" if isinstance(there, str) and there != NONE else ""
+
+
+NONE = "none is there"
+
+
+def _alternative(one: object, clock: SessionClock) -> str:
+    return clock.brief(one) if isinstance(one, int | float) and is_of_day(one) else str(one)

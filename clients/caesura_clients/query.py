@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeVar
 
 from caesura_protocol.codec import Encoded, decode
-from caesura_protocol.errors import AccessDenied, NotFound, ProtocolError, Unreachable
+from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.fragments import Reassembler
 from caesura_protocol.keys import (
     INFERRED_PROGRAM,
     SampleRange,
     StoredPage,
+    edits_parameters,
     parse_service_key,
     parse_station_key,
     samples_parameters,
@@ -125,6 +126,28 @@ def snapshot(
         raise _not_found(transport, f"station {station!r} has no session {name or ''}".rstrip())
     # Without a program the newest session is an open one, or else the last by name.
     return max(found, key=lambda one: (one.status.state == "open", one.status.session))
+
+
+def program_at_edit(transport: Transport, station: str, session: str, number: int) -> Program:
+    """The program of a session, held or stored, with the edits that count, up to a number; 0 for none.
+
+    Raises NotFound, Unreachable, CaesuraError where the service is too old, or ProtocolError.
+    """
+    key, parameters = session_key(station, session, "snapshot"), edits_parameters(number)
+
+    def ask() -> list[Snapshot]:
+        if held := _query_all(transport, key, Snapshot, parameters=parameters):
+            return held
+        page = stored_parameters(StoredPage(1, edits=number))
+        return _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+
+    found = _confirmed(transport, station, ask)
+    if not found:
+        raise _not_found(transport, f"station {station!r} has no session {session}")
+    version = max(found, key=_rank).program
+    if version.edit_revision != number:
+        raise CaesuraError(f"the service of {station} states no version of a program: update it")
+    return version
 
 
 def program(transport: Transport, station: str) -> Program:

@@ -165,6 +165,30 @@ def requests_nothing_said(parameters: str) -> bool:
     return parameters == INFERRED_PROGRAM or NOTHING_SAID in parameters.split(";")
 
 
+def edits_parameters(number: int) -> str:
+    """Parameters of a `snapshot` query for a version of its program, after its `?`.
+
+    It is the program with the edits that count, up to that number; with 0 it has none. An older service
+    answers with the present program, whose `edit_revision` is another.
+
+    >>> edits_parameters(3)
+    'edits=3'
+    """
+    return f"edits={number}"
+
+
+def parse_edits_parameters(parameters: str) -> int | None:
+    """The version that `snapshot` parameters ask for; None for the present one.
+
+    Raises ProtocolError `malformed`.
+
+    >>> parse_edits_parameters("stored=1;skip=0;edits=3"), parse_edits_parameters("nothing=said")
+    (3, None)
+    """
+    number = _fields(parameters, "snapshot").get("edits")
+    return None if number is None else _count(number, "edits", "snapshot")
+
+
 def samples_parameters(wanted: SampleRange) -> str:
     """Parameters of a `samples` query, after its `?`.
 
@@ -201,10 +225,14 @@ def parse_samples_parameters(parameters: str) -> SampleRange:
 
 
 class StoredPage(NamedTuple):
-    """Which sessions of the journal a `snapshot` query asks for: the newest `limit` after `skip` others."""
+    """Which sessions of the journal a `snapshot` query asks for: the newest `limit` after `skip` others.
+
+    edits: the version of their programs, as of `parse_edits_parameters`.
+    """
 
     limit: int = MAX_STORED
     skip: int = 0
+    edits: int | None = None
 
 
 def stored_parameters(wanted: StoredPage) -> str:
@@ -213,7 +241,8 @@ def stored_parameters(wanted: StoredPage) -> str:
     >>> stored_parameters(StoredPage(16, skip=32))
     'stored=16;skip=32'
     """
-    return f"stored={wanted.limit};skip={wanted.skip}"
+    version = "" if wanted.edits is None else f";{edits_parameters(wanted.edits)}"
+    return f"stored={wanted.limit};skip={wanted.skip}{version}"
 
 
 def parse_stored_parameters(parameters: str) -> StoredPage | None:
@@ -222,7 +251,7 @@ def parse_stored_parameters(parameters: str) -> StoredPage | None:
     Raises ProtocolError `malformed`.
 
     >>> parse_stored_parameters("stored=4;skip=0"), parse_stored_parameters("")
-    (StoredPage(limit=4, skip=0), None)
+    (StoredPage(limit=4, skip=0, edits=None), None)
     """
     fields = _fields(parameters, "snapshot")
     if "stored" not in fields:
@@ -230,7 +259,8 @@ def parse_stored_parameters(parameters: str) -> StoredPage | None:
     limit = _count(fields["stored"], "stored", "snapshot")
     if not 1 <= limit <= MAX_STORED:
         raise ProtocolError("malformed", "snapshot: number of stored sessions", value=limit, limit=MAX_STORED)
-    return StoredPage(limit, _count(fields.get("skip", "0"), "skip", "snapshot"))
+    skip = _count(fields.get("skip", "0"), "skip", "snapshot")
+    return StoredPage(limit, skip, parse_edits_parameters(parameters))
 
 
 def _fields(parameters: str, query: str) -> dict[str, str]:

@@ -89,7 +89,10 @@ def program(
     ] = False,
     against: Annotated[
         str | None,
-        typer.Option(metavar="FILE|STATION/SESSION", help="Show the differences from this program instead."),
+        typer.Option(
+            metavar="FILE|STATION/SESSION|STATION/SESSION@EDIT",
+            help="Show the differences from this program instead; @EDIT: as after that edit, 0: none.",
+        ),
     ] = None,
     speed: Speed = TAUGHT,
     keep_pause: KeepPause = None,
@@ -156,7 +159,15 @@ def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path
     station, separator, session = against.partition("/")
     if separator and not Path(against).exists():
         with connected(endpoint, config) as caesura:
-            other = document(caesura.snapshot(station, session).program)
+            name, at, number = session.partition("@")
+            if at and not number.isdecimal():
+                expected = f"{station}/{name}@3"
+                raise CaesuraError(f"{against}: {number!r} is no number of an edit, expected as {expected}")
+            other = document(
+                query.program_at_edit(caesura.transport, station, name, int(number))
+                if at
+                else caesura.snapshot(station, name).program
+            )
     else:
         other = read_document(Path(against))
     found = differences(made, other)

@@ -153,17 +153,22 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         on_edit: Callable[[GenericEventArguments], Any],
         on_simulate: Callable[[GenericEventArguments], Any],
         on_cancel: Callable[[], Any],
+        on_compare: Callable[[GenericEventArguments], Any],
         *,
         editable: bool,
         speeds: Sequence[str],
     ) -> None:
-        """on_simulate: with one of `speeds`; without any, nothing is simulated here. on_cancel: ends it."""
+        """on_simulate: with one of `speeds`; without any, nothing is simulated here. on_cancel: ends it.
+
+        on_compare: with the numbers of the last edits of two versions.
+        """
         super().__init__()
         self._props |= {"editable": editable, "speeds": list(speeds)}
         self._known: dict[str, Any] = {}
         self.on("edit", on_edit)
         self.on("simulate", on_simulate)
         self.on("cancel", on_cancel)
+        self.on("compare", on_compare)
 
     def follow(self, timeline: dict[str, Any]) -> None:
         """Send what is new in a timeline."""
@@ -174,6 +179,10 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
     def _begin(self) -> None:
         super()._begin()
         self._known = {}
+
+    def compared(self, found: dict[str, Any]) -> None:
+        """Show how two versions differ (`versions.compared_versions`)."""
+        self.run_method("compared", found)
 
     def simulated(self, found: dict[str, Any]) -> None:
         """Show what became of a simulation (`Simulator.run`)."""

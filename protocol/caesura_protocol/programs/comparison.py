@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from caesura_protocol.app_kinds import app_number, app_title
-from caesura_protocol.messages import App
+from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
 from caesura_protocol.programs.document import ProgramFile
 from caesura_protocol.rotations import angle_between
@@ -34,6 +34,19 @@ class LeastDifferences(NamedTuple):
 
 ROUNDING = LeastDifferences(1e-4, math.radians(0.1), 0.05, 0.005, 0.005, 0.005, 1e-3)
 REPETITION = LeastDifferences(0.005, math.radians(5.0), 1.0, 0.3, 0.05, 0.05, 0.01, share=0.15)  # of one task
+
+
+class FieldDifference(NamedTuple):
+    """A value that differs, in words; apart: how far, where that says more than the two values."""
+
+    what: str
+    one: str
+    other: str
+    apart: str = ""
+
+    def words(self, between: str) -> str:
+        """In one phrase. between: the two values."""
+        return self.apart or f"{self.what} {self.one}{between}{self.other}"
 
 
 class AppPair(NamedTuple):
@@ -66,9 +79,13 @@ def compared(
 ) -> list[AppPair]:
     """Return every app of both programs beside its counterpart; between: two values of a difference."""
     return [
-        AppPair(i, j, () if i is None or j is None else tuple(_of_apps(apps[i], others[j], least, between)))
+        AppPair(i, j, () if i is None or j is None else tuple(_words(apps[i], others[j], least, between)))
         for i, j in _pairs(apps, others)
     ]
+
+
+def _words(one: App, other: App, least: LeastDifferences, between: str) -> list[str]:
+    return [difference.words(between) for difference in field_differences(one, other, least)]
 
 
 def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None, int | None]]:
@@ -124,19 +141,26 @@ def _of_programs(one: ProgramFile, other: ProgramFile) -> Iterator[str]:
             yield f"{what} {_or_none(mine)}, was {_or_none(others)}"
 
 
-def _of_apps(one: App, other: App, least: LeastDifferences, between: str) -> Iterator[str]:
+def field_differences(one: App, other: App, least: LeastDifferences = ROUNDING) -> list[FieldDifference]:
+    """Return the values in which two apps differ."""
+    return [*_of_texts(one, other), *_of_poses(one, other, least), *_of_numbers(one, other, least)]
+
+
+def _of_texts(one: App, other: App) -> Iterator[FieldDifference]:
     for what, text, before in (
         ("name", one.name, other.name),
         ("note", one.note, other.note),
         ("position name", one.target_name, other.target_name),
     ):
         if text != before:
-            yield f"{what} {_or_none(text)}{between}{_or_none(before)}"
-    yield from _of_poses(one, other, least)
+            yield FieldDifference(what, _or_none(text), _or_none(before))
+
+
+def _of_numbers(one: App, other: App, least: LeastDifferences) -> Iterator[FieldDifference]:
     for what, value, field, unit, scale in _NUMBERS:
         mine, others = value(one), value(other)
         if _differ(mine, others, getattr(least, field), least.share):
-            yield f"{what} {_number(mine, unit, scale)}{between}{_number(others, unit, scale)}"
+            yield FieldDifference(what, _number(mine, unit, scale), _number(others, unit, scale))
 
 
 def _differ(one: float | None, other: float | None, least: float, share: float) -> bool:
@@ -145,17 +169,30 @@ def _differ(one: float | None, other: float | None, least: float, share: float) 
     return one != other and abs(one - other) >= max(least, share * max(abs(one), abs(other)))
 
 
-def _of_poses(one: App, other: App, least: LeastDifferences) -> Iterator[str]:
+def _of_poses(one: App, other: App, least: LeastDifferences) -> Iterator[FieldDifference]:
+    targets = _place(one.target), _place(other.target)
     if one.target is not None and other.target is not None:
         apart = math.dist(one.target, other.target)
         if apart >= least.metres:
-            yield f"target {fixed(1000 * apart, 1)} mm away"
+            yield FieldDifference("target", *targets, f"target {fixed(1000 * apart, 1)} mm away")
     elif one.target != other.target:
-        yield "target given" if one.target else "no target any more"
+        yield FieldDifference("target", *targets, "target given" if one.target else "no target any more")
     if one.orientation is not None and other.orientation is not None:
         turned = angle_between(one.orientation, other.orientation)
         if turned >= least.radians:
-            yield f"turned by {math.degrees(turned):.1f}°"
+            words = f"turned by {math.degrees(turned):.1f}°"
+            yield FieldDifference("orientation", "", "", words)
+
+
+def _place(target: Vector | None) -> str:
+    """A target in words.
+
+    >>> _place((0.3, -0.00001, 0.25))
+    '(300.0, 0.0, 250.0) mm'
+    """
+    if target is None:
+        return "none"
+    return f"({', '.join(fixed(round(1000 * value, 1) + 0.0, 1) for value in target)}) mm"
 
 
 def _size(app: App) -> float | None:

@@ -13,7 +13,7 @@ from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Program, Snapshot
 from caesura_service.journal import Journal, Key
 from caesura_service.ownership.session_index import SessionIndex
-from caesura_service.program import log_of, with_edits
+from caesura_service.program import at_edit, log_of, with_edits
 
 PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
 
@@ -40,7 +40,7 @@ class StoredSessions:
                 return
             if (outcome := self._journal.outcome(*one.key)) is not None:
                 left -= 1
-                yield _edited(outcome.snapshot)
+                yield _edited(outcome.snapshot, wanted.edits)
 
     def program(self, station: str, session: str) -> Program | None:
         """The program of an outcome, with its edits; None without one. Raises JournalError."""
@@ -48,7 +48,8 @@ class StoredSessions:
         return None if outcome is None else _edited(outcome.snapshot).program
 
 
-def _edited(snapshot: Snapshot) -> Snapshot:
-    """An outcome has the inferred program and a list of edits; here they are applied."""
-    program = with_edits(snapshot.program, log_of(snapshot.program))
+def _edited(snapshot: Snapshot, number: int | None = None) -> Snapshot:
+    """An outcome has the inferred program and a list of edits; here they are applied, up to a number."""
+    inferred, log = snapshot.program, log_of(snapshot.program)
+    program = with_edits(inferred, log) if number is None else at_edit(inferred, log, number)
     return snapshot.model_copy(update={"program": program})

@@ -138,6 +138,12 @@ def with_edits(program: Program, log: EditLog) -> Program:
     return program.model_copy(update=changes)
 
 
+def at_edit(program: Program, log: EditLog, number: int) -> Program:
+    """The inferred program with the edits that count, up to a number: a version of it; 0 for none."""
+    bare = program.model_copy(update={"edits": (), "edit_revision": 0})
+    return with_edits(bare, EditLog(tuple(edit for edit in log.active if edit.number <= number), (), number))
+
+
 def check_applies(program: Program, log: EditLog) -> None:
     """Check that the last edit of a log applies to the inferred program. Raises ProtocolError `conflict`."""
     made = apply(program.apps, log.active, program.force_limit_n, program.corrections)

@@ -26,7 +26,7 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_service.program import EditLog, with_edits
+from caesura_service.program import EditLog, at_edit, with_edits
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.lifecycle import Lifecycle
 from caesura_service.segmentation.encoded_log import packed, since
@@ -206,6 +206,11 @@ def inferred_program_of(state: SessionState) -> Program:
     log = state.program_edits
     changes = {"apps": state.apps, "edits": log.listed, "edit_revision": log.revision}
     return state.program_header.model_copy(update=changes)
+
+
+def program_at_edit(state: SessionState, number: int) -> Program:
+    """Make the version of the program that has the edits that count, up to a number; 0 for none."""
+    return at_edit(inferred_program_of(state), state.program_edits, number)
 
 
 def snapshot_of(state: SessionState, program: Program | None = None) -> Snapshot:

@@ -24,6 +24,7 @@ from caesura_protocol.keys import (
     INFERRED_PROGRAM,
     StoredPage,
     is_name,
+    parse_edits_parameters,
     parse_station_key,
     parse_stored_parameters,
     service_key,
@@ -37,6 +38,7 @@ from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.publishing.session_state import (
     SessionState,
     inferred_program_of,
+    program_at_edit,
     program_of,
     snapshot_of,
 )
@@ -104,13 +106,14 @@ class QueryServer(BackgroundThread):
         """
         try:
             page = parse_stored_parameters(query.parameters)
+            version = parse_edits_parameters(query.parameters)
         except ProtocolError as error:
             with query:
                 reply_error(query, error)
             return True
         if page is not None:
             return self._stored(query, lane, page)
-        return self._queue.offer((query, self._answer_snapshot(query, lane)), lane)
+        return self._queue.offer((query, self._answer_snapshot(query, lane, version)), lane)
 
     def program(self, query: IncomingQuery, lane: str) -> bool:
         """Enqueue a query for stations' programs."""
@@ -210,8 +213,10 @@ class QueryServer(BackgroundThread):
         with query:
             reply_error(query, refusal)
 
-    def _answer_snapshot(self, query: IncomingQuery, lane: str) -> Iterator[None]:
+    def _answer_snapshot(self, query: IncomingQuery, lane: str, version: int | None) -> Iterator[None]:
         def snapshot(state: SessionState) -> Snapshot:
+            if version is not None:
+                return self._snapshot(state, program_at_edit(state, version))
             if query.parameters != INFERRED_PROGRAM:
                 return self._snapshot(state, None)
             # A document lays the times of apps out anew for every edit that its program lists as applied.

@@ -287,8 +287,13 @@ def test_a_session_that_is_no_longer_held_has_its_edits(tmp_path: Path):
         before = program(registry)
     newer: Any = SimpleNamespace(sessions={STATION: [SimpleNamespace(name="newer")]})
     with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:
-        (found,) = StoredSessions(journal, lambda: newer).page(lambda _: True, StoredPage())
+        stored = StoredSessions(journal, lambda: newer)
+        (found,) = stored.page(lambda _: True, StoredPage())
+        (first,) = stored.page(lambda _: True, StoredPage(edits=0))
+        (second,) = stored.page(lambda _: True, StoredPage(edits=1))
     assert (found.program.apps, found.program.edits) == (tuple(before.apps), before.edits)
+    assert (first.program.edits, first.program.edit_revision) == ((), 0)
+    assert first.program.apps != found.program.apps == second.program.apps
 
 
 # --- a part that was taught again -------------------------------------------------------------------------

@@ -31,6 +31,7 @@ from caesura_clients.dashboard.station_summary import (
     session_clock,
     warning_of,
 )
+from caesura_clients.dashboard.versions import compared_versions
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 from caesura_protocol.number_words import counted
@@ -69,6 +70,7 @@ class SessionPage:
                 self._edit_program,
                 self._simulate,
                 self._cancel,
+                self._compare,
                 editable=self._program_desk is not None,
                 speeds=() if site.simulator is None else SPEEDS,
             )
@@ -185,6 +187,20 @@ class SessionPage:
             self._program.answered(str(refused), failed=True)
         else:
             self._program.answered(said or "", failed=False)
+
+    async def _compare(self, event: GenericEventArguments) -> None:
+        """Compare two versions of the program that is shown, without delaying any other page."""
+        program = self._timeline_of
+        if program is None or not isinstance(event.args, dict):
+            return
+        transport, named = self._gateway.transport, (program.station, program.session)
+        found: dict[str, Any] | None
+        try:
+            found = await run.io_bound(compared_versions, transport, *named, event.args)
+        except EditRefused as refused:
+            found = {"said": str(refused), "failed": True, "rows": []}
+        if found is not None and not self._program.is_deleted:  # else the dashboard, or the page, is ending
+            self._program.compared(found)
 
     async def _simulate(self, event: GenericEventArguments) -> None:
         """Run the program that is shown on the simulated robot, without delaying any other page."""

@@ -2,6 +2,7 @@ import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 import AppCard from "caesura-dashboard/program_card.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
+import ProgramVersions from "caesura-dashboard/program_versions.js";
 
 const AUTHOR = "caesura-author";
 const NEAR = 60; // pixels
@@ -9,9 +10,9 @@ const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; /
 
 export default {
   mixins: [live],
-  components: { AppCard, ProgramPath },
+  components: { AppCard, ProgramPath, ProgramVersions },
   props: { editable: Boolean, speeds: Array },
-  emits: ["edit", "simulate", "cancel"],
+  emits: ["edit", "simulate", "cancel", "compare"],
   provide() {
     return { appsShown: () => this.program.apps };
   },
@@ -52,6 +53,8 @@ export default {
       <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>
+      <program-versions v-if="program && program.edits.length" :key="program.session" :edits="program.edits" ref="versions"
+        @compare="$emit('compare', $event)"></program-versions>
     </section>
     <program-path v-if="program && program.path.length" :rows="program.path" :start="program.start" :speeds="speeds" :elsewhere="program.elsewhere" ref="path"
       @simulate="(speed) => $emit('simulate', speed)" @cancel="$emit('cancel')"></program-path>
@@ -94,6 +97,9 @@ export default {
     },
     exported(href) {
       return this.program.grippers.some(([name]) => name === this.gripper) ? `${href}?gripper=${encodeURIComponent(this.gripper)}` : href;
+    },
+    compared(found) {
+      this.$refs.versions?.compared(found);
     },
     simulated(found) {
       this.$refs.path?.simulated(found);

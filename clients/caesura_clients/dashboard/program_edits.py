@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from caesura_clients.dashboard.editing import EditRefused, said
 from caesura_clients.editing import send
 from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
-from caesura_protocol.app_kinds import APP_KINDS, app_title
+from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program, ProgramEdit
 from caesura_protocol.number_words import fixed
@@ -31,7 +31,14 @@ from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]
 CHECKED = 200  # apps that a program may have for its check at every change
-INSERTED = ("cartesian_motion", "move_to_contact", "grasp", "gripper_move", "transport")  # that need no force
+INSERTED: Sequence[AppKind] = (
+    "cartesian_motion",
+    "move_to_contact",
+    "apply_force",
+    "grasp",
+    "gripper_move",
+    "transport",
+)
 
 
 class ProgramDesk:
@@ -77,7 +84,7 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
         "undoable": any(state != "undone" for state in states),
         "redoable": "undone" in states,
         "edits": [_edit_row(edit, clock) for edit in program.edits],
-        "kinds": [[kind, app_title(kind)] for kind in INSERTED],
+        "kinds": [_kind_row(kind) for kind in INSERTED],
         "exports": [
             [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
             for name in _formats_of(program.robot)
@@ -85,6 +92,12 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
         "dataset": f"/datasets?session={program.station}/{program.session}" if program.complete else "",
         "grippers": _grippers_of(program),
     }
+
+
+def _kind_row(kind: AppKind) -> list[Any]:
+    """A kind that can be inserted: its name, its title, whether it takes time, and whether it presses."""
+    facts = APP_KINDS[kind]
+    return [kind, facts.title, bool(facts.needs), facts.presses]
 
 
 def _edit_row(edit: ProgramEdit, clock: SessionClock) -> list[Any]:

@@ -1,5 +1,6 @@
 // Editing an app at its card: its values, its place, a copy, another app behind it. One form, one edit, one undo.
 const MM = 1000;
+const SECONDS = 2, NO_FORCE = [0, 0, ""]; // of a new app, until others are typed
 const FIELDS = {
   speed: { label: "Speed [%]", scale: 100, step: 5, min: 10, max: 200 },
   force_n: { label: "Force [N]", scale: 1, step: 0.5, min: 0 },
@@ -11,7 +12,7 @@ export default {
   props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
   inject: ["appsShown"],
   emits: ["edit"],
-  data: () => ({ open: false, draft: null, kind: "", last: 0, session: "" }),
+  data: () => ({ open: false, draft: null, kind: "", seconds: SECONDS, force: [...NO_FORCE], last: 0, session: "" }),
   template: `
     <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
       <summary :aria-label="'Edit app ' + app.number">Edit</summary>
@@ -33,9 +34,15 @@ export default {
         <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Copy</button>
         <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
       </div>
-      <div v-if="open" class="row"><label>New app behind it <select v-model="kind"><option value="">choose</option>
-        <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
-        <button class="insert-app" :disabled="busy || !kind" :aria-label="'Insert behind app ' + app.number" @click="insert">Add</button></div>
+      <form v-if="open" class="new-app" :aria-label="'New app behind app ' + app.number" @submit.prevent="insert">
+        <div class="row"><label>New app behind it <select v-model="kind"><option value="">choose</option>
+          <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
+          <button class="insert-app" :disabled="busy || !kind" :aria-label="'Insert behind app ' + app.number">Add</button></div>
+        <fieldset v-if="presses"><legend>Force that the robot exerts [N], base frame</legend>
+          <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'New force ' + axis + ' in N'" type="number" step="any"
+            v-model.number="force[i]" :placeholder="axis" required></fieldset>
+        <label v-if="takesTime">Duration [s] <input class="new-seconds" type="number" step="any" v-model.number="seconds" required></label>
+      </form>
       <fieldset v-if="open" class="again"><legend>Teach again</legend>
         <p v-if="!sessions.length">Teach the part in a session of its own at this station. Then it can be chosen here.</p>
         <template v-else>
@@ -48,6 +55,15 @@ export default {
         </template></fieldset>
     </details>`,
   computed: {
+    chosen() { // what is known of the kind of a new app
+      return this.kinds.find(([kind]) => kind === this.kind) || [];
+    },
+    takesTime() {
+      return this.chosen[2];
+    },
+    presses() {
+      return this.chosen[3];
+    },
     numbers() {
       return Object.entries(FIELDS).filter(([name]) => name in this.app.values);
     },
@@ -65,6 +81,7 @@ export default {
     toggled(open) {
       this.open = open;
       if (open) Object.assign(this, { draft: this.start(this.app), last: this.app.number, session: "" });
+      if (open) this.$nextTick(() => this.$el.scrollIntoView({ block: "nearest", inline: "nearest" }));
       else this.$nextTick(() => this.$el.parentElement.scrollIntoView({ block: "nearest", inline: "nearest" })); // others may be shown again
     },
     start({ name, note, target_name, values }) {
@@ -94,7 +111,8 @@ export default {
       this.say({ do: "move", app: this.app.reference, after });
     },
     insert() {
-      this.say({ do: "insert", after: this.app.reference, kind: this.kind });
+      const { kind, seconds, force } = this;
+      this.say({ do: "insert", after: this.app.reference, kind, ...(this.takesTime && { seconds }), ...(this.presses && { force: [...force] }) });
     },
     replace() {
       this.say({ do: "replace_part", first: this.app.reference, last: this.lastApp.reference, session: this.session });

@@ -1,0 +1,228 @@
+"""The form at an app: its fields, its buttons, and the form of a new app, as an operator uses them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+import typer
+from playwright.sync_api import Browser, Locator, expect
+from typer.testing import CliRunner
+
+from caesura_clients import Caesura
+from caesura_clients.cli.commands import register
+from caesura_protocol.messages import App, Program
+from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
+from dashboard.stage import Stage
+from harness.demonstrations import guided
+
+pytestmark = needs_chromium
+expect.set_options(timeout=PATIENCE_MS)
+
+
+class Desk:
+    """An operator at the program of a session that is over, and the service beside it."""
+
+    def __init__(self, visitor: Visitor, caesura: Caesura, station: str) -> None:
+        self.visitor, self.page, self._caesura, self._station = visitor, visitor.page, caesura, station
+
+    @property
+    def program(self) -> Program:
+        return self._caesura.snapshot(self._station, "over").program
+
+    def number(self, kind: str) -> int:
+        return next(i for i, one in enumerate(self.program.apps) if one.kind == kind)
+
+    def app(self, kind: str) -> App:
+        return self.program.apps[self.number(kind)]
+
+    def open_form(self, kind: str) -> Locator:
+        expect(self.page.locator(".app"), "an edit is shown").to_have_count(len(self.program.apps))
+        card = self.page.locator(".app").nth(self.number(kind))
+        form = card.locator(".app-edit")
+        if form.get_attribute("open") is None:
+            form.locator("summary").press("Enter")
+        expect(form.locator(".save")).to_be_visible()
+        return card
+
+    def is_said(self, words: str) -> None:
+        expect(self.page.locator(".program-said")).to_have_text(words)
+
+
+@pytest.fixture(scope="module")
+def visitor(browser: Browser) -> Iterator[Visitor]:
+    visitor = Visitor(browser)
+    visitor.page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
+    yield visitor
+    visitor.close()
+
+
+@pytest.fixture
+def desk(stage: Stage, visitor: Visitor, request: pytest.FixtureRequest) -> Iterator[Desk]:
+    """Of a station that no other test has; its name is that of the test."""
+    station = request.node.originalname.removeprefix("test_").replace("_", "-")[:30].strip("-")
+    stage.teach(station, guided(), session="over", pace="fast")
+    stage.wait(station)
+    visitor.begin_again(DESK)
+    with stage.reader() as caesura:
+        visitor.page.goto(f"{stage.dashboard.url}/sessions/{station}/over")
+        expect(visitor.page.locator(".app").first).to_be_visible()
+        yield Desk(visitor, caesura, station)
+    assert visitor.errors == []
+
+
+def test_every_field_of_a_movement_is_set_and_as_taught_takes_all_of_them_away(desk: Desk):
+    page, taught = desk.page, desk.app("cartesian_motion")
+    card = desk.open_form("cartesian_motion")
+    expect(card.locator(".app-name"), "the form comes into sight").to_be_in_viewport(ratio=1)
+    x, y, z = taught.target or (0.0, 0.0, 0.0)
+    assert card.locator(".as-taught").is_disabled(), "nothing is set yet"
+    assert card.locator(".save").is_disabled(), "nothing is typed yet"
+    card.locator(".app-name").fill("Go home")
+    card.locator(".app-note").fill("mind the cable")
+    card.get_by_label("Target z in mm").fill(f"{1000 * z + 25:.1f}")
+    card.locator(".app-target_name").fill("above the tray")
+    card.locator(".app-speed").fill("50")
+    card.locator(".app-tolerance_m").fill("5")
+    looks_right(desk.visitor, "edit-form")
+    card.locator(".app-tolerance_m").press("Enter")
+    said = "name set, note set, target set, position name set, speed set, tolerance set."
+    expect(page.locator(".program-said")).to_contain_text(said)
+
+    made = desk.app("cartesian_motion")
+    assert (made.name, made.note, made.target_name) == ("Go home", "mind the cable", "above the tray")
+    assert made.target == (x, y, pytest.approx(z + 0.025, abs=1e-4)), "what was not typed stays"
+    assert made.speed == 0.5
+    assert made.path is not None
+    assert made.path.tolerance_m == pytest.approx(0.005)
+    expect(card.locator("dl")).to_contain_text("50 % of the taught one")
+    expect(card.locator(".app-said")).to_have_text("mind the cable")
+    expect(card.locator(".marks li")).to_have_count(6)
+
+    card.locator(".as-taught").press("Enter")
+    expect(card.locator(".marks")).to_have_count(0)
+    assert desk.app("cartesian_motion") == taught
+    expect(card.locator(".app-speed")).to_have_value("100")
+    assert card.locator(".as-taught").is_disabled()
+
+
+def test_a_field_that_is_cleared_is_as_taught_and_the_others_stay(desk: Desk):
+    card = desk.open_form("apply_force")
+    card.locator(".app-name").fill("press")
+    card.locator(".app-force_n").fill("4")
+    card.locator(".save").press("Enter")
+    expect(card.locator(".marks li")).to_have_count(2)
+    card.locator(".app-name").fill("")
+    card.locator(".save").press("Enter")
+    expect(card.locator(".marks li")).to_have_count(1)
+    expect(card.locator(".marks")).to_contain_text("force by Ann")
+    assert (desk.app("apply_force").name, len(desk.program.apps)) == (None, 3)
+
+
+def test_what_an_app_cannot_have_is_refused_in_the_words_of_the_command_line(desk: Desk, stage: Stage):
+    card = desk.open_form("apply_force")
+    card.locator(".app-force_n").fill("0.0001")
+    card.locator(".save").press("Enter")
+    words = "0.0001 N is less than the least of a press, 0.001 N"
+    desk.is_said(f"Not done: {words}.")
+    assert desk.program.edits == ()
+    assert words in typed(desk, stage, "change", str(desk.number("apply_force") + 1), "force=0.0001")
+
+
+def typed(desk: Desk, stage: Stage, *words: str) -> str:
+    """What the command line says of an edit that it refuses."""
+    command = typer.Typer()
+    register(command)
+    named = ["edit-program", desk.program.station, "over", *words]
+    done = CliRunner().invoke(command, [*named, "--author", "Bob", "--connect", stage.service.endpoint])
+    assert done.exit_code == 1
+    return done.output.replace("\n", " ")
+
+
+def order(program: Program) -> list[str]:
+    return [one.kind for one in program.apps]
+
+
+def test_an_app_runs_earlier_and_later_and_edits_are_undone_and_made_again(desk: Desk):
+    page, taught = desk.page, order(desk.program)
+    undo, redo = (page.get_by_role("button", name=f"{what} edit") for what in ("Undo", "Redo"))
+    expect(redo).to_be_hidden()
+    desk.open_form("apply_force")
+    expect(page.get_by_role("button", name="Run app 1 earlier")).to_have_count(0)
+    page.get_by_role("button", name="Run app 2 later").press("Enter")
+    desk.is_said("'apply force' at 2.0 s moved behind 'move' at 3.5 s.")
+    last_first = [taught[0], taught[2], taught[1]]
+    assert order(desk.program) == last_first
+    expect(page.locator(".app h3")).to_contain_text(["move to contact", "move", "apply force"])
+    expect(page.get_by_role("button", name="Run app 3 later")).to_be_disabled()
+
+    undo.press("Enter")
+    expect(redo).to_be_visible()
+    expect(undo).to_be_hidden()
+    assert order(desk.program) == taught
+    redo.press("Enter")
+    expect(undo).to_be_visible()
+    expect(redo).to_be_hidden()
+    assert order(desk.program) == last_first
+    page.get_by_role("button", name="Run app 3 earlier").press("Enter")
+    expect(page.locator(".app h3")).to_contain_text(["move to contact", "apply force", "move"])
+    assert order(desk.program) == taught
+    page.get_by_role("button", name="Run app 2 earlier").press("Enter")
+    expect(page.get_by_role("button", name="Run app 1 earlier")).to_be_disabled()
+    assert order(desk.program) == [taught[1], taught[0], taught[2]]
+
+
+def new_app(card: Locator, kind: str) -> Locator:
+    form = card.locator(".new-app")
+    form.locator("select").select_option(kind)
+    return form
+
+
+def test_a_new_gripper_move_gets_a_width(desk: Desk):
+    form = new_app(desk.open_form("move_to_contact"), "gripper_move")
+    expect(form.locator(".new-seconds")).to_have_count(0)
+    form.locator(".insert-app").press("Enter")
+    desk.is_said("'move gripper' inserted behind 'move to contact' at 0.8 s.")
+    card = desk.open_form("gripper_move")
+    expect(card.locator(".app-gripper_width")).to_have_value("")
+    card.locator(".app-gripper_width").fill("40")
+    card.locator(".save").press("Enter")
+    expect(card.locator("dl")).to_contain_text("40 mm")
+    assert desk.app("gripper_move").gripper_width == pytest.approx(0.04)
+
+
+def test_a_press_is_inserted_with_force_and_duration_and_refused_as_by_the_command_line(
+    desk: Desk, stage: Stage
+):
+    taught = desk.program.apps
+    form = new_app(desk.open_form("cartesian_motion"), "apply_force")
+    looks_right(desk.visitor, "new-press")
+    add, force = form.locator(".insert-app"), form.get_by_label("New force z in N")
+    add.press("Enter")
+    expect(force, "nothing is sent without a force").to_be_focused()
+    force.fill("0.0001")
+    force.press("Enter")
+    least = "0.0001 N is less than the least of a press, 0.001 N"
+    desk.is_said(f"Not done: {least}.")
+    assert least in typed(desk, stage, "insert", "3", "apply_force", "force=0,0,0.0001")
+    force.fill("-8")
+    form.locator(".new-seconds").fill("700")
+    add.press("Enter")
+    long = "700, expected less than or equal to 600"
+    expect(desk.page.locator(".program-said")).to_contain_text(long)
+    assert desk.program.apps == taught
+
+    form.get_by_label("New force x in N").fill("1.5")
+    form.locator(".new-seconds").fill("3.5")
+    add.press("Enter")
+    desk.is_said("'apply force' inserted behind 'move' at 3.5 s.")
+    *before, made = desk.program.apps
+    assert tuple(before) == taught
+    assert (made.kind, made.force) == ("apply_force", (1.5, 0.0, -8.0))
+    assert made.tn - made.t0 == pytest.approx(3.5)
+    assert made.target == taught[-1].target
+    expect(desk.page.locator(".app").last.locator("dl")).to_contain_text("(1.5, 0.0, -8.0) N")

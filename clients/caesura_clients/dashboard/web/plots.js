@@ -9,7 +9,7 @@ import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 export const LEFT = 64, RIGHT = 12; // beside the plots
 const PADDING = 6, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
-const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3]];
+const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3], [9, 3, 2, 3]];
 const EMPTY = [[], []];
 
 export class Plots {
@@ -19,7 +19,7 @@ export class Plots {
   }
   // Show these panels, in this order.
   show(panels) {
-    const key = JSON.stringify([panels.map(({ name, unit, title }) => [name, unit, title]), this.host.clientWidth]);
+    const key = JSON.stringify([panels.map(({ name, unit, title, columns }) => [name, unit, title, columns]), this.host.clientWidth]);
     if (key === this.key) return;
     this.key = key;
     this.close();

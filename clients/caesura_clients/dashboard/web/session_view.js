@@ -15,7 +15,7 @@ import { pointer } from "caesura-dashboard/pointer.js";
 import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
-import { PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
+import { ofArm, PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
 import { undoing } from "caesura-dashboard/undoing.js";
 import { view } from "caesura-dashboard/view.js";
 
@@ -95,7 +95,8 @@ export default {
       return t < 0 || t > 60 ? t : 0;
     },
     offered() { // signals that this session has
-      return PANELS.filter((one) => one.inferred || one.columns.every((name) => this.available.includes(name))).map((one) => this.described(one));
+      return PANELS.map((one) => ofArm(one, this.available)).filter((one) => one.inferred || (one.columns.length && one.columns.every((name) => this.available.includes(name))))
+        .map((one) => this.described(one));
     },
     panels() {
       return this.offered.filter((one) => this.chosen.includes(one.name));

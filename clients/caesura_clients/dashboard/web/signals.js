@@ -5,12 +5,14 @@ export const PANELS = [
   { name: "force", title: "force", unit: "N", columns: ["fx", "fy", "fz"], least: 2, tared: true, digits: 2 },
   { name: "torque", title: "torque as measured", unit: "Nm", columns: ["mx", "my", "mz"], least: 0.2, digits: 3 },
   { name: "orientation", title: "orientation", unit: "quaternion", columns: ["qx", "qy", "qz", "qw"], least: 0.1, digits: 4 },
-  { name: "joints", title: "joints", unit: "rad", columns: ["q1", "q2", "q3", "q4", "q5", "q6", "q7"], least: 0.1, digits: 3 },
-  { name: "joint torques", title: "external joint torques", unit: "Nm", columns: ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6", "tau7"], least: 1, digits: 2 },
+  { name: "joints", title: "joints", unit: "rad", columns: ["q1", "q2", "q3", "q4", "q5", "q6", "q7", "q8"], anyOf: true, least: 0.1, digits: 3 },
+  { name: "joint torques", title: "external joint torques", unit: "Nm", columns: ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6", "tau7", "tau8"], anyOf: true, least: 1, digits: 2 },
   { name: "gripper", title: "gripper", unit: "m, or 1 closed", columns: ["gripper"], least: 0.01, zero: true, digits: 4 },
   { name: "load", title: "load as inferred", unit: "kg", columns: ["load"], least: 0.2, zero: true, inferred: true, digits: 3 },
   { name: "changepoints", title: "probability of a changepoint", unit: "", columns: ["probability"], inferred: true, digits: 2 },
 ];
+// A panel with the columns that this arm has: not every one has seven joints.
+export const ofArm = (panel, available) => (panel.anyOf ? { ...panel, columns: panel.columns.filter((name) => available.includes(name)) } : panel);
 export const SHOWN_AT_FIRST = ["position", "speed", "force", "joints"];
 const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", my: "y", mz: "z", qx: "x", qy: "y", qz: "z", qw: "w" };
 export const nameOf = (column) => NAMES[column] || column;

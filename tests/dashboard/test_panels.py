@@ -1,0 +1,138 @@
+"""The panels that an operator switches on: torque, orientation, joints, gripper, and the buttons of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
+pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
+
+from playwright.sync_api import Browser, Page, ViewportSize, expect
+
+from caesura_protocol.recording import Recording
+from dashboard.browser import PATIENCE_MS, SIZES, Visitor, looks_right, needs_chromium, settled
+from dashboard.operator import Operator
+from dashboard.stage import Stage
+from dashboard.test_whole_day import DRAWN, shown_range
+from harness.demonstrations import guided
+
+pytestmark = needs_chromium
+expect.set_options(timeout=PATIENCE_MS)
+T = 2.0  # [s] whose values are read
+JOINTS = 6  # of a UR: its panels were left out, because a Panda has seven
+PANELS = {
+    "torque": ("torque", ("x", "y", "z"), 3),
+    "orientation": ("quat", ("x", "y", "z", "w"), 4),
+    "joints": ("q", tuple(f"q{i + 1}" for i in range(JOINTS)), 3),
+    "joint torques": ("tau", tuple(f"tau{i + 1}" for i in range(JOINTS)), 2),
+    "gripper": ("gripper", ("",), 4),
+}
+SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
+
+
+def with_every_signal() -> Recording:
+    """A demonstration with all that a robot may send; each column has a course of its own."""
+    taught = guided()
+    t = taught.t[:, None]
+    half = 0.2 * np.sin(t[:, 0])
+    quat = np.column_stack([np.sin(half), 0 * half, 0 * half, np.cos(half)])
+    signals = {
+        **taught.signals,
+        "torque": 0.3 * np.sin(t + np.arange(3)),
+        "quat": quat,
+        "q": 0.5 * np.sin(0.4 * t + np.arange(JOINTS)),
+        "tau": 2.0 * np.cos(0.7 * t + np.arange(JOINTS)),
+        "gripper": 0.02 + 0.02 * np.sin(0.5 * t),
+    }
+    return replace(taught, signals=signals)
+
+
+@pytest.fixture(scope="module")
+def visitor(stage: Stage, browser: Browser) -> Iterator[Visitor]:
+    stage.teach("cell-1", with_every_signal(), session="over", pace="fast")
+    stage.wait("cell-1")
+    visitor = Visitor(browser)
+    yield visitor
+    assert visitor.errors == []
+    visitor.close()
+
+
+def opened(stage: Stage, visitor: Visitor, size: ViewportSize = SIZES["desktop"]) -> Page:
+    visitor.begin_again(size)
+    visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-1/over")
+    settled(visitor.page)
+    return visitor.page
+
+
+def switch(page: Page, name: str) -> None:
+    page.get_by_role("group", name="Signals").get_by_role("button", name=name, exact=True).press("Enter")
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_a_panel_that_is_switched_on_draws_what_was_sent_and_reads_it(
+    stage: Stage, visitor: Visitor, name: str
+):
+    signal, lines, digits = PANELS[name]
+    page, sent = opened(stage, visitor), with_every_signal()
+    if name not in page.evaluate(SHOWN):
+        switch(page, name)
+    panel = page.locator(f".panel[data-signal='{name}']")
+    expect(panel).to_be_visible()
+    settled(page)
+    start, end = shown_range(page)
+    found = page.evaluate(DRAWN, [name, start, end])
+    assert found["off"] == [0] * len(lines), "nothing is taken off"
+    assert len(found["points"]) == len(lines)
+    for k, points in enumerate(found["points"]):
+        samples = dict(zip(sent.t.tolist(), sent.signals[signal][:, k].tolist(), strict=True))
+        assert len(points) > 100
+        assert all(samples[t] == value for t, value in points), f"{name} {lines[k]}"
+
+    page.mouse.move(*Operator.at(page, visitor).place(T))
+    values = [float(words) for words in panel.locator("output").all_inner_texts()]
+    near = np.abs(sent.t - T) < 0.03
+    for k, value in enumerate(values):
+        assert np.min(np.abs(sent.signals[signal][near, k] - value)) <= 0.51 * 10.0**-digits, (
+            f"{name} {lines[k]}"
+        )
+    titles = panel.locator(".value").all_inner_texts()
+    assert all(words.startswith(line) for words, line in zip(titles, lines, strict=True))
+
+
+def test_the_choice_of_panels_stays_with_the_browser_and_fits_a_phone(stage: Stage, visitor: Visitor):
+    page = opened(stage, visitor)
+    assert page.evaluate(SHOWN) == ["position", "speed", "force", "joints"]
+    for name in ("position", "speed", "torque", "orientation", "gripper", "joint torques"):
+        switch(page, name)
+    shown = ["force", "torque", "orientation", "joints", "joint torques", "gripper"]
+    assert page.evaluate(SHOWN) == shown
+    page.reload()
+    settled(page)
+    assert page.evaluate(SHOWN) == shown
+    looks_right(visitor, "panels")
+
+
+def test_earlier_and_later_move_the_view_by_half_and_not_out_of_the_session(stage: Stage, visitor: Visitor):
+    page = opened(stage, visitor)
+    begin, end = shown_range(page)
+    moves = page.get_by_role("group", name="Range of time")
+    earlier, later = (moves.get_by_role("button", name=name, exact=True) for name in ("Earlier", "Later"))
+    for _ in range(2):
+        moves.get_by_role("button", name="Zoom in").press("Enter")
+    settled(page)
+    start, until = shown_range(page)
+    assert until - start == pytest.approx((end - begin) / 4)
+    half = (until - start) / 2
+    for button, by in ((later, half), (earlier, 0.0), (earlier, -half)):
+        button.press("Enter")
+        settled(page)
+        assert shown_range(page) == (pytest.approx(start + by), pytest.approx(until + by))
+    for button, at in ((earlier, begin), (later, end - 2 * half)):
+        for _ in range(9):
+            button.press("Enter")
+        settled(page)
+        assert shown_range(page)[0] == pytest.approx(at)

@@ -91,6 +91,10 @@ class NetworkFollower(RepeatingThreads):
             found = ring.read(station, wanted, status.length_unit, status.wrench.frame)
             if found is not None and found.session == session:
                 return found
+        return self.journal_samples(station, session, wanted)
+
+    def journal_samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
+        """The same from the journal alone: those held here are in bins of one width."""
         return samples(self.transport, station, session, wanted)
 
     def read_stored(self, station: str = "*", session: str = "*") -> int:

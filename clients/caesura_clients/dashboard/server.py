@@ -180,7 +180,8 @@ def declare_files(site: Site) -> None:
     @app.get(f"{SAMPLES}/{{station}}/{{session}}")
     async def _samples(station: str, session: str, request: Request) -> Response:
         wanted = ";".join(f"{key}={value}" for key, value in request.query_params.items())
-        return await asyncio.to_thread(_signals, site, _checked(station), _checked(session), wanted)
+        named, is_exact = (_checked(station), _checked(session)), "exact" in request.query_params
+        return await asyncio.to_thread(_signals, site, *named, wanted, is_exact)
 
     @app.get(f"{PROGRAMS}/{{station}}/{{session}}/{{name}}")
     async def _program(
@@ -220,11 +221,15 @@ def _shown(request: Request, answer: Response, back: str) -> Response:
     return client.build_response(request, answer.status_code)
 
 
-def _signals(site: Site, station: str, session: str, parameters: str) -> Response:
-    """The samples of a session for its plots; a refusal as text that says why."""
+def _signals(site: Site, station: str, session: str, parameters: str, is_exact: bool = False) -> Response:
+    """The samples of a session for its plots; a refusal as text that says why.
+
+    is_exact: from the journal, in bins of the width that is asked for.
+    """
     try:
         wanted = parse_samples_parameters(parameters)
-        content = as_bytes(site.gateway.samples(station, session, wanted))
+        read = site.gateway.journal_samples if is_exact else site.gateway.samples
+        content = as_bytes(read(station, session, wanted))
     except ProtocolError as error:
         return PlainTextResponse(str(error), status_code=REFUSED.get(error.code, 503))
     except CaesuraError as error:

@@ -3,6 +3,7 @@
 import { contextOf, fontOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
 import { clock } from "caesura-dashboard/clock.js";
 import { placedLabels, ranges, span } from "caesura-dashboard/labels.js";
+import { measuredPath } from "caesura-dashboard/measured_path.js";
 import { fixed } from "caesura-dashboard/numbers.js";
 import { KINDS } from "caesura-dashboard/palette.js";
 
@@ -12,7 +13,7 @@ const BARS_MM = [1000, 500, 200, 100, 50, 20, 10], BAR_PX = 130, AXES = ["x", "y
 const between = (low, high, value) => Math.min(Math.max(value, low), high);
 
 export default {
-  mixins: [clock],
+  mixins: [clock, measuredPath],
   props: { rows: Array, start: Number, speeds: Array, elsewhere: Boolean }, // elsewhere: another page simulates
   emits: ["simulate", "cancel"],
   data: () => ({
@@ -30,11 +31,13 @@ export default {
         <button ref="simulate" class="simulate" :disabled="busy || elsewhere" @click="simulate">{{ busy ? "Simulating…" : "Simulate" }}</button>
         <button v-if="busy" ref="cancel" class="cancel-simulation" aria-label="Cancel simulation" @click="$emit('cancel')">Cancel</button></span>
         <button v-if="run" class="follow-run" :aria-pressed="String(follows)" @click="followRun(!follows)">Simulated run</button>
+        <button v-if="measured" class="show-measured" :aria-pressed="String(showsMeasured)" @click="showsMeasured = !showsMeasured">Measured</button>
         <button class="play-path" @click="play">{{ playing ? "Pause" : "Play" }}</button>
         <label class="path-time">Time in the program <input type="range" :min="range[0]" :max="range[1]" step="0.05" :value="shown"
           @input="go(Number($event.target.value))" :aria-valuetext="words"></label>
         <output>{{ words }}</output>
       </div>
+      <p class="measured-said">{{ measuredWords }}</p>
       <p v-if="speeds.length" role="status" class="simulated" :class="{ failed: stopped }">{{ stands }}</p>
       <canvas ref="canvas" tabindex="0" role="img" :aria-label="'Path of the program in three dimensions, ' + rows.length + ' apps. Arrow keys turn it.'"
         @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointercancel="held = null" @keydown="key"></canvas>
@@ -63,6 +66,7 @@ export default {
   mounted() {
     this.painter = new Painter(this.$refs.canvas, () => this.$refs.canvas.clientWidth && this.paint());
     this.unwatch = watchLook(this.$refs.canvas, this.draw, this.draw);
+    this.$refs.canvas.path = this; // for who looks at the page from outside
   },
   unmounted() {
     clearInterval(this.player);
@@ -160,8 +164,12 @@ export default {
     projection(width, height) { // as large as the picture allows
       const [right, up] = this.directions(), along = (axis, place) => axis.reduce((sum, share, i) => sum + share * place[i], 0);
       const ends = (axis) => {
-        const all = this.rows.flatMap(({ points }) => points.map(([, ...place]) => along(axis, place)));
-        return [Math.min(...all), Math.max(...all)];
+        let [least, most] = [Infinity, -Infinity];
+        for (const [, ...place] of [...this.rows, ...this.runs.map(({ places }) => ({ points: places }))].flatMap(({ points }) => points)) {
+          const at = along(axis, place);
+          [least, most] = [Math.min(least, at), Math.max(most, at)];
+        }
+        return [least, most];
       };
       const [[left, rightmost], [low, high]] = [ends(right), ends(up)];
       const room = (pixels, mm) => pixels / Math.max(mm, LEAST_MM), bottom = height - LEGEND_PX - MARGIN / 2;
@@ -187,10 +195,19 @@ export default {
         context.fill();
         context.stroke();
       };
+      for (const { kind, places } of this.runs) {
+        const measured = places.map(([, ...place]) => place);
+        line(measured, ink, 5.5); // an edge in ink: yellow and white paper have little contrast
+        line(measured, kind ? KINDS[kind].colour : paper, 4);
+      }
       for (const row of this.rows) {
         const places = row.points.map(([, ...place]) => place);
-        line(places, ink, row === this.at ? 6 : 4); // an edge in ink: yellow and white paper have little contrast
-        line(places, KINDS[row.kind].colour, row === this.at ? 4 : 2);
+        const isAt = row === this.at;
+        if (this.runs.length) line(places, ink, isAt ? 2.5 : 1); // upon the colours of what was measured
+        else {
+          line(places, ink, isAt ? 6 : 4);
+          line(places, KINDS[row.kind].colour, isAt ? 4 : 2);
+        }
         row.via.forEach(([, ...place]) => dot(place, 2.5, paper));
       }
       if (this.run) {

@@ -7,6 +7,7 @@ import { effect } from "caesura-dashboard/effect.js";
 import EffectWords from "caesura-dashboard/effect_words.js";
 import { keyboard } from "caesura-dashboard/keyboard.js";
 import { live } from "caesura-dashboard/live.js";
+import { ASKED, SHOWN as PLOTTED } from "caesura-dashboard/measured_path.js";
 import { BAND_HEIGHT, drawBand } from "caesura-dashboard/marks.js";
 import { KINDS, percent, phaseName } from "caesura-dashboard/palette.js";
 import { pair } from "caesura-dashboard/pair.js";
@@ -71,10 +72,12 @@ export default {
     this.$refs.plots.plots = this.plots; // for who looks at the page from outside
     this.unwatch = watchLook(this.$refs.plots, this.arrange, this.redraw);
     window.addEventListener(AUTHOR, this.named);
+    window.addEventListener(ASKED, this.tellShown);
   },
   unmounted() {
     this.unwatch();
     window.removeEventListener(AUTHOR, this.named);
+    window.removeEventListener(ASKED, this.tellShown);
     clearInterval(this.player);
     clearTimeout(this.waiting);
     this.plots.close();
@@ -160,6 +163,7 @@ export default {
       if (payload.segments || payload.changepoints) this.plots.fill(true);
       if (payload.reset || this.closed) this.redraw();
       else this.goOn();
+      if (payload.reset || payload.segments || "closed" in payload) this.tellShown();
       this.want();
     },
     restart() { // with another session, or after the connection was lost
@@ -205,8 +209,14 @@ export default {
     goOn() { // something new arrived
       this.painters().forEach((one) => one.soon(this.pixelMs()));
     },
+    tellShown() { // to the path in three dimensions
+      if (this.linked) return;
+      const [from, to] = this.view(), { station, session, segments, closed } = this;
+      window.dispatchEvent(new CustomEvent(PLOTTED, { detail: { station, session, from, to: Math.min(to, this.newest), segments, closed } }));
+    },
     moved() {
       this.redraw();
+      this.tellShown();
       clearTimeout(this.waiting);
       this.waiting = 0;
       this.want();
@@ -236,6 +246,7 @@ export default {
         this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);
       }
       this.plots.fill();
+      if (this.closed) this.tellShown(); // up to the last sample
       if (this.end === null && !this.closed) this.goOn();
       else this.redraw();
     },

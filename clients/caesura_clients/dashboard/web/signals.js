@@ -21,10 +21,12 @@ const RING = "dashboard"; // who answers for the newest minute of a station, in 
 const ROUNDING = 1e-6; // of a bin, as of `bins_of`
 const bin = (t, bin_s) => Math.floor(t / bin_s + ROUNDING);
 
+// exact: samples of the journal in such bins, also where the newest minute is held in others.
 // What there is of a range: {from, to, points: {column: Float64Array of t, v, t, v, …}, holes, available, first, last}.
-export async function load(station, session, { from, to, bins, columns }, abort) {
+export async function load(station, session, { from, to, bins, columns, exact }, abort) {
   const query = new URLSearchParams({ from, to, bins: Math.min(Math.max(Math.ceil(bins), 1), MAX_BINS) });
   if (columns.length) query.set("columns", columns.join(","));
+  if (exact) query.set("exact", "1");
   const answer = await fetch(`/samples/${station}/${session}?${query}`, { signal: abort });
   if (!answer.ok) throw new Error(await answer.text());
   const bytes = await answer.arrayBuffer();

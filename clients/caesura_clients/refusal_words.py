@@ -31,15 +31,16 @@ def refusal_words(
             f"another operator {what} meanwhile (it is at revision {error.limit}, you saw {error.value}): "
             "look at what is there now, and do it again"
         )
-    if _is_time(error.value, action):
+    if _is_time(error, action):
         return _of_time(error, action, clock)
     return clock.text(f"{error.message}{_found(error, action)}{_there_is(error, clock)}")
 
 
-def _is_time(value: object, action: Refused | None) -> bool:
-    """Whether the value of a refusal is a time that the action states."""
+def _is_time(error: ProtocolError, action: Refused | None) -> bool:
+    """Whether the value of a refusal is a time: of the action, or one with the ends of the session."""
     stated = [getattr(action, name, None) for name in ("t", "to")]
-    return isinstance(value, int | float) and value in stated
+    has_ends = isinstance(error.limit, list | tuple) and len(error.limit) == 2
+    return isinstance(error.value, int | float) and (error.value in stated or has_ends)
 
 
 def _of_time(error: ProtocolError, action: Refused | None, clock: SessionClock) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from caesura_clients.cli.pedal import _mark
 from caesura_clients.cli.typed_actions import refused_in_words
 from caesura_clients.dashboard.editing import said
 from caesura_clients.editing import is_stale
@@ -166,6 +167,15 @@ def test_a_refusal_says_what_to_do_and_has_no_field_of_the_wire(error, action, w
 )
 def test_times_of_day_are_those_of_the_clock_that_people_read(error, action, words):
     assert refusal_words(error, action, DAY) == words
+
+
+def test_a_pedal_whose_mark_is_refused_says_so_in_the_same_words():
+    class Refusing:
+        def mark(self) -> None:
+            raise malformed(OUTSIDE, value=9.2, limit=[0.0, 8.4])
+
+    said = "no mark: time 9.2 s is outside the session (0 to 8.4 s)"
+    assert _mark(Refusing()) == said  # type: ignore[arg-type]
 
 
 def test_only_the_edit_of_another_operator_is_stale():

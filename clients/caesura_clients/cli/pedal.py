@@ -11,6 +11,7 @@ from typing import TextIO
 import typer
 
 from caesura_clients.bridge import Bridge
+from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import CaesuraError, ProtocolError
 
 
@@ -37,6 +38,8 @@ def _mark(bridge: Bridge) -> str:
     """What came of a mark; one that failed does not end the demonstration."""
     try:
         ack = bridge.mark()
-    except (CaesuraError, ProtocolError) as error:
+    except ProtocolError as refusal:
+        return f"no mark: {refusal_words(refusal)}"
+    except CaesuraError as error:
         return f"no mark: {error}"
     return f"marked, revision {ack.revision}"

@@ -29,9 +29,12 @@ from caesura_protocol.messages import (
     MoveApp,
     NameProgram,
     ProgramAction,
+    Redo,
     Undo,
 )
 from caesura_protocol.transport.memory import MemoryNetwork
+from clients.answering import Answering
+from clients.examples import snapshot
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Bridges, Dashboard
 from harness.demonstrations import guided
@@ -78,6 +81,20 @@ def test_an_app_that_is_added_left_out_or_moved_is_named_and_those_that_made_roo
 def test_what_names_no_versions_is_never_asked(request_):
     with pytest.raises(EditRefused, match="choose two versions"):
         compared_versions(MemoryNetwork().transport(), *OVER, request_)
+
+
+def test_a_service_without_versions_is_named_and_a_session_that_is_not_there_too():
+    network = MemoryNetwork()
+    transport = network.transport()
+    with Answering(network.transport()) as service:
+        whole = snapshot(1, "motion", station="cell-1", session="over", state="closed")
+        program = whole.program.model_copy(update={"edit_revision": 7})
+        service.snapshots = [whole.model_copy(update={"program": program})]
+        assert compared_versions(transport, *OVER, {"from": 7, "to": 7})["said"] == "No app differs."
+        with pytest.raises(EditRefused, match="the service of cell-1 states no version of a program"):
+            compared_versions(transport, *OVER, {"from": 0, "to": 7})
+        with pytest.raises(EditRefused, match="has no session gone"):
+            compared_versions(transport, "cell-1", "gone", {"from": 0, "to": 7})
 
 
 def edit(caesura: Caesura, action: ProgramAction) -> None:
@@ -134,6 +151,12 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(browser: 
         expect(said).to_have_text("1 app differs.")
         expect(rows.locator("dl div")).to_have_text(values)
         visitor.picture("versions-two")
+
+        with closing(Bridges(service, tmp_path)) as bridges, bridges.reader() as caesura:
+            edit(caesura, Undo())
+            expect(versions.locator(".version-to option"), "what is undone is no version").to_have_count(4)
+            edit(caesura, Redo())
+            expect(versions.locator(".version-to option")).to_have_count(5)
         assert visitor.errors == []
         visitor.close()
 

@@ -95,6 +95,17 @@ def test_every_sample_is_drawn_in_the_colour_of_its_segment(
         assert page.evaluate(RUNS) == []
 
 
+def test_while_a_demonstration_goes_on_the_page_says_that_the_path_comes_at_its_end(
+    stage: Stage, visitor: Visitor
+):
+    sent = guided()
+    stage.teach("cell-live", sent, session="live", pace="0.3")
+    visitor.page.goto(f"{stage.dashboard.url}/station/cell-live")
+    said = visitor.page.locator(".measured-said")
+    expect(said).to_have_text("The measured path is drawn once the demonstration has ended.")
+    check_measured(runs_of(visitor.page, len(sent.t)), sent)
+
+
 def test_no_line_leads_across_missing_samples(stage: Stage, visitor: Visitor):
     whole = guided()
     there = (whole.t <= GAP_S[0]) | (whole.t >= GAP_S[1])

@@ -74,18 +74,21 @@ export const measuredPath = {
       this.plotted = Object.freeze(detail);
       if (!isOther) return;
       clearTimeout(this.due);
-      if (before && before.session !== detail.session) this.measured = null;
-      this.due = setTimeout(() => this.measure(), WAIT_MS);
+      if (!detail.closed || (before && before.session !== detail.session)) this.measured = null;
+      if (!detail.closed) this.why = detail.session && "The measured path is drawn once the demonstration has ended.";
+      else this.due = setTimeout(() => this.measure(), WAIT_MS);
     },
     async measure() {
-      const { session, from, to, closed } = this.plotted;
-      this.why = !session ? "" : !closed ? "The measured path is drawn once the demonstration has ended."
-        : to - from > LONGEST_S ? `The measured path is drawn where the plots show at most ${LONGEST_S} s: zoom in.` : "";
-      if (this.why || !session || this.measuring) return this.measuring ? (this.isLate = true) : (this.measured = null);
-      Object.assign(this, { measuring: true, isLate: false });
+      this.isLate = this.measuring; // one question at a time, then one for what is shown by then
+      if (this.measuring || !this.plotted.closed) return;
+      const asked = this.plotted, { from, to } = asked;
+      this.why = to - from > LONGEST_S ? `The measured path is drawn where the plots show at most ${LONGEST_S} s: zoom in.` : "";
+      if (this.why) return void (this.measured = null);
+      this.measuring = true;
       try {
-        const found = await this.samples(this.plotted);
-        if (!this.isLate) this.measured = found && Object.freeze(found);
+        const found = await this.samples(asked);
+        if (this.plotted.session !== asked.session) this.isLate = true;
+        else if (!this.isLate) this.measured = found && Object.freeze(found);
         if (!found) this.why = "No position was measured here.";
       } catch (error) {
         Object.assign(this, { measured: null, why: `The measured path cannot be shown: ${error.message}` });

@@ -17,8 +17,12 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 
 from playwright.sync_api import Browser, Page, expect
 
+from caesura_clients.bridge import Bridge
 from caesura_protocol.recording import Recording
+from clients.bridging import QUICK
+from clients.examples import LiveSource
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium, settled
+from dashboard.operator import T
 from dashboard.stage import Bridges, Dashboard, Stage
 from dashboard.test_whole_day import shown_range
 from harness.demonstrations import guided
@@ -26,6 +30,7 @@ from harness.processes import Service, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
+SENT = guided()
 GAP_S = (1.2, 1.8)  # in which nothing is measured
 ROUNDED_S = 1e-3  # by which the page rounds the times of segments
 RUNS = "() => document.querySelector('.program-path canvas').path.runs"
@@ -77,6 +82,9 @@ def test_every_sample_is_drawn_in_the_colour_of_its_segment(
         assert [run["kind"] for run in runs if run["kind"]] == [one.kind for one in segments]
         for run, one in zip([run for run in runs if run["kind"]], segments, strict=True):
             assert one.t0 - ROUNDED_S <= run["places"][1][0] <= run["places"][-1][0] <= one.tn + ROUNDED_S
+        with closing(Bridges(service, tmp_path)) as bridges, bridges.reader() as caesura:
+            caesura.relabel("cell-1", "over", t=T, kind="sliding", author="Ann")
+        page.wait_for_function(f"() => ({RUNS})().some((run) => run.kind === 'sliding')")
         page.locator(".program-path").scroll_into_view_if_needed()
         looks_right(visitor, "measured")
 
@@ -95,15 +103,28 @@ def test_every_sample_is_drawn_in_the_colour_of_its_segment(
         assert page.evaluate(RUNS) == []
 
 
+class Hand(LiveSource):
+    """A robot that sends what it is given."""
+
+    columns = SENT.columns
+    wrench_source = SENT.wrench_source
+    force_frame = SENT.force_frame
+    length_unit = SENT.length_unit
+
+
 def test_while_a_demonstration_goes_on_the_page_says_that_the_path_comes_at_its_end(
     stage: Stage, visitor: Visitor
 ):
-    sent = guided()
-    stage.teach("cell-live", sent, session="live", pace="0.3")
-    visitor.page.goto(f"{stage.dashboard.url}/station/cell-live")
-    said = visitor.page.locator(".measured-said")
-    expect(said).to_have_text("The measured path is drawn once the demonstration has ended.")
-    check_measured(runs_of(visitor.page, len(sent.t)), sent)
+    with stage.reader() as caesura, Bridge(caesura.transport, "cell-live", Hand(), settings=QUICK) as bridge:
+        bridge.wait_open(PATIENCE_MS / 1000)
+        rows = SENT.matrix()
+        for start in range(0, len(rows), 100):
+            bridge.send(rows[start : start + 100])
+        visitor.page.goto(f"{stage.dashboard.url}/station/cell-live")
+        said = visitor.page.locator(".measured-said")
+        expect(said).to_have_text("The measured path is drawn once the demonstration has ended.")
+        bridge.finish()
+        check_measured(runs_of(visitor.page, len(SENT.t)), SENT)
 
 
 def test_no_line_leads_across_missing_samples(stage: Stage, visitor: Visitor):

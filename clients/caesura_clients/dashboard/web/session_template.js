@@ -14,7 +14,7 @@ const correcting = `
       <button v-if="canUndo" class="undo" :title="undoTitle" v-on="pointing(undoAction)" @click="undo">Undo</button>
       <button v-if="canRedo" class="redo" title="Make it once more (Ctrl Y)" v-on="pointing(redoAction)" @click="redo">Redo</button>
     </template>
-    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ inList ? "" : message }}<span v-if="doubt" class="doubt"> {{ doubt }}</span></p>
+    <p v-if="editable" class="message" role="status" :class="{ failed }">{{ inList ? "" : message }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></p>
   </div>
   <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
 

@@ -14,7 +14,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Segment
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
-from caesura_service.offline_segmentation import segment_recording
+from harness.segmentations import segmented
 
 ROOT = Path(__file__).parents[2]
 REAL = ROOT.parent / "shared" / "data" / "real"
@@ -32,7 +32,7 @@ def in_order(wanted: list[str], found: list[str]) -> bool:
 
 @pytest.mark.parametrize("preset", ["default", "integrated"])
 def test_pick_and_place_is_moved_touched_carried_placed_and_left(preset: str):
-    view = segment_recording(load_recording(ROOT / "data" / "pick_and_place.npz"), preset)
+    view = segmented(load_recording(ROOT / "data" / "pick_and_place.npz"), preset)
     kinds = [one.kind for one in view.segments]
     assert in_order(["motion", "contact", "transport", "contact", "motion"], kinds)
     assert in_order(
@@ -55,7 +55,7 @@ def test_pick_and_place_is_moved_touched_carried_placed_and_left(preset: str):
     ],
 )
 def test_contacts_begin_and_end_when_they_did(name: str, preset: str):
-    view = segment_recording(load_recording(ROOT / "data" / f"{name}.npz"), preset)
+    view = segmented(load_recording(ROOT / "data" / f"{name}.npz"), preset)
     times = [one.t for one in view.changepoints]
     for point in truth(name)["changepoints"]:
         if point["kind"] in {"contact_on", "contact_off"}:
@@ -71,7 +71,7 @@ def test_the_wire_and_the_file_give_the_same_numbers(path: Path):
     if not path.exists():
         pytest.skip(f"{path} is not here; real recordings are not part of the repository")
     recording = load_recording(path)
-    view = segment_recording(recording)
+    view = segmented(recording)
     with Service(ServiceConfig(listen="tcp/127.0.0.1:0")) as service, connect(service.endpoint) as caesura:
         with caesura.bridge("cell-1", FileSource(recording, pace=math.inf)) as bridge:
             bridge.run()

@@ -33,7 +33,7 @@ Result = TypeVar("Result")
 RUN = "CAESURA_TEST_RUN"  # of the environment: the folder, which tests/conftest.py makes and removes
 KEPT = "CAESURA_TESTS_KEPT"  # of the environment: a folder of pytest's cache
 OWN = ("caesura_protocol", "caesura_service", "caesura_clients", "caesura_lab")
-LIBRARIES = ("numpy", "scipy", "pin", "pydantic")  # that the functions compute with
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pin", "pydantic")  # that the functions compute with
 
 
 def read_only(content: dict[str, object]) -> MappingProxyType[str, object]:

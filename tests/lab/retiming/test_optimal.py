@@ -19,11 +19,11 @@ from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
 from caesura_protocol.reproduced_path import curve_of
-from caesura_service.offline_segmentation import segment_recording
 from caesura_service.robot import Robot, load_panda, load_robot
 from harness.joint_motion import followed, joints_followed, shares
 from harness.once import once_a_version
 from harness.programs import as_file, move, press
+from harness.segmentations import segmented
 
 DATA = Path(__file__).parents[3] / "data"
 run_once = once_a_version(run)
@@ -41,7 +41,7 @@ def robot() -> Robot:
 def programs(robot: Robot) -> dict[str, tuple[ProgramFile, ProgramFile]]:
     """As taught, and at its fastest."""
     taught = {
-        name: document_of_apps(tuple(segment_recording(load_recording(DATA / f"{name}.npz")).apps), name)
+        name: document_of_apps(tuple(segmented(load_recording(DATA / f"{name}.npz")).apps), name)
         for name in NAMES
     }
     return {name: (one, optimal(one, robot=robot)) for name, one in taught.items()}

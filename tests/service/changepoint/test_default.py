@@ -18,7 +18,7 @@ from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches
 from caesura_service.constants import TARED_BIAS_N
-from caesura_service.offline_segmentation import segment_recording
+from harness.segmentations import segmented
 
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
 
@@ -88,7 +88,7 @@ def taught_in_part() -> Recording:
 
 @pytest.mark.parametrize("name", WITHOUT)
 def test_a_recording_can_be_segmented_without_it(name: str) -> None:
-    kinds = [segment.kind for segment in segment_recording(taught_in_part(), name).segments]
+    kinds = [segment.kind for segment in segmented(taught_in_part(), name).segments]
     assert {"motion", "contact"} <= set(kinds)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.recording import Recording, WrenchSource
-from caesura_service.offline_segmentation import segment_recording
+from harness.segmentations import segmented
 
 LINE_S, REST_S, HZ = 5.0, 1.0, 500.0
 LINES = 3
@@ -38,11 +38,11 @@ def traced_lines(mean_m_per_s: float, slips_hz: float) -> tuple[Recording, list[
 def test_a_line_along_which_a_tool_sticks_and_slips_is_one_movement(mean_m_per_s: float, slips_hz: float):
     """Such a line was one rest with the rests beside it, or many short movements."""
     recording, boundaries = traced_lines(mean_m_per_s, slips_hz)
-    found = segment_recording(recording, "default").segments
+    found = segmented(recording, "default").segments
     kinds = [segment.kind for segment in found]
     assert kinds == ["steady", *["motion", "steady"] * LINES]
     np.testing.assert_allclose([segment.t0 for segment in found[1:]], boundaries, atol=0.35)
-    less = segment_recording(recording, "without_traced_motion").segments
+    less = segmented(recording, "without_traced_motion").segments
     assert [segment.kind for segment in less] != kinds
 
 
@@ -84,6 +84,6 @@ def test_a_line_that_sticks_and_slips_in_contact_slides(
     mean_m_per_s: float, slips_hz: float, source: WrenchSource
 ):
     """An arm that is driven from afar lost all three lines in one contact."""
-    found = segment_recording(traced_in_contact(mean_m_per_s, slips_hz, source), "default").segments
+    found = segmented(traced_in_contact(mean_m_per_s, slips_hz, source), "default").segments
     kinds = [segment.kind for segment in found]
     assert kinds == ["steady", "motion", "contact", *["sliding", "contact"] * LINES, "motion", "steady"]

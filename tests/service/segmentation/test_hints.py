@@ -10,7 +10,7 @@ import pytest
 from caesura_protocol.messages import Hints, Insert, WrenchSource
 from caesura_protocol.recording import Recording
 from caesura_protocol.rotations import upright_rotation
-from caesura_service.offline_segmentation import batches, opening_of, segment_recording
+from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.publishing import messages
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionCounters, snapshot_of
@@ -18,6 +18,7 @@ from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.sessions.closed_pipeline import view_from_snapshot
 from harness.demonstrations import guided
+from harness.segmentations import segmented
 from harness.tilted import tilted
 
 FAULT_S = 3.6  # [s] when the last reach of the demonstration begins
@@ -102,7 +103,7 @@ def test_lost_samples_are_asked_for():
     whole = guided()
     kept = (whole.t < 2.0) | (whole.t > 2.6)
     signals = {name: values[kept] for name, values in whole.signals.items()}
-    found = segment_recording(replace(whole, t=whole.t[kept], signals=signals))
+    found = segmented(replace(whole, t=whole.t[kept], signals=signals))
     assert [(one.kind, round(one.since, 1)) for one in found.hints] == [("show_again", 2.6)]
 
 
@@ -132,8 +133,8 @@ def test_a_force_that_freezes_is_hinted_at_while_the_robot_moves(source: WrenchS
 def test_a_force_of_zeros_is_hinted_at_and_a_session_without_a_wrench_is_not():
     silent = guided()
     silent = replace(silent, signals={**silent.signals, "force": np.zeros((silent.t.size, 3))})
-    assert {one.kind for one in segment_recording(silent).hints} == {"frozen_force"}
-    assert segment_recording(replace(silent, wrench_source="none")).hints == ()
+    assert {one.kind for one in segmented(silent).hints} == {"frozen_force"}
+    assert segmented(replace(silent, wrench_source="none")).hints == ()
 
 
 def test_a_late_subscriber_has_the_active_hints_from_the_snapshot(held: Recording):

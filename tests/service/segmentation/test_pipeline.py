@@ -32,6 +32,7 @@ from caesura_service.segmentation.segmenter import Segmenter
 from caesura_service.segmentation.view import PipelineView
 from caesura_service.signals.sample_layout import SIGNALS
 from caesura_service.signals.wrench import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES
+from harness.segmentations import segmented
 from service.streams import pieces
 
 DATA = Path(__file__).parents[3] / "data"
@@ -44,7 +45,7 @@ def taught() -> Recording:
 
 @pytest.fixture(scope="module")
 def found(taught: Recording) -> PipelineView:
-    return segment_recording(taught)
+    return segmented(taught)
 
 
 def changed(recording: Recording, **signals: np.ndarray) -> Recording:
@@ -58,14 +59,14 @@ def boundaries(view: PipelineView) -> list[tuple[float, float, str]]:
 
 
 def test_moving_the_origin_changes_no_boundary_and_no_class(taught: Recording, found: PipelineView):
-    moved = segment_recording(changed(taught, pos=taught.signals["pos"] + [1.0, -1.0, 1.0]))
+    moved = segmented(changed(taught, pos=taught.signals["pos"] + [1.0, -1.0, 1.0]))
     assert boundaries(moved) == boundaries(found)
 
 
 def test_turning_the_base_changes_no_boundary_and_no_class(taught: Recording, found: PipelineView):
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     turned = {name: taught.signals[name] @ quarter.T for name in ("pos", "force")}
-    assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
+    assert boundaries(segmented(changed(taught, **turned))) == boundaries(found)
 
 
 def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(
@@ -74,7 +75,7 @@ def test_turning_the_base_by_any_angle_about_the_vertical_changes_nothing(
     c, s = np.cos(0.7), np.sin(0.7)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turned = {name: taught.signals[name] @ turn.T for name in ("pos", "force")}
-    assert boundaries(segment_recording(changed(taught, **turned))) == boundaries(found)
+    assert boundaries(segmented(changed(taught, **turned))) == boundaries(found)
 
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("cm", 100.0)])
@@ -82,11 +83,11 @@ def test_a_declared_unit_changes_no_boundary_and_no_class(
     taught: Recording, found: PipelineView, unit: str, per_metre: float
 ):
     scaled = replace(changed(taught, pos=per_metre * taught.signals["pos"]), length_unit=unit)  # type: ignore[arg-type]
-    assert boundaries(segment_recording(scaled)) == boundaries(found)
+    assert boundaries(segmented(scaled)) == boundaries(found)
 
 
 def test_times_may_begin_anywhere(taught: Recording, found: PipelineView):
-    later = segment_recording(replace(changed(taught), t=taught.t + 1000.0))
+    later = segmented(replace(changed(taught), t=taught.t + 1000.0))
     np.testing.assert_allclose(
         [(one.t0 - 1000.0, one.tn - 1000.0) for one in later.segments],
         [(one.t0, one.tn) for one in found.segments],
@@ -99,8 +100,8 @@ def test_times_may_begin_anywhere(taught: Recording, found: PipelineView):
 def test_forces_of_a_program_do_not_depend_on_when_its_recording_begins(later_s: float):
     """An observation at the very end of a segment was counted or not, as the times were rounded: 0.06 N."""
     wiping = load_recording(DATA / "wiping.npz")
-    later = segment_recording(replace(wiping, t=wiping.t + later_s))
-    for app, before in zip(later.apps, segment_recording(wiping).apps, strict=True):
+    later = segmented(replace(wiping, t=wiping.t + later_s))
+    for app, before in zip(later.apps, segmented(wiping).apps, strict=True):
         assert app.kind == before.kind
         assert (app.force or ()) == pytest.approx(before.force or (), abs=1e-6)
         assert app.t0 - later_s == pytest.approx(before.t0, abs=1e-6)
@@ -111,7 +112,7 @@ def test_a_mirrored_demonstration_has_the_mirrored_program():
     factors = {"pos": polar, "quat": np.array(turn), "force": polar, "torque": axial}
     wiping = load_recording(DATA / "wiping.npz")
     mirrored = {name: wiping.signals[name] * factor for name, factor in factors.items()}
-    view, seen = (segment_recording(changed(wiping, **kept)) for kept in (wiping.signals, mirrored))
+    view, seen = (segmented(changed(wiping, **kept)) for kept in (wiping.signals, mirrored))
     assert [one.model_dump(include={"t0", "tn", "kind", "probability"}) for one in seen.segments] == [
         one.model_dump(include={"t0", "tn", "kind", "probability"}) for one in view.segments
     ]
@@ -131,14 +132,14 @@ def test_signs_of_quaternions_and_samples_that_come_twice_change_nothing(
     order = np.sort(np.concatenate([np.arange(taught.t.size), rng.integers(0, taught.t.size, 500)]))
     signals = taught.signals | {"quat": signs * taught.signals["quat"]}
     awkward = replace(taught, t=taught.t[order], signals={k: v[order] for k, v in signals.items()})
-    view = segment_recording(awkward)
+    view = segmented(awkward)
     assert view.repeats == 500
     assert (view.segments, view.apps, view.phases) == (found.segments, found.apps, found.phases)
 
 
 def test_joints_alone_give_the_segments_of_the_poses_that_they_reach(taught: Recording, found: PipelineView):
     joints = {name: taught.signals[name] for name in ("q", "force", "gripper")}
-    by_joints = segment_recording(replace(taught, signals=MappingProxyType(joints)))
+    by_joints = segmented(replace(taught, signals=MappingProxyType(joints)))
     assert [one.kind for one in by_joints.segments] == [one.kind for one in found.segments]
     assert by_joints.apps[0].joints is not None
 
@@ -151,7 +152,7 @@ def test_segments_join_without_gaps_or_overlaps(found: PipelineView):
 
 
 def test_a_hole_in_the_samples_is_a_gap_between_segments_and_not_bridged(taught: Recording):
-    view = segment_recording(without(taught, 5.0, 5.6))
+    view = segmented(without(taught, 5.0, 5.6))
     (gap,) = view.gaps
     assert (gap.t0, gap.tn, gap.reason) == (
         pytest.approx(5.0, abs=0.01),
@@ -178,7 +179,7 @@ def without(recording: Recording, t0: float, tn: float) -> Recording:
 
 def test_apps_beside_a_hole_are_less_sure_and_the_others_are_not(taught: Recording):
     holed = without(taught, 5.0, 5.6)
-    view = segment_recording(holed)
+    view = segmented(holed)
     (gap,) = view.gaps
     starts = {one.t: one.probability for one in view.changepoints}
     checked = set()
@@ -229,8 +230,8 @@ def test_a_recording_that_is_cut_in_a_movement_says_so(taught: Recording, found:
     assert not {BEGINS_MOVING, ENDS_MOVING} & set(found.notes)
     longest = max((one for one in found.segments if one.kind == "motion"), key=lambda one: one.tn - one.t0)
     middle = 0.5 * (longest.t0 + longest.tn)
-    assert segment_recording(without(taught, middle, math.inf)).notes[-1] == ENDS_MOVING
-    late = segment_recording(without(taught, -math.inf, middle))
+    assert segmented(without(taught, middle, math.inf)).notes[-1] == ENDS_MOVING
+    late = segmented(without(taught, -math.inf, middle))
     assert BEGINS_MOVING in late.notes
     assert ENDS_MOVING not in late.notes
 
@@ -239,7 +240,7 @@ def test_a_recording_that_is_cut_in_a_movement_says_so(taught: Recording, found:
 def test_a_wrench_that_cannot_show_contact_is_not_asked_and_the_program_says_so(
     taught: Recording, source: str
 ):
-    view = segment_recording(replace(changed(taught), wrench_source=source))  # type: ignore[arg-type]
+    view = segmented(replace(changed(taught), wrench_source=source))  # type: ignore[arg-type]
     assert {one.contact for one in view.segments} == {"free"}
     assert not view.wrench.contact_models
     assert view.notes
@@ -260,7 +261,7 @@ def test_a_value_that_is_not_finite_is_refused_with_its_place(taught: Recording)
 
 def test_an_hour_long_pause_anywhere_is_a_gap(taught: Recording):
     pause = 3000.0 * (np.arange(taught.t.size) >= 6007)
-    view = segment_recording(replace(taught, t=taught.t + pause))
+    view = segmented(replace(taught, t=taught.t + pause))
     assert [(gap.t0, gap.reason) for gap in view.gaps] == [(pytest.approx(6.006), "source")]
 
 
@@ -511,5 +512,5 @@ def test_the_wire_and_the_signals_name_the_same_columns():
 
 
 def test_a_view_says_in_which_unit_and_frame_its_samples_came(taught: Recording):
-    view = segment_recording(replace(taught, length_unit="mm", force_frame="flange"))
+    view = segmented(replace(taught, length_unit="mm", force_frame="flange"))
     assert (view.length_unit, view.wrench.frame) == ("mm", "flange")

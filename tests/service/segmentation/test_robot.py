@@ -20,6 +20,7 @@ from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.input_notes import ASSUMED_ROBOT, UNREAD_JOINTS
 from caesura_service.segmentation.opening_layout import layout_of
 from caesura_service.segmentation.pipeline import make_pipeline
+from harness.segmentations import segmented
 
 DATA = Path(__file__).parents[3] / "data"
 POSE = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
@@ -103,20 +104,20 @@ def test_that_joints_of_an_unstated_arm_give_no_orientation_is_stated(tmp_path: 
     taught = replace(load_recording(DATA / "button.npz"), setting=UNSET, wrench_source="none")
     beside = {"pos": taught.signals["pos"], "q": taught.signals["q"][:, :6]}
     posed = beside | {"quat": taught.signals["quat"]}
-    assert UNREAD_JOINTS in segment_recording(replace(taught, signals=beside)).notes
-    assert UNREAD_JOINTS not in segment_recording(replace(taught, signals=posed)).notes
-    assert UNREAD_JOINTS not in segment_recording(taught).notes
+    assert UNREAD_JOINTS in segmented(replace(taught, signals=beside)).notes
+    assert UNREAD_JOINTS not in segmented(replace(taught, signals=posed)).notes
+    assert UNREAD_JOINTS not in segmented(taught).notes
 
 
 def test_that_joints_are_read_as_a_pandas_is_said_where_it_matters() -> None:
     taught = replace(load_recording(DATA / "button.npz"), setting=UNSET)
     joints = replace(taught, signals={"q": taught.signals["q"]}, wrench_source="none")
-    assert ASSUMED_ROBOT in segment_recording(joints).notes
-    assert ASSUMED_ROBOT not in segment_recording(taught).notes
+    assert ASSUMED_ROBOT in segmented(joints).notes
+    assert ASSUMED_ROBOT not in segmented(taught).notes
     stated = replace(joints, setting=CellSettings(robot="panda"))
-    view = segment_recording(stated)
+    view = segmented(stated)
     assert ASSUMED_ROBOT not in view.notes
-    assert [one.kind for one in view.segments] == [one.kind for one in segment_recording(joints).segments]
+    assert [one.kind for one in view.segments] == [one.kind for one in segmented(joints).segments]
 
 
 def test_a_robot_may_be_stated_where_no_joints_are_sent() -> None:

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from caesura_protocol.recording import Recording
 from caesura_protocol.screw_motion import exerted, torque_about_axis
 from caesura_service.changepoint.preset import STEP_S
-from caesura_service.offline_segmentation import segment_recording
 from caesura_service.segmentation.screwing import Course, repeats, screw_of
+from harness.segmentations import segmented
 
 Array = NDArray[np.float64]
 NEWTONS = np.array([3.0, -2.0, 12.0])
@@ -259,7 +259,7 @@ def screwing(*, torque: bool) -> Recording:
 
 
 def test_a_screw_that_is_driven_is_a_turning_with_axis_pitch_and_torque_and_so_is_its_app() -> None:
-    view = segment_recording(screwing(torque=True))
+    view = segmented(screwing(torque=True))
     (turning,) = (one for one in view.segments if one.kind == "turning")
     assert turning.contact == "contact"
     screw = turning.screw
@@ -277,7 +277,7 @@ def test_a_screw_that_is_driven_is_a_turning_with_axis_pitch_and_torque_and_so_i
 
 def test_without_torque_columns_segments_are_the_same_and_no_torque_is_shown() -> None:
     """A torque that sets in after the turn is evidence too: it may move a boundary by one observation."""
-    with_torque, without = (segment_recording(screwing(torque=torque)) for torque in (True, False))
+    with_torque, without = (segmented(screwing(torque=torque)) for torque in (True, False))
     assert [one.kind for one in without.segments] == [one.kind for one in with_torque.segments]
     begins = [one.t0 for one in without.segments]
     assert begins == pytest.approx([one.t0 for one in with_torque.segments], abs=STEP_S + 1e-9)

@@ -22,13 +22,14 @@ from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.changepoint.run_length_filter import RunLengthFilter
 from caesura_service.conditioned_recording import condition
-from caesura_service.offline_segmentation import batches, opening_of, segment_recording
+from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.program import loads
 from caesura_service.program.program_segment import Context, ProgramSegment
 from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
 from caesura_service.segmentation.segmenter import filter_of
 from caesura_service.segmentation.view import Pipeline, PipelineView
 from caesura_service.signals.tare import RestCriterion, tare_of
+from harness.segmentations import segmented
 from harness.tilted import about_z, tilted
 
 DATA = Path(__file__).parents[3] / "data"
@@ -60,7 +61,7 @@ def recorded(name: str) -> Recording:
 
 @cache
 def on_a_table(name: str, yaw: float) -> PipelineView:
-    return segment_recording(tilted(recorded(name), about_z(yaw), None))
+    return segmented(tilted(recorded(name), about_z(yaw), None))
 
 
 def unit(values: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -112,7 +113,7 @@ def vectors_of(app: Any) -> Iterator[np.ndarray]:
 @pytest.mark.parametrize("name", ["pick_and_place", "dispenser", "wiping", "kit_panda_1"])
 def test_a_mounting_changes_no_boundary_no_kind_and_no_load(name, mounting):
     up = MOUNTINGS[mounting]
-    assert_turned(segment_recording(mounted(name, up)), on_a_table(name, 0.0), up)
+    assert_turned(segmented(mounted(name, up)), on_a_table(name, 0.0), up)
 
 
 @settings(max_examples=4, deadline=None)
@@ -123,13 +124,13 @@ def test_a_mounting_changes_no_boundary_no_kind_and_no_load(name, mounting):
 def test_nor_does_any_rotation(up, yaw):
     """The models see the recording turned about the vertical: by as much as the rotation turns about it."""
     name = "pick_and_place"
-    table = segment_recording(tilted(recorded(name), about_z(yaw), None))
-    assert_turned(segment_recording(mounted(name, up, yaw)), table, up)
+    table = segmented(tilted(recorded(name), about_z(yaw), None))
+    assert_turned(segmented(mounted(name, up, yaw)), table, up)
 
 
 @pytest.mark.parametrize("mounting", ["ceiling", "wall"])
 def test_without_the_direction_the_load_is_another_one(mounting):
-    view = segment_recording(mounted("pick_and_place", MOUNTINGS[mounting], states=False))
+    view = segmented(mounted("pick_and_place", MOUNTINGS[mounting], states=False))
     right, found = (
         [one.load_kg for one in of.segments if (one.load_kg or 0.0) > 0.1]
         for of in (on_a_table("pick_and_place", 0.0), view)
@@ -140,7 +141,7 @@ def test_without_the_direction_the_load_is_another_one(mounting):
 
 def test_an_upright_base_that_is_stated_changes_no_number():
     for name in ("pick_and_place", "wiping"):
-        stated = segment_recording(tilted(recorded(name), np.eye(3), (0.0, 0.0, 1.0)))
+        stated = segmented(tilted(recorded(name), np.eye(3), (0.0, 0.0, 1.0)))
         assert stated.segments == on_a_table(name, 0.0).segments
         assert stated.apps == on_a_table(name, 0.0).apps
 
@@ -151,10 +152,10 @@ def test_nothing_is_turned_where_the_base_is_upright():
 
 
 def test_the_note_on_the_wrench_states_the_direction():
-    note = segment_recording(mounted("pick_and_place", MOUNTINGS["ceiling"])).wrench.note
+    note = segmented(mounted("pick_and_place", MOUNTINGS["ceiling"])).wrench.note
     assert "contact and load are on, with -z of the base upwards. " in note
     assert "z axis points up" not in note
-    leaning = segment_recording(mounted("pick_and_place", MOUNTINGS["leaning"])).wrench.note
+    leaning = segmented(mounted("pick_and_place", MOUNTINGS["leaning"])).wrench.note
     assert "with (0.48, -0.6, 0.64) in the base frame upwards. " in leaning
     assert ", for a base whose z axis points up. " in on_a_table("pick_and_place", 0.0).wrench.note
 

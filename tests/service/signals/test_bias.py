@@ -10,8 +10,8 @@ from scipy.stats import multivariate_normal
 
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
-from caesura_service.offline_segmentation import segment_recording
 from caesura_service.signals.bias import BiasState, BiasTracker
+from harness.segmentations import segmented
 
 TRACKER = BiasTracker(scale_n=1.5)
 BUTTON = Path(__file__).parents[3] / "data" / "button.npz"
@@ -95,12 +95,12 @@ def taught(recording: Recording, hand: str) -> list[str]:
         length_unit=recording.length_unit,
         name=recording.name,
     )
-    return [segment.kind for segment in segment_recording(estimate).segments]
+    return [segment.kind for segment in segmented(estimate).segments]
 
 
 def test_presses_are_found_in_an_estimate_without_a_hand_though_its_bias_drifts() -> None:
     recording = load_recording(BUTTON)
-    measured = [segment.kind for segment in segment_recording(recording).segments]
+    measured = [segment.kind for segment in segmented(recording).segments]
     assert taught(recording, "no").count("contact") == measured.count("contact") > 0
 
 

@@ -31,7 +31,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-import typer.testing
+import typer.main
 from hypothesis import Phase, settings
 
 from harness.forked import CAN_FORK
@@ -69,7 +69,9 @@ settings.register_profile(  # for `make mutations`: whether it fails, not how li
     "unshrunk", max_examples=30, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate)
 )
 settings.load_profile("quick")
-typer.testing._get_command = cache(typer.main.get_command)
+with pytest.MonkeyPatch.context() as patch:  # while the module with the runner takes it from there
+    patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
+    import typer.testing
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

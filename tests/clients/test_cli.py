@@ -1,28 +1,19 @@
 """What is typed and what is shown: results on stdout, one clear line where something is wrong."""
 
-import io
 import json
-from dataclasses import replace
-from datetime import datetime
-from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import typer
-from rich.console import Console
 from typer.testing import CliRunner
 
 from caesura_clients.bridge import BridgeSettings
-from caesura_clients.cli import build
 from caesura_clients.cli.bridge import _Availability, reporting_pose, reporting_storage, reporting_up
 from caesura_clients.cli.commands import register
 from caesura_clients.cli.demonstrations import _StatusPrinter
 from caesura_clients.cli.options import reported
 from caesura_clients.cli.result_tables import doubtful_apps
-from caesura_clients.cli.session_table import print_sessions
-from caesura_clients.cli.sessions import stand_in
-from caesura_clients.query import SessionInfo
 from caesura_clients.service_liveliness import watch_services
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import ProtocolError
@@ -433,46 +424,6 @@ def test_sessions_list_is_the_same_list(caesura, service):
     assert caesura("sessions", "list").stdout == caesura("sessions").stdout
 
 
-def listed(infos, width=None):
-    """The list of sessions as a terminal of this width shows it; None: a pipe."""
-    out = io.StringIO()
-    print_sessions(infos, Console(file=out, width=width, force_terminal=width is not None, color_system=None))
-    return out.getvalue()
-
-
-def infos_of(*changes):
-    return [
-        SessionInfo(
-            "cell-1", f"s20261125-00044{i}-ab1{i}", "closed", 123.45, 17, "i1", opened=1.7e9, **change
-        )
-        for i, change in enumerate(changes)
-    ]
-
-
-@pytest.mark.parametrize("width", [40, 80, 120, None])
-@pytest.mark.parametrize("change", [{}, {"task": "wipe the table", "success": True}])
-def test_a_list_of_sessions_has_whole_names_and_when_each_was_opened(width, change):
-    infos = [*infos_of({}, change), replace(infos_of({})[0], session="x", instance="i2")]
-    shown = listed(infos, width)
-    assert all(one.session in shown for one in infos)
-    assert shown.count(f"{datetime.fromtimestamp(1.7e9):%Y-%m-%d %H:%M}") == 3
-    assert "…" not in shown
-
-
-def test_a_list_of_sessions_states_which_columns_have_no_room():
-    infos = infos_of({"task": "wipe the table", "success": True})
-    assert "no room for segments, t [s]: --json has all" in listed(infos, 80)
-    for roomy in (listed(infos, 120), listed(infos), listed(infos_of({}), 80)):
-        assert "segments" in roomy
-        assert "no room" not in roomy
-    assert max(map(len, listed(infos, 80).splitlines())) <= 80
-
-
-def test_a_list_of_sessions_shows_the_instance_only_where_there_are_several():
-    assert "instance" not in listed(infos_of({}, {}), 200)
-    assert "instance" in listed([*infos_of({}), replace(infos_of({})[0], instance="i2")], 200)
-
-
 def test_a_session_is_shown_with_its_segments_and_its_program(caesura, service):
     service.snapshots = [snapshot(0, "motion", session="s1"), snapshot(0, "steady", session="s2")]
     shown = caesura("sessions", "show", "s1", "--station", "cell-1").stdout
@@ -534,83 +485,6 @@ def test_without_a_router_one_line_says_so(caesura, monkeypatch):
 
 def test_an_endpoint_that_makes_no_sense_is_named(caesura):
     assert_one_line(caesura("sessions", "--connect", "nonsense"), "nonsense", "tcp/127.0.0.1:7447")
-
-
-def entry(value):
-    return EntryPoint(name="x", value=value, group="caesura.commands")
-
-
-def test_the_command_line_assembles_itself_from_what_is_installed():
-    app = build([entry("caesura_clients.cli.commands:register")])
-    result = CliRunner().invoke(app, ["--help"])
-    for command in ("bridge", "watch", "program", "sessions"):
-        assert command in result.stdout
-
-
-@pytest.fixture
-def client_only(monkeypatch, tmp_path):
-    """The command line where an entry point needs a library that is not installed."""
-    (tmp_path / "needs_an_extra.py").write_text("import a_library_that_is_not_installed\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    return build([entry("needs_an_extra:register"), entry("caesura_clients.cli.commands:register")])
-
-
-def test_commands_whose_extra_is_missing_are_not_listed(client_only, capsys):
-    assert capsys.readouterr() == ("", "")
-    listed = CliRunner().invoke(client_only, ["--help"]).stdout
-    assert "bridge" in listed
-    for command in ("serve", "segment", "demo", "evaluate", "report", "teach"):
-        assert f" {command} " not in listed
-
-
-@pytest.mark.parametrize(
-    ("typed", "extra"),
-    [
-        (["serve", "--listen", "tcp/0.0.0.0:7447"], "service"),
-        (["segment", "a.npz", "--json", "b.json"], "service"),
-        (["demo", "--fast"], "service"),
-        (["evaluate", "--help"], "service"),
-        (["report", "a.npz", "-o", "b.pdf"], "service"),
-        (["teach"], "teacher"),
-        (["annotate", "a.npz"], "service,dashboard"),
-    ],
-)
-def test_typing_one_is_given_the_command_that_installs_it(client_only, typed, extra):
-    # "No such command" was once all that a client install had to say.
-    result = CliRunner().invoke(client_only, typed)
-    assert result.exit_code == 2
-    assert (
-        result.stderr == f"error: caesura {typed[0]} needs pip install '.[{extra}]' in a clone of Caesura\n"
-    )
-
-
-def test_what_is_installed_has_no_stand_in():
-    pytest.importorskip("caesura_service.commands")
-    assert not any(info.hidden for info in build().registered_commands)
-
-
-def test_an_own_module_that_is_missing_is_no_extra(monkeypatch, tmp_path):
-    (tmp_path / "broken.py").write_text("import caesura_clients.a_module_that_is_not_there\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModuleNotFoundError, match="a_module_that_is_not_there"):
-        build([entry("broken:register")])
-
-
-@pytest.mark.parametrize("name", ["export", "delete"])
-def test_what_needs_the_journal_says_where_it_runs(name: str):
-    group = typer.Typer()
-    group.command("list")(lambda: None)
-    group.command("show")(lambda: None)
-    stand_in(group)
-    result = CliRunner().invoke(group, [name, "s1", "--station", "cell-1", "-o", "x.npz"])
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == (
-        f"error: caesura sessions {name} runs on the service's machine, where the journal is; "
-        "it comes with pip install '.[service]' in a clone of Caesura\n"
-    )
-    before = len(group.registered_commands)
-    stand_in(group)
-    assert len(group.registered_commands) == before
 
 
 def test_program_shows_a_session_by_its_name(caesura, service):

@@ -58,6 +58,8 @@ LONG = (
     "tests/lab/execution/test_executor.py",
     "tests/service/changepoint/test_compiled_filter.py",
     "tests/service/segmentation/",
+    "tests/service/journal/test_reserve.py",
+    "tests/protocol/test_bounds.py",
     "tests/lab/",
     "tests/acceptance/",
     "tests/clients/",

@@ -118,7 +118,7 @@ def test_what_another_process_deletes_on_a_disk_without_a_byte_makes_room(disk, 
             taught(journal, 18_000, name)
         eventually((disk / f"{path.name}{SUFFIX}").exists)
         fill(disk)
-        with journal._writing, pytest.raises(JournalError, match="no room left"):  # nothing is written meanwhile
+        with journal._writing, pytest.raises(JournalError, match="no room left"):  # all of it waits
             taught(journal, records, "new")
         eventually(lambda: journal.report().trouble is not None)
         assert (journal.report().waiting > SIZE) == (records > 20_000)

@@ -106,12 +106,13 @@ def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
     is_carried = segment.contact == "transport" and bool(holds(step, context.grips))
     if segment.corrected or segment.motion == "steady" or not (is_carried or segment.contact == "free"):
         return step
+    if length(step.moved) >= NOWHERE_M:  # as most do: what was seen in between need not be looked at
+        return step
     seen = [context.moment_at(t) for t in observed(segment.t0, segment.tn)]
     way = max(length(np.subtract(one.position, seen[0].position)) for one in seen)
     turns = [one.orientation for one in seen if one.orientation is not None]
     most_m, most_rad = NOWHERE["transport" if is_carried else segment.kind]
-    leads_on = length(step.moved) >= NOWHERE_M or way >= most_m
-    if leads_on or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
+    if way >= most_m or (turns and max(angle_between(one, turns[0]) for one in turns) >= most_rad):
         return step
     kind = KINDS["steady", segment.contact]
     still: dict[str, object] = {"kind": kind, "motion": "steady", "turn": None, "screw": None}

@@ -7,7 +7,7 @@ action that was refused: a time has a unit and the session's clock, a force a un
 from __future__ import annotations
 
 from caesura_clients.editing import is_stale
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import NONE_THERE, ProtocolError
 from caesura_protocol.messages import Action, LimitForce, Move, ProgramAction, Remove
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day
 
@@ -85,10 +85,7 @@ def _there_is(error: ProtocolError, clock: SessionClock) -> str:
     there = error.expected
     if isinstance(there, list | tuple):
         return f"; there is {', '.join(_alternative(one, clock) for one in there)}"
-    return f"; expected {there}" if isinstance(there, str) and there != NONE else ""
-
-
-NONE = "none is there"
+    return f"; expected {there}" if isinstance(there, str) and there != NONE_THERE else ""
 
 
 def _alternative(one: object, clock: SessionClock) -> str:

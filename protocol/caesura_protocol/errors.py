@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 MAX_MESSAGE = 1000  # characters of a message, and of an error in words: readers take texts of 8 KiB
 MAX_SHOWN = 200  # characters of a value
 MAX_LISTED = 64  # values of a list
+NONE_THERE = "none is there"  # expected, of a refusal without alternatives
 
 ErrorCode = Literal[
     "malformed",  # not a message, or a field is wrong

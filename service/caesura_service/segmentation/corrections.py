@@ -23,7 +23,7 @@ from itertools import pairwise
 from typing import Any
 
 from caesura_protocol import messages
-from caesura_protocol.errors import ProtocolError
+from caesura_protocol.errors import NONE_THERE, ProtocolError
 from caesura_protocol.force_limit import LEAST_FORCE_N, is_press
 from caesura_protocol.messages import (
     MAX_CORRECTIONS,
@@ -204,7 +204,7 @@ class EditHistory:
         is_undone = action.number in [one.number for one in self.undone]
         why = "the correction is taken back already" if is_undone else "the session has no such correction"
         there = [one.number for one in self.active]
-        raise ProtocolError("conflict", why, value=action.number, expected=_ranges(there) or "none is there")
+        raise ProtocolError("conflict", why, value=action.number, expected=_ranges(there) or NONE_THERE)
 
     def check_unreferred(self, one: ResolvedEdit, observation_at: Callable[[float], int]) -> None:
         """Check that no later correction refers to the changepoint that a correction set.
@@ -441,5 +441,5 @@ def _named(t: float, shown: EditContext) -> float:
 
 
 def _nothing_near(what: str, t: float, nearest: list[Any]) -> ProtocolError:
-    near = nearest[:NAMED] or "none is there"
+    near = nearest[:NAMED] or NONE_THERE
     return ProtocolError("conflict", what, value=t, limit=REACH_S, expected=near)

@@ -163,9 +163,10 @@ export default {
     },
     projection(width, height) { // as large as the picture allows
       const [right, up] = this.directions(), along = (axis, place) => axis.reduce((sum, share, i) => sum + share * place[i], 0);
+      const all = [...this.rows.flatMap(({ points }) => points), ...this.runs.flatMap(({ places }) => places)];
       const ends = (axis) => {
         let [least, most] = [Infinity, -Infinity];
-        for (const [, ...place] of [...this.rows, ...this.runs.map(({ places }) => ({ points: places }))].flatMap(({ points }) => points)) {
+        for (const [, ...place] of all) {
           const at = along(axis, place);
           [least, most] = [Math.min(least, at), Math.max(most, at)];
         }

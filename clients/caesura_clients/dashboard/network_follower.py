@@ -83,14 +83,15 @@ class NetworkFollower(RepeatingThreads):
     def samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
         """The samples of a session in a range: the newest ones as they came, others from the journal.
 
+        Of a session that has ended all are in the journal; the last ones may not have arrived here.
         Raises Absent, Unreachable or ProtocolError.
         """
         ring, update = self._rings.get(station), self.world.update(station, session)
-        if ring is not None and update is not None and ring.covers(session, wanted.t0):
-            status = update.status
-            found = ring.read(station, wanted, status.length_unit, status.wrench.frame)
-            if found is not None and found.session == session:
-                return found
+        if ring is None or update is None or update.closed or not ring.covers(session, wanted.t0):
+            return self.journal_samples(station, session, wanted)
+        found = ring.read(station, wanted, update.status.length_unit, update.status.wrench.frame)
+        if found is not None and found.session == session:
+            return found
         return self.journal_samples(station, session, wanted)
 
     def journal_samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:

@@ -59,7 +59,7 @@ export const view = {
     lacksData() {
       if (this.session === "" || !this.$refs.panels) return false;
       const [from, to] = this.view(), held = this.data;
-      if (!held || held.shown !== this.shownColumns()) return true;
+      if (!held || held.shown !== this.shownColumns() || held.closed !== this.closed) return true; // ended: the journal has all
       if (from < held.from - 1e-9 || Math.min(to, this.newest) > held.upTo + 1e-9) return true;
       return held.to - held.from > 2 * (1 + 2 * MARGIN) * (to - from);
     },
@@ -67,7 +67,7 @@ export const view = {
       const [from, to] = this.view(), margin = this.end === null ? 0 : MARGIN * (to - from);
       const range = { from: Math.max(this.begin, from - margin), to: to + margin };
       const bins = (this.scale().x1 - this.scale().x0) * (range.to - range.from) / (to - from);
-      const asked = { ...range, upTo: Math.min(range.to, this.newest), shown: this.shownColumns(), session: this.session };
+      const asked = { ...range, upTo: Math.min(range.to, this.newest), shown: this.shownColumns(), session: this.session, closed: this.closed };
       this.loading = true;
       try {
         const found = await this.found(asked, bins);

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.text import Text
-from scipy.spatial import cKDTree
 
 from caesura_lab.evaluation.tables import Grid, markdown_grid, rich_grid
+from caesura_lab.path_distance import furthest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, app_number, app_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rests_of
@@ -28,7 +28,6 @@ from caesura_protocol.programs.document import document_of_apps
 from caesura_protocol.programs.program_timing import RunSpeed
 from caesura_protocol.programs.safety import CellSettings, Safety
 from caesura_protocol.recording import Recording
-from caesura_protocol.rotations import align_signs
 
 Array = NDArray[np.float64]
 
@@ -121,17 +120,12 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
 
 def path_distance(one: AppPoses, other: AppPoses) -> tuple[float, float]:
     """Return the largest distance [m] and angle [rad] from the poses of each path to the other."""
-    scale = np.array([1.0 / PATH_M] * 3 + [2.0 / PATH_RAD] * 4)
-    furthest_m = furthest_rad = 0.0
-    for here, there in ((one.inside, other.around), (other.inside, one.around)):
-        poses = np.concatenate([there, here[::EVERY]])
-        align_signs(poses[:, 3:])
-        line, seen = np.split(poses, [len(there)])
-        off = seen - line[cKDTree(line * scale).query(seen * scale)[1]]
-        furthest_m = max(furthest_m, float(np.linalg.norm(off[:, :3], axis=1).max()))
-        half_chord = 0.5 * float(np.linalg.norm(off[:, 3:], axis=1).max())
-        furthest_rad = max(furthest_rad, 4.0 * math.asin(min(half_chord, 1.0)))
-    return furthest_m, furthest_rad
+    ways = (
+        furthest(here.inside[::EVERY], there.around, PATH_M, PATH_RAD)
+        for here, there in ((one, other), (other, one))
+    )
+    off_m, off_rad = zip(*ways, strict=True)
+    return max(off_m), max(off_rad)
 
 
 class AppPoses(NamedTuple):

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial import cKDTree
+from scipy.interpolate import BSpline, make_smoothing_spline
 
 from caesura_lab.execution.skills import CREEP_M_PER_S
 from caesura_lab.execution.trajectories import (
@@ -33,6 +32,7 @@ from caesura_lab.execution.trajectories import (
     approach_direction,
     arrival_speed,
 )
+from caesura_lab.path_distance import furthest
 from caesura_lab.retiming.limits import MotionLimits, hurry, limits_of, poses_at
 from caesura_lab.retiming.time_law import AT_REST, Arrival, TimeLawError, fastest
 from caesura_protocol.app_kinds import APP_KINDS, app_name, ends_in_contact
@@ -42,7 +42,7 @@ from caesura_protocol.programs.document import ProgramFile, ProgramStep
 from caesura_protocol.programs.planned_apps import STANDOFF_M
 from caesura_protocol.programs.retiming import retimed
 from caesura_protocol.programs.safety import Safety
-from caesura_protocol.reproduced_path import Curve, curve_of
+from caesura_protocol.reproduced_path import Curve, curve_of, unit
 from caesura_protocol.rotations import angular_velocities, matrix_of
 from caesura_service.robot import ReachError, Robot, load_robot
 
@@ -53,16 +53,22 @@ PLACES = 2000  # at which two paths are compared
 KNOT_M, FEWEST, MOST = 0.004, 40, 80  # of the way, between two inverse kinematics; how many of them
 VIA_S, FEWEST_VIA, MOST_VIA = 0.025, 6, 60  # between two via points
 ROUNDS, EVEN = 5, 0.01  # of scaling a movement that a contact ends; by which it may be slower than need be
-REACH_M, OFF_M = 1e-3, 1e-3  # from the start of the path; from the taught path to the re-timed one
+REACH_M = 1e-3  # from the start of the path
+OFF_M, OFF_RAD = 1e-3, math.radians(0.5)  # from the taught path to the re-timed one
 FINGERS_DOWN = (1.0, 0.0, 0.0, 0.0)
+SMOOTHED = 0.7  # of what a path may be off; the rest is for the via points that lead along it
+SMOOTHNESS = -10.0, 1.0  # decimal logarithms of the least and the largest weight of a smoothing [m³]
+HALVINGS = 8  # rounds in which the largest weight is found that is near enough
+LOOKS, FIXED = 2, 1e6  # at a path between two knots; weight of its ends
 CREPT_M = 0.5 * ASTRAY_M  # the executor goes onto a path whose start is up to `ASTRAY_M` away
 TICKS_PER_S = 1000.0  # a movement takes whole ticks of the robot's controller
 
 
 @dataclass(frozen=True)
 class _Way:
-    """The taught path by its length: (k,) [m], poses (k, 7) and joints (k, n) there."""
+    """The taught path, smoothed, by its length: (k,) [m], poses (k, 7) and joints (k, n) there."""
 
+    geometry: BSpline
     along: Array
     poses: Array
     joints: Array
@@ -162,21 +168,29 @@ def _scaled(made: ProgramStep, hurried: Callable[[ProgramStep], float]) -> Progr
 
 
 def _on_its_path(app: App, made: ProgramStep) -> ProgramStep:
-    """The re-timed app, with what its path is off the taught one added to its deviation [m].
+    """The re-timed app, with what its path is off the taught one added to its deviations.
 
-    Raises TimeLawError where that is more than `OFF_M`.
+    Raises TimeLawError where that is more than `OFF_M` or `OFF_RAD`.
     """
     assert made.path is not None, "is timed by its path"
     curves = curve_of(app), curve_of(made)
-    taught, reproduced = (one.sampled(math.ceil(PLACES / (len(one.t) - 1)))[:, :3] for one in curves)
-    pairs = (taught, reproduced), (reproduced, taught)
-    off_m = max(float(np.max(cKDTree(one).query(other)[0])) for one, other in pairs)
+    taught, reproduced = (one.sampled(math.ceil(PLACES / (len(one.t) - 1))) for one in curves)
+    both = furthest(taught, reproduced, OFF_M, OFF_RAD), furthest(reproduced, taught, OFF_M, OFF_RAD)
+    off_m, off_rad = (max(off) for off in zip(*both, strict=True))
     if off_m > OFF_M:
         raise TimeLawError(
             f"its path would be {1000 * off_m:.1f} mm off, at most {1000 * OFF_M:g} mm are allowed"
         )
-    path = made.path.model_copy(update={"deviation_m": made.path.deviation_m + off_m})
-    return made.model_copy(update={"path": path})
+    if off_rad > OFF_RAD:
+        raise TimeLawError(
+            f"its path would be turned by {math.degrees(off_rad):.1f}°, "
+            f"at most {math.degrees(OFF_RAD):g}° are allowed"
+        )
+    deviations = {
+        "deviation_m": made.path.deviation_m + off_m,
+        "deviation_rad": made.path.deviation_rad + off_rad,
+    }
+    return made.model_copy(update={"path": made.path.model_copy(update=deviations)})
 
 
 def _from_zero(curve: Curve) -> Curve:
@@ -192,7 +206,8 @@ def _towards_contact(app: App, until: Array, safety: Safety) -> Curve:
 
 
 def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
-    curve = curve_of(app)
+    path, curve = app.path, curve_of(app)
+    assert path is not None, "is timed by its path"
     fine = curve.sampled(FINE)
     step = np.diff(fine, axis=0)
     size = np.linalg.norm(step[:, :3], axis=1) + 2.0 * TURNED_M * np.linalg.norm(step[:, 3:], axis=1)
@@ -200,13 +215,41 @@ def _way(app: ProgramStep, still: Array, robot: Robot) -> _Way:
     legs = np.linspace(0.0, 1.0, FINE, endpoint=False)
     times = np.append((curve.t[:-1, None] + np.diff(curve.t)[:, None] * legs).ravel(), curve.t[-1])
     count = int(np.clip(along[-1] / KNOT_M, FEWEST, MOST))
-    places = np.linspace(0.0, along[-1], count + 1)
+    places = np.linspace(0.0, along[-1], LOOKS * count + 1)
+    left_m = min(OFF_M, path.tolerance_m - path.deviation_m)
+    left_rad = min(OFF_RAD, path.tolerance_rad - path.deviation_rad)
     poses = poses_at(curve, np.interp(places, along, times), still)
+    geometry = _smoothed(places, poses, SMOOTHED * left_m, SMOOTHED * left_rad)
+    places = places[::LOOKS]
+    poses = unit(geometry(places))
     seed = robot.postures[0] if app.joints is None else np.array(app.joints)
     q, left, turn = robot.nearest_joints(poses[0, :3], poses[0, 3:], seed)
     if left > REACH_M or turn > REACH_M:
         raise ReachError(f"{1000 * left:.1f} mm and {turn:.3f} rad are left to the start of the path")
-    return _Way(places, poses, robot.joints_along(poses, q))
+    return _Way(geometry, places, poses, robot.joints_along(poses, q))
+
+
+def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BSpline:
+    """The smoothest path within a distance [m] and an angle [rad] of poses (k, 7) at places (k,) [m].
+
+    It begins and ends at the first and the last pose. Its smoothness is one weight of its second derivatives.
+    """
+    weights = np.ones(len(places))
+    weights[[0, -1]] = FIXED
+
+    def smoothed(smoothness: float) -> BSpline:
+        return make_smoothing_spline(places, poses, weights, lam=10.0**smoothness)
+
+    def is_near(path: BSpline) -> bool:
+        off = np.abs(path(places) - poses)
+        apart, turned = (np.linalg.norm(part, axis=1).max() for part in (off[:, :3], 2.0 * off[:, 3:]))
+        return bool(apart <= left_m and turned <= left_rad)
+
+    least, most = SMOOTHNESS
+    for _ in range(HALVINGS):
+        middle = 0.5 * (least + most)
+        least, most = (middle, most) if is_near(smoothed(middle)) else (least, middle)
+    return smoothed(least)
 
 
 def _with_flange(way: _Way, limits: MotionLimits) -> tuple[Array, Array, Array]:
@@ -228,12 +271,11 @@ def _timed(app: ProgramStep, way: _Way, t: Array, covered: Array) -> ProgramStep
     times = np.interp(np.linspace(0.0, 1.0, count + 2)[1:-1], even, t)
     taught = curve_of(app)
     turns = taught.values.shape[1] == 7
-    geometry = CubicSpline(way.along, way.poses)
     speeds = np.gradient(covered, t)
     via = []
     for when in times:
         place = float(np.interp(when, t, covered))
-        pose, rates = geometry(place), geometry(place, 1) * np.interp(when, t, speeds)
+        pose, rates = way.geometry(place), way.geometry(place, 1) * np.interp(when, t, speeds)
         quaternion = pose[3:] / np.linalg.norm(pose[3:])
         turning = angular_velocities(pose[None, 3:], rates[None, 3:])[0]
         via.append(

@@ -5,7 +5,8 @@ points are chosen among the observations, greedily (as Ramer, Douglas and Peucke
 reproduced path is further off than the tolerance, each leg gets the observation at which it is furthest off.
 A distance is the larger of position over its tolerance and angle over its own; both paths are followed in
 one direction, so going back and forth is not lost. The reproduced path does not leave the demonstrated one
-either. A short path is kept to `OFF_SHARE` of its length, or a turn about a point would lose its point. A
+either. Via points use `VIA_SHARE` of a tolerance: the rest is for a program at its fastest, whose path is
+smoother. A short path is kept to `OFF_SHARE` of its length, or a turn about a point would lose its point. A
 leg turns by at most `MOST_TURN_RAD`, so its sense is never in doubt.
 """
 
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 PosesBetween = Callable[[float, float], tuple[Array, Array]]
 
 MOST_TURN_RAD = math.radians(100.0)
+VIA_SHARE = 0.5
 TURN_RAD = math.radians(5.0)  # a turn in a rest from which on it is a movement
 OFF_SHARE, OFF_LEAST_M = 0.05, 0.0003  # of a short path it may be off; what a still hand moves
 BETWEEN = 3  # looks from one observation to the next
@@ -105,8 +107,8 @@ class Paths:
     def _made(self, t: Array, poses: Array, passing: Array) -> AppPath:
         """The path of observations; passing: (n, 6) as `reduced` takes it."""
         length_m = float(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum())
-        kept_m = min(self.tolerance_m, max(OFF_SHARE * length_m, OFF_LEAST_M))
-        knots, off_m, off_rad = reduced(t, poses, kept_m, self.tolerance_rad, passing=passing)
+        kept_m = min(VIA_SHARE * self.tolerance_m, max(OFF_SHARE * length_m, OFF_LEAST_M))
+        knots, off_m, off_rad = reduced(t, poses, kept_m, VIA_SHARE * self.tolerance_rad, passing=passing)
         rests = np.isnan(passing[[0, -1], 0])
         passed = Curve.through(t, poses, passing=passing).passing.tolist()
         points = [_point(float(t[i]), poses[i], passed[i]) for i in knots]

@@ -17,6 +17,7 @@ from caesura_lab.retiming import optimal
 from caesura_lab.teacher.person import THESIS
 from caesura_lab.teacher.scenarios import SCENARIOS
 from caesura_protocol.formats.read import load_recording
+from caesura_protocol.messages import ViaPoint
 from caesura_protocol.programs.document import ProgramFile, document_of_apps
 from caesura_protocol.reproduced_path import curve_of
 from caesura_service.robot import Robot, load_panda, load_robot
@@ -75,6 +76,51 @@ def test_the_path_is_that_of_the_program_as_taught(
         before, after = (curve_of(p.apps[index]).sampled(500)[:, :3] for p in (taught, fast))
         assert cKDTree(before).query(after)[0].max() < 1e-3
         assert cKDTree(after).query(before)[0].max() < 1e-3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_path_stays_within_the_tolerance_that_was_asked_for(
+    name: str, programs: dict[str, tuple[ProgramFile, ProgramFile]]
+) -> None:
+    taught, fast = programs[name]
+    for before, after in zip(taught.apps, fast.apps, strict=True):
+        if before.path is None or after.path is None:
+            continue
+        assert before.path.deviation_m < after.path.deviation_m <= after.path.tolerance_m
+        assert before.path.deviation_rad <= after.path.deviation_rad <= after.path.tolerance_rad
+
+
+def _trembling(trembles_m: float, deviation_m: float) -> ProgramFile:
+    """A straight way of 0.3 m in 3 s; every 10 mm a via point lies aside, on one side and then the other."""
+    begins, ends = np.array([0.4, -0.15, 0.4]), np.array([0.4, 0.15, 0.4])
+    one = move(1.0, tuple(begins), tuple(ends))
+    via = [
+        ViaPoint(
+            t=1.0 + 0.1 * k,
+            position=(0.4 + trembles_m * (-1) ** k, float(begins[1] + 0.01 * k), 0.4),
+            orientation=one.orientation,
+        )
+        for k in range(1, 30)
+    ]
+    assert one.path is not None
+    path = one.path.model_copy(update={"via": tuple(via), "tn": 4.0, "deviation_m": deviation_m})
+    return as_file((one.model_copy(update={"tn": 4.0, "path": path}),))
+
+
+def test_a_path_that_trembles_is_smoothed_as_far_as_its_tolerance_leaves_room(robot: Robot) -> None:
+    """A robot that followed each tremble slowed down at each."""
+    seconds, aside_m = [], []
+    for trembles_m, deviation_m in ((0.0, 0.0), (0.0005, 0.0), (0.0005, 0.002)):
+        fast = optimal(_trembling(trembles_m, deviation_m), robot=robot)
+        assert fast.timing is not None
+        assert fast.timing.retimed == (0,)
+        seconds.append(fast.apps[0].tn - fast.apps[0].t0)
+        aside_m.append(float(np.abs(curve_of(fast.apps[0]).sampled(100)[:, 0] - 0.4).max()))
+    straight_s, smooth_s, rough_s = seconds
+    assert smooth_s < 1.1 * straight_s
+    assert rough_s > 1.5 * straight_s
+    assert aside_m[1] < 1e-4
+    assert aside_m[2] > 4e-4
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,27 @@
+"""How far two paths are apart, whatever the times at which each passes its places."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from caesura_protocol.rotations import align_signs
+
+Array = NDArray[np.float64]
+
+
+def furthest(seen: Array, line: Array, tolerance_m: float, tolerance_rad: float) -> tuple[float, float]:
+    """The largest distance [m] and angle [rad] from poses (n, 3 or 7) to the nearest ones of a line (m, …).
+
+    The nearest is that of the two divided by their tolerances. The angle is 0 without quaternions.
+    """
+    poses = np.concatenate([line, seen])
+    align_signs(poses[:, 3:])
+    there, here = np.split(poses, [len(line)])
+    scale = np.array([1.0 / tolerance_m] * 3 + [2.0 / tolerance_rad] * (poses.shape[1] - 3))
+    off = here - there[cKDTree(there * scale).query(here * scale)[1]]
+    half_chord = 0.5 * float(np.linalg.norm(off[:, 3:], axis=1).max())
+    return float(np.linalg.norm(off[:, :3], axis=1).max()), 4.0 * math.asin(min(half_chord, 1.0))

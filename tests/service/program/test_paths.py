@@ -1,0 +1,30 @@
+"""The reproduced path of each movement against every sample of its demonstration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from scipy.spatial import cKDTree
+
+from caesura_protocol.formats.read import load_recording
+from caesura_protocol.reproduced_path import TOLERANCE_M, curve_of
+from harness.segmentations import segmented
+
+DATA = Path(__file__).parents[3] / "data"
+SAMPLED_M = 1e-4  # a hand moves off the curve between two observations
+
+
+@pytest.mark.parametrize("name", ["pick_and_place", "dispenser", "three_point", "parkour"])
+def test_a_path_uses_half_of_its_tolerance(name: str) -> None:
+    recording = load_recording(DATA / f"{name}.npz")
+    paths = [app for app in segmented(recording).apps if app.path is not None]
+    furthest_m = []
+    for app in paths:
+        assert app.path is not None
+        inside = (recording.t >= app.path.start.t) & (recording.t <= app.path.tn)
+        shown, reproduced = recording.signals["pos"][inside], curve_of(app).sampled(200)[:, :3]
+        furthest_m += [cKDTree(a).query(b)[0].max() for a, b in ((shown, reproduced), (reproduced, shown))]
+        assert app.path.deviation_m <= 0.5 * TOLERANCE_M == 0.5 * app.path.tolerance_m
+    assert max(furthest_m) <= 0.5 * TOLERANCE_M + SAMPLED_M
+    assert max(furthest_m) > 0.2 * TOLERANCE_M, "a path leads through fewer places than it was seen at"

@@ -112,7 +112,7 @@ def evaluate(
     data: Annotated[
         Path,
         typer.Option(
-            help="Real, sensors, tempo, windows, realism and coaching: the directory of the recordings.",
+            help="Suites on recordings: the directory of the recordings.",
             envvar=DATA_VARIABLE,
             show_default="data/real",
         ),

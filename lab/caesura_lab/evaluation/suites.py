@@ -26,6 +26,7 @@ from caesura_lab.annotations import (
 )
 from caesura_lab.evaluation.declared import with_declarations
 from caesura_lab.evaluation.sensor_conditions import CONDITIONS
+from caesura_lab.evaluation.starts import STARTS, begun
 from caesura_lab.evaluation.tempo import TEMPI, in_tempo
 from caesura_lab.evaluation.windows import WINDOWS, in_window
 from caesura_lab.teacher.motion_profiles import PROFILES, Profile
@@ -231,6 +232,13 @@ class WindowCase(ChangedCase):
         return in_window(recording, truth, self.condition)
 
 
+class LaterCase(ChangedCase):
+    """A case that begins a moment later, as of one of STARTS."""
+
+    def _changed(self, recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
+        return begun(recording, truth, self.condition)
+
+
 @dataclass(frozen=True)
 class SuiteOptions:
     """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
@@ -329,6 +337,12 @@ def windows(extent: SuiteOptions) -> list[Case]:
     return [WindowCase(case, name) for name in WINDOWS for case in cases]
 
 
+def starts(extent: SuiteOptions) -> list[Case]:
+    """Return the recordings of `real` from every one of STARTS on. Raises TruthError as `real`."""
+    cases = real(extent)
+    return [LaterCase(case, name) for name in STARTS for case in cases]
+
+
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
     """Return a note on every openly annotated recording that is not there, so that a suite leaves it out.
 
@@ -383,4 +397,5 @@ SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "sensors": sensors,
     "tempo": tempo,
     "windows": windows,
+    "starts": starts,
 }

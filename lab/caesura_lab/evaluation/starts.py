@@ -1,0 +1,28 @@
+"""A demonstration begun a moment later: its observations, ten a second, then lie elsewhere.
+
+Nothing in a demonstration says where they lie. What a result owes to that is chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from caesura_lab.annotations import Truth
+from caesura_lab.evaluation.sensor_conditions import rows_of
+from caesura_protocol.recording import Recording
+
+STARTS: Mapping[str, float] = {  # by how much it begins later [s]
+    "at once": 0.0,
+    "20 ms later": 0.02,
+    "40 ms later": 0.04,
+    "60 ms later": 0.06,
+    "80 ms later": 0.08,
+}
+
+
+def begun(recording: Recording, truth: Truth, start: str) -> tuple[Recording, Truth]:
+    """Return recording and truth from one of STARTS on."""
+    begins = float(recording.t[0]) + STARTS[start]
+    return rows_of(recording, np.flatnonzero(recording.t >= begins)), truth.within(begins, float("inf"))

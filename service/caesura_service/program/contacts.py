@@ -62,8 +62,7 @@ def set_down(
 ) -> ProgramSegment:
     """A load keeps its weight, and in the air nothing resists a short movement into a contact.
 
-    Where the force changes by more than a bias can and stays so, it touches. But what weighs more has been
-    lifted off what bore it.
+    Where the force changes by more than a bias can and stays so, it touches.
     """
     segment = step.segment
     arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
@@ -72,8 +71,6 @@ def set_down(
     base = base_after(last, context)
     forces = _felt(step, context)
     changed = context.median(forces) - base if len(forces) else np.zeros(3)
-    if segment.contact == "transport" and hangs(tuple(changed.tolist()), context.up):
-        return step
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
 
 
@@ -95,11 +92,17 @@ def _touching(
     forces: NDArray[np.float64],
     context: Context,
 ) -> ProgramSegment:
-    """A step as a contact, where its forces along a normal stay above a base and the tool does not leave."""
+    """A step as a contact, where its forces along a normal stay above a base and the tool does not leave.
+
+    But what is carried and weighs more has been lifted off what bore it.
+    """
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step
-    held: tuple[float, ...] = tuple(context.median(forces).tolist())
+    held: Vector = tuple(context.median(forces).tolist())
+    x, y, z = np.subtract(held, base).tolist()
+    if step.segment.contact == "transport" and hangs((x, y, z), context.up):
+        return step
     return replace(step.read_as("contact", force_held=held), base=base)
 
 

@@ -86,6 +86,23 @@ def test_what_weighs_more_has_been_lifted(force: tuple[float, float, float], bec
     assert kinds(made)[-1] == becomes
 
 
+def test_what_weighs_more_has_been_lifted_where_a_touch_of_one_observation_stands_before_it() -> None:
+    """It pulled at what it touched in that observation, for as long as it was carried: no robot ran that."""
+    load = {"load_kg": 0.4, "load_sd_kg": 0.05}
+
+    def lifted(t: float) -> Moment:
+        return replace(moment_at(t), force=(0.1, -0.9, -4.0) if t > 2.0 else (0.0, 0.0, 0.0))
+
+    made = program(
+        segment("hold", 0.0, 2.0, load_kg=0.2, load_sd_kg=0.05),
+        segment("contact", 2.0, 2.1, force_held=(0.1, -1.9, -2.9)),
+        segment("transport", 2.1, 4.0, **load),
+        grips=(GripperAction(-1.0, "grasp", 0.03),),
+        at=lifted,
+    )
+    assert kinds(made)[-1] == "transport"
+
+
 @pytest.mark.parametrize(("way_m", "becomes"), [(0.003, "hold"), (0.008, "hold"), (0.02, "transport")])
 def test_a_carry_that_leads_nowhere_is_a_hold(way_m: float, becomes: str) -> None:
     """A load was held over 3 mm by the person, and carried over 3 mm by the robot."""

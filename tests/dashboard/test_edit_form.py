@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from caesura_clients import Caesura
 from caesura_clients.cli.commands import register
+from caesura_protocol.app_kinds import APP_KINDS
 from caesura_protocol.messages import App, Program
 from dashboard.browser import DESK, PATIENCE_MS, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage
@@ -182,17 +183,60 @@ def new_app(card: Locator, kind: str) -> Locator:
     return form
 
 
+def test_every_kind_of_app_can_be_inserted_with_the_values_that_it_has(desk: Desk):
+    form = desk.open_form("move_to_contact").locator(".new-app")
+    offered = form.locator("option").evaluate_all("all => all.map((one) => one.value)")
+    assert set(offered) == {"", *APP_KINDS}
+    for kind, facts in APP_KINDS.items():
+        new_app(desk.open_form("move_to_contact"), kind)
+        shown = {
+            "target": form.get_by_label("New target z in mm").is_visible(),
+            "force": form.get_by_label("New force z in N").is_visible(),
+            "width": form.locator(".new-gripper_width").is_visible(),
+        }
+        assert shown == {
+            "target": "target" in facts.ports,
+            "force": facts.presses,
+            "width": "width" in facts.ports,
+        }
+        assert form.locator(".new-seconds").is_visible() == bool(facts.needs)
+
+
+def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
+    x, y, z = desk.app("move_to_contact").target or (0.0, 0.0, 0.0)
+    form = new_app(desk.open_form("move_to_contact"), "hold")
+    height = form.get_by_label("New target z in mm")
+    expect(height, "where nothing is typed the app stays there").to_have_attribute("placeholder", mm(z))
+    looks_right(desk.visitor, "new-hold")
+    form.locator(".new-name").fill("wait for the glue")
+    height.fill(f"{1000 * z + 20:.1f}")
+    form.locator(".new-seconds").fill("5")
+    form.locator(".insert-app").press("Enter")
+    desk.is_said("'hold' inserted behind 'move to contact' at 0.8 s.")
+    made = desk.app("hold")
+    assert (made.name, made.tn - made.t0) == ("wait for the glue", pytest.approx(5.0))
+    assert made.target == (x, y, pytest.approx(z + 0.02, abs=1e-4))
+    taught = desk.app("move_to_contact")
+    assert made.orientation == taught.orientation
+    desk.open_form("move_to_contact")
+    new_app(desk.open_form("move_to_contact"), "transport").locator(".insert-app").press("Enter")
+    desk.is_said("'transport' inserted behind 'move to contact' at 0.8 s.")
+    assert desk.app("transport").target == taught.target
+
+
+def mm(metres: float) -> str:
+    return f"{1000 * metres:.1f}".removesuffix(".0")
+
+
 def test_a_new_gripper_move_gets_a_width(desk: Desk):
     form = new_app(desk.open_form("move_to_contact"), "gripper_move")
     expect(form.locator(".new-seconds")).to_have_count(0)
+    form.locator(".new-gripper_width").fill("40")
     form.locator(".insert-app").press("Enter")
     desk.is_said("'move gripper' inserted behind 'move to contact' at 0.8 s.")
-    card = desk.open_form("gripper_move")
-    expect(card.locator(".app-gripper_width")).to_have_value("")
-    card.locator(".app-gripper_width").fill("40")
-    card.locator(".save").press("Enter")
-    expect(card.locator("dl")).to_contain_text("40 mm")
     assert desk.app("gripper_move").gripper_width == pytest.approx(0.04)
+    card = desk.open_form("gripper_move")
+    expect(card.locator(".app-gripper_width")).to_have_value("40")
 
 
 def test_a_press_is_inserted_with_force_and_duration_and_refused_as_by_the_command_line(

@@ -31,14 +31,6 @@ from caesura_protocol.validation_words import dotted, first_finding
 
 Request = Mapping[str, Any]
 CHECKED = 200  # apps that a program may have for its check at every change
-INSERTED: Sequence[AppKind] = (
-    "cartesian_motion",
-    "move_to_contact",
-    "apply_force",
-    "grasp",
-    "gripper_move",
-    "transport",
-)
 
 
 class ProgramDesk:
@@ -84,7 +76,7 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
         "undoable": any(state != "undone" for state in states),
         "redoable": "undone" in states,
         "edits": [_edit_row(edit, clock) for edit in program.edits],
-        "kinds": [_kind_row(kind) for kind in INSERTED],
+        "kinds": [_kind_row(kind) for kind in APP_KINDS],
         "exports": [
             [WRITERS[name].title, f"/programs/{program.station}/{program.session}/{name}"]
             for name in _formats_of(program.robot)
@@ -95,9 +87,15 @@ def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, A
 
 
 def _kind_row(kind: AppKind) -> list[Any]:
-    """A kind that can be inserted: its name, its title, whether it takes time, and whether it presses."""
+    """A kind that can be inserted: its name, its title, and the values that a new app of it may state."""
     facts = APP_KINDS[kind]
-    return [kind, facts.title, bool(facts.needs), facts.presses]
+    stated = {
+        "target": "target" in facts.ports,
+        "force": facts.presses,
+        "gripper_width": "width" in facts.ports,
+        "seconds": bool(facts.needs),
+    }
+    return [kind, facts.title, [name for name, is_stated in stated.items() if is_stated]]
 
 
 def _edit_row(edit: ProgramEdit, clock: SessionClock) -> list[Any]:

@@ -15,6 +15,7 @@ from caesura_protocol.messages import (
     LimitForce,
     Move,
     PhaseOutline,
+    Relabel,
     Remove,
     Segment,
     SegmentOutline,
@@ -72,13 +73,21 @@ def no_corrections(revision: int) -> str:
     return f"revision {revision}: its corrections, made under an older version of the service, are not listed"
 
 
-def transport_doubt(segment: Segment) -> str:
+def relabel_doubt(action: Action, effect: EditEffect) -> str:
+    """Why what a relabel calls a transport may be none; empty without a reason."""
+    if not isinstance(action, Relabel):
+        return ""
+    there = [one for one in effect.segments_after if one.t0 <= action.t <= one.tn]
+    return transport_doubt(there[-1]) if there else ""
+
+
+def transport_doubt(segment: Segment | SegmentOutline) -> str:
     """Why a segment that is called a transport may be none; empty for any other, and with a load."""
     load_kg, sd_kg = segment.load_kg, segment.load_sd_kg or 0.0
     if segment.kind != "transport" or load_kg is None or abs(load_kg) > SURE * sd_kg:
         return ""
     grams = f"{fixed(round(1000 * load_kg) + 0.0, 0)} ± {fixed(1000 * sd_kg, 0)} g"
-    return f"Its load is {grams}: is something carried there? Undo takes it back."
+    return f"Its load is {grams}: is something carried there?"
 
 
 def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:

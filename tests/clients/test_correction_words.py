@@ -58,18 +58,18 @@ def test_every_correction_has_words(action: Action, words: str):
 @pytest.mark.parametrize(
     ("kind", "load_kg", "load_sd_kg", "words"),
     [
-        ("transport", 0.0, 0.012, "Its load is 0 ± 12 g: is something carried there? Undo takes it back."),
+        ("transport", 0.0, 0.012, "Its load is 0 ± 12 g: is something carried there?"),
         (
             "transport",
             -0.0002,
             0.012,
-            "Its load is 0 ± 12 g: is something carried there? Undo takes it back.",
+            "Its load is 0 ± 12 g: is something carried there?",
         ),
         (
             "transport",
             0.023,
             0.012,
-            "Its load is 23 ± 12 g: is something carried there? Undo takes it back.",
+            "Its load is 23 ± 12 g: is something carried there?",
         ),
         ("transport", 0.025, 0.012, ""),
         ("transport", None, None, ""),

@@ -221,10 +221,13 @@ def test_the_command_line_warns_of_a_transport_without_a_load_as_the_page_does(
         key=lambda one: one.load_kg or 0.0,
     )
     free = caesura.snapshot("cell-18").segments.segments[1]
-    said = typed(endpoint, "cell-18", session, "relabel", f"{free.t0 + 0.05}", "transport")
+    words = ("relabel", f"{free.t0 + 0.05}", "transport")
+    previewed = typed(endpoint, "cell-18", session, *words, "--preview")
+    said = typed(endpoint, "cell-18", session, *words)
+    assert previewed.stderr == said.stderr
     empty = caesura.snapshot("cell-18").segments.segments[1]
     assert said.stderr == f"warning: {transport_doubt(empty)}\n"
-    assert said.stderr.endswith(" g: is something carried there? Undo takes it back.\n")
+    assert said.stderr.endswith(" g: is something carried there?\n")
     sure = typed(endpoint, "cell-18", session, "relabel", f"{carried.t0 + 0.05}", "transport")
     assert (sure.exit_code, sure.stderr) == (0, "")
 

@@ -303,7 +303,7 @@ def test_a_status_that_lists_as_many_stations_as_it_may_is_read():
 
 def test_an_acknowledgement_with_the_largest_effect_is_read():
     vector = (0.1, 0.2, 0.3)
-    segment = SegmentOutline(t0=0.1, tn=1e9 / 3, kind="transport")
+    segment = SegmentOutline(t0=0.1, tn=1e9 / 3, kind="transport", load_kg=0.1, load_sd_kg=0.1)
     app = AppOutline(
         kind="cartesian_motion",
         t0=0.1,

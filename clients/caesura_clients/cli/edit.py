@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import getpass
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -25,17 +24,16 @@ from caesura_clients.correction_words import (
     effect_words,
     in_words,
     no_corrections,
-    transport_doubt,
+    relabel_doubt,
 )
 from caesura_clients.editing import edit as edit_session
-from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
+from caesura_protocol.errors import NotFound
 from caesura_protocol.messages import (
     Action,
     Correction,
     EditEffect,
     Insert,
     Move,
-    Relabel,
     Remove,
     Snapshot,
     TakeBack,
@@ -104,11 +102,8 @@ def edit(
             with refused_in_words(wanted, seen.clock):
                 if preview:
                     effect = caesura.preview(station, session, wanted, revision=seen.revision)
-                    typer.echo(
-                        "\n".join(
-                            ["nothing is changed; this edit would do:", *effect_words(effect, seen.clock)]
-                        )
-                    )
+                    typer.echo("nothing is changed; this edit would do:")
+                    _print_effect(wanted, effect, seen.clock)
                     return
                 ack = edit_session(
                     caesura.transport,
@@ -118,23 +113,15 @@ def edit(
                     author=author or getpass.getuser(),
                     revision=seen.revision,
                 )
-                doubt = _doubt(caesura, station, session, wanted)
     typer.echo(f"{_done(wanted, ack.effect, seen)}; {station}/{session} is at revision {ack.revision}")
     if ack.effect is not None:
-        typer.echo("\n".join(effect_words(ack.effect, seen.clock)))
-    if doubt:
+        _print_effect(wanted, ack.effect, seen.clock)
+
+
+def _print_effect(action: Action, effect: EditEffect, clock: SessionClock) -> None:
+    typer.echo("\n".join(effect_words(effect, clock)))
+    if doubt := relabel_doubt(action, effect):
         typer.echo(f"warning: {doubt}", err=True)
-
-
-def _doubt(caesura: Caesura, station: str, session: str, action: Action) -> str:
-    """Why a segment that was just called a transport may be none; empty without a reason."""
-    if not (isinstance(action, Relabel) and action.kind == "transport"):
-        return ""
-    with suppress(CaesuraError, ProtocolError):  # it is done, whatever becomes of this question
-        segments = caesura.snapshot(station, session).segments.segments
-        there = [one for one in segments if one.t0 <= action.t <= one.tn]
-        return transport_doubt(there[-1]) if there else ""
-    return ""
 
 
 class _SessionSeen(NamedTuple):

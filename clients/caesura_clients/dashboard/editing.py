@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from caesura_clients.correction_words import effect_words
+from caesura_clients.correction_words import effect_words, relabel_doubt
 from caesura_clients.editing import send
 from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_protocol.errors import CaesuraError, ProtocolError
@@ -72,7 +72,7 @@ def preview(
     both = (*effect.segments_before, *effect.segments_after)
     shown = () if effect.more else effect.segments_after  # of a part of them the span is not known
     return {
-        "words": effect_words(effect, clock),
+        "words": [*effect_words(effect, clock), *filter(None, [relabel_doubt(asked.action, effect)])],
         "rows": [[round(one.t0, 3), round(one.tn, 3), one.kind] for one in shown],
         "span": [min(one.t0 for one in both), max(one.tn for one in both)] if both else [0.0, 0.0],
         "failed": False,

@@ -125,6 +125,10 @@ class SegmentOutline(Message):
     t0: Seconds  # [s]
     tn: Seconds  # [s]
     kind: Kind
+    load_kg: float | None = (
+        None  # transport and hold: what is carried; a row differs by its times and kind alone
+    )
+    load_sd_kg: float | None = None
 
 
 class AppOutline(Message):

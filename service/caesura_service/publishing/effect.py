@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from operator import attrgetter
 from typing import Generic, NamedTuple, TypeVar
 
 from caesura_protocol.messages import (
     MAX_EFFECT_ROWS,
-    App,
     AppOutline,
     EditEffect,
     Message,
-    Phase,
     PhaseOutline,
-    Segment,
     SegmentOutline,
 )
 from caesura_service.cooperative_scheduler import give_way
@@ -21,6 +19,8 @@ from caesura_service.publishing.session_state import SessionState, program_of
 from caesura_service.segmentation.encoded_log import AT_ONCE, M, alike
 
 Row = TypeVar("Row", bound=Message)
+
+_LOAD = ("load_kg", "load_sd_kg")
 
 
 class _Difference(NamedTuple, Generic[Row]):
@@ -34,9 +34,9 @@ class _Difference(NamedTuple, Generic[Row]):
 
 def effect_of(before: SessionState, after: SessionState) -> EditEffect:
     """State what differs between two states of a session; gives way meanwhile."""
-    segments = _difference(before.view.segments, after.view.segments, _segment)
-    apps = _difference(program_of(before).apps, program_of(after).apps, _app)
-    phases = _difference(before.view.phases, after.view.phases, _phase)
+    segments = _difference(before.view.segments, after.view.segments, SegmentOutline, apart=_LOAD)
+    apps = _difference(program_of(before).apps, program_of(after).apps, AppOutline)
+    phases = _difference(before.view.phases, after.view.phases, PhaseOutline)
     return EditEffect(
         first_segment=segments.first,
         segments_before=segments.before,
@@ -51,41 +51,32 @@ def effect_of(before: SessionState, after: SessionState) -> EditEffect:
     )
 
 
-def _difference(before: Sequence[M], after: Sequence[M], outline: Callable[[M], Row]) -> _Difference[Row]:
+def _difference(
+    before: Sequence[M], after: Sequence[M], outline: type[Row], apart: Collection[str] = ()
+) -> _Difference[Row]:
+    """Return the outlines of rows that differ. apart: fields in which they may."""
     known = alike(before, after)
-    old, new = (_outlines(rows, known, outline) for rows in (before, after))
+    compared = attrgetter(*(name for name in outline.model_fields if name not in apart))
+    old, new = (_values(rows, known, compared) for rows in (before, after))
     shorter = min(len(old), len(new))
     first = next((i for i in range(shorter) if old[i] != new[i]), shorter)
     behind = next((i for i in range(shorter - first) if old[-1 - i] != new[-1 - i]), shorter - first)
-    differing = tuple(tuple(rows[first : len(rows) - behind]) for rows in (old, new))
-    listed = [rows[:MAX_EFFECT_ROWS] for rows in differing]
-    left_out = sum(map(len, differing)) - sum(map(len, listed))
+    counts = [len(rows) - behind - first for rows in (old, new)]
+    listed = [
+        tuple(_outline(outline, rows[known + first + i]) for i in range(min(count, MAX_EFFECT_ROWS)))
+        for rows, count in zip((before, after), counts, strict=True)
+    ]
+    left_out = sum(counts) - sum(map(len, listed))
     return _Difference(known + first, listed[0], listed[1], left_out)
 
 
-def _outlines(rows: Sequence[M], first: int, outline: Callable[[M], Row]) -> list[Row]:
-    outlines: list[Row] = []
+def _values(rows: Sequence[M], first: int, compared: Callable[[M], object]) -> list[object]:
+    values: list[object] = []
     for start in range(first, len(rows), AT_ONCE):
-        outlines += [outline(one) for one in rows[start : start + AT_ONCE]]
+        values += map(compared, rows[start : start + AT_ONCE])
         give_way()
-    return outlines
+    return values
 
 
-def _segment(one: Segment) -> SegmentOutline:
-    return SegmentOutline(t0=one.t0, tn=one.tn, kind=one.kind)
-
-
-def _phase(one: Phase) -> PhaseOutline:
-    return PhaseOutline(t0=one.t0, tn=one.tn, kind=one.kind, name=one.name)
-
-
-def _app(one: App) -> AppOutline:
-    return AppOutline(
-        kind=one.kind,
-        t0=one.t0,
-        tn=one.tn,
-        target=one.target,
-        force=one.force,
-        load_kg=one.load_kg,
-        gripper_width=one.gripper_width,
-    )
+def _outline(outline: type[Row], one: Message) -> Row:
+    return outline(**{name: getattr(one, name) for name in outline.model_fields})

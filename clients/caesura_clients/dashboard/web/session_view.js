@@ -142,7 +142,7 @@ export default {
     doubt() { // a transport without a load
       const t = this.relabelled;
       const one = t === null ? undefined : this.segments.find(([t0, tn]) => t0 <= t && t <= tn);
-      return one ? one[10] : "";
+      return one && one[10] ? `${one[10]} Undo takes it back.` : "";
     },
   },
   methods: {

@@ -103,12 +103,8 @@ def mark(
 
 
 def is_stale(refusal: ProtocolError) -> bool:
-    """Return whether another editor was first; the limit is then the current revision.
-
-    Too many edits are a conflict with two numbers as well.
-    """
-    has_revisions = type(refusal.value) is int and type(refusal.limit) is int
-    return refusal.code == "conflict" and has_revisions and "meanwhile" in refusal.message
+    """Return whether another editor was first: a refusal of two revisions, the limit is the current one."""
+    return refusal.code == "conflict" and type(refusal.value) is int and type(refusal.limit) is int
 
 
 def _ask(transport: Transport, station: str, made: Made) -> Ack:

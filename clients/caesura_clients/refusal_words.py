@@ -1,4 +1,4 @@
-"""Refusals of corrections and edits in words that say what to do, for the command line and the dashboard.
+"""Refusals in words that say what to do, for the command line and the dashboard.
 
 A refusal states a value, a limit and the alternatives as they are on the wire. What they are follows from the
 action that was refused: a time has a unit and the session's clock, a force a unit.
@@ -17,19 +17,18 @@ Refused = Action | ProgramAction
 def refusal_words(
     error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET
 ) -> str:
-    """Return why an edit was refused, without the full stop.
+    """Return why something was refused, without the full stop.
 
-    action: that was refused; clock: of its session.
+    action: that was refused, where it is a correction or an edit; clock: of its session.
 
     >>> outside = ProtocolError("malformed", "the time is outside", value=9.2, limit=[0.0, 8.4])
     >>> refusal_words(outside, Remove(t=9.2))
     'time 9.2 s is outside the session (0 to 8.4 s)'
     """
     if is_stale(error):
-        what = "edited this program" if "program" in error.message else "corrected this session"
         return (
-            f"another operator {what} meanwhile (it is at revision {error.limit}, you saw {error.value}): "
-            "look at what is there now, and do it again"
+            f"another operator changed this meanwhile (it is at revision {error.limit}, "
+            f"you saw {error.value}): look at what is there now, and do it again"
         )
     if _is_time(error, action):
         return _of_time(error, action, clock)
@@ -70,14 +69,14 @@ def _span(words: str, clock: SessionClock) -> str:
 def _found(error: ProtocolError, action: Refused | None) -> str:
     """What was found, and the limit that it broke; nothing where the message states it."""
     value, limit = error.value, error.limit
-    if value is None or (limit is None and error.expected is None) or type(error.expected) is int:
+    bare = limit is None and error.expected is None and not isinstance(value, str)
+    if value is None or bare or type(error.expected) is int:
         return ""
     unit = " N" if isinstance(action, LimitForce) else ""
     is_bound = isinstance(value, int | float) and isinstance(limit, int | float)
     if is_bound and not isinstance(error.expected, list | tuple):
         return f": {value:g}{unit}, {'at most' if value > limit else 'at least'} {limit:g}{unit}"
-    words = repr(value) if isinstance(value, str) else f"{value}"
-    return "" if words in error.message else f": {words}"
+    return "" if str(value) in error.message else f": {value!r}"
 
 
 def _there_is(error: ProtocolError, clock: SessionClock) -> str:

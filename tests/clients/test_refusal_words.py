@@ -104,19 +104,19 @@ REFUSALS: list[tuple[ProtocolError, Refused, str]] = [
     (
         conflict("another operator has corrected the session meanwhile: look at it again", value=0, limit=2),
         Undo(),
-        "another operator corrected this session meanwhile (it is at revision 2, you saw 0): "
+        "another operator changed this meanwhile (it is at revision 2, you saw 0): "
         "look at what is there now, and do it again",
     ),
     (
         conflict("another operator has edited the program meanwhile: look at it again", value=0, limit=2),
         Undo(),
-        "another operator edited this program meanwhile (it is at revision 2, you saw 0): "
+        "another operator changed this meanwhile (it is at revision 2, you saw 0): "
         "look at what is there now, and do it again",
     ),
     (  # It was taken for the edit of another operator.
-        conflict("the program has too many edits: undo some", value=501, limit=500),
+        conflict("a program has 500 edits at most: undo some", limit=500),
         InsertApp(after=None, kind="grasp"),
-        "the program has too many edits: undo some: 501, at most 500",
+        "a program has 500 edits at most: undo some",
     ),
     (
         conflict("session s2 has another robot than the program", value="ur5e", expected="fr3"),

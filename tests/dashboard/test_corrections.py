@@ -226,7 +226,7 @@ def test_who_comes_second_is_refused_and_sees_what_is_there(operator: Operator, 
     eventually(lambda: slow.has_received(f"revision {revision + 1}"))
     slow.release()
     seen = f"(it is at revision {revision + 1}, you saw {revision})"
-    operator.is_shown(f"another operator corrected this session meanwhile {seen}")
+    operator.is_shown(f"another operator changed this meanwhile {seen}")
     expect(operator.page.locator("#program-title")).to_contain_text("corrected by Bob")
     assert operator.wire.corrected() == [pytest.approx(1.2, abs=NEAR_S)]
 

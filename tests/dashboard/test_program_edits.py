@@ -109,7 +109,7 @@ def test_a_refusal_of_the_service_is_said_in_words(monkeypatch):
 
     monkeypatch.setattr("caesura_clients.dashboard.program_edits.send", refuses)
     undo = {"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "undo"}}
-    with pytest.raises(EditRefused, match="another operator edited this program meanwhile"):
+    with pytest.raises(EditRefused, match="another operator changed this meanwhile"):
         ProgramDesk(None).carry_out("cell-1", undo)  # type: ignore[arg-type]
 
 

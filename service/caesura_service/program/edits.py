@@ -102,12 +102,15 @@ class EditLog(NamedTuple):
                 raise ProtocolError("conflict", "the program has no edit to redo")
             return EditLog((*active, undone[-1]), undone[:-1], number)
         if len(active) >= MAX_PROGRAM_EDITS:
-            why = "the program has too many edits: undo some"
-            raise ProtocolError("conflict", why, value=len(active) + 1, limit=MAX_PROGRAM_EDITS)
+            why = f"a program has {MAX_PROGRAM_EDITS} edits at most: undo some"
+            raise ProtocolError("conflict", why, limit=MAX_PROGRAM_EDITS)
         held = len(apps) + sum(len(edit.apps) for edit in active)
         if held > MAX_TAUGHT_AGAIN_HELD:
-            why = "the edits hold too many apps that were taught again, with those replaced since: undo some"
-            raise ProtocolError("conflict", why, value=held, limit=MAX_TAUGHT_AGAIN_HELD)
+            why = (
+                f"the edits would hold {held} apps that were taught again, with those replaced since, of "
+                f"{MAX_TAUGHT_AGAIN_HELD} at most: undo some"
+            )
+            raise ProtocolError("conflict", why, limit=MAX_TAUGHT_AGAIN_HELD)
         made = ProgramEdit(
             number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
         )
@@ -153,8 +156,11 @@ def check_applies(program: Program, log: EditLog) -> None:
         raise ProtocolError("conflict", str(made.edits[-1].reason))
     standing = sum(map(is_taught_again, made.apps))
     if isinstance(made.edits[-1].action, ReplacePart) and standing > MAX_TAUGHT_AGAIN:
-        why = "the program would have too many apps that were taught again: replace or undo some of them"
-        raise ProtocolError("conflict", why, value=standing, limit=MAX_TAUGHT_AGAIN)
+        why = (
+            f"the program would have {standing} apps that were taught again, of {MAX_TAUGHT_AGAIN} at most: "
+            "replace or undo some of them"
+        )
+        raise ProtocolError("conflict", why, limit=MAX_TAUGHT_AGAIN)
 
 
 def _is_left_out(edit: ProgramEdit) -> bool:

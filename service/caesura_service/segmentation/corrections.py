@@ -187,7 +187,7 @@ class EditHistory:
                 return EditHistory(tuple(again), undone[:-1], number)
             case change:
                 if len(active) >= MAX_CORRECTIONS:
-                    why = "the session has too many corrections: undo some"
+                    why = f"a session has {MAX_CORRECTIONS} corrections at most: undo some"
                     raise ProtocolError("conflict", why, limit=MAX_CORRECTIONS)
                 made = Correction(number=number, author=edit.author, at=at, action=change)
                 return EditHistory((*active, replace(resolve(change), made=made)), (), number)

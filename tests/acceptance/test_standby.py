@@ -367,7 +367,12 @@ def test_the_command_line_starts_stops_describes_and_shows(router, service, caes
         session = standby.status.session
         assert begun.stdout == f"{STATION}/{session} is being taught\n"
         again = run("start", STATION)
-        assert (again.exit_code, "was started by Ann: stop it first" in again.stderr) == (1, True)
+        why = f"{STATION} has demonstration {session}, which was started by Ann: stop it first"
+        assert (again.exit_code, again.stderr) == (1, f"error: {why}\n")
+        other = run("stop", STATION, "--session", "s9")
+        assert (
+            other.stderr.splitlines()[-1] == f"error: {STATION} has no demonstration s9; there is {session}"
+        )
         stopped = run("stop", STATION, "--success", "yes")
         assert stopped.stdout == f"{STATION}/{session} is over\n"
         known = [standby.status.model_copy(update={"state": state}) for state in get_args(BridgeState)]

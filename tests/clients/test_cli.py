@@ -85,7 +85,7 @@ def test_bridge_says_why_it_was_refused(caesura, router, file):
     service = FakeService(router.transport())
     service.refuse = ProtocolError("forbidden", "not your station", value="cell-1")
     with service:
-        assert_one_line(caesura("bridge", "--file", file), "forbidden", "not your station", "cell-1")
+        assert_one_line(caesura("bridge", "--file", file), "error: not your station: 'cell-1'")
 
 
 def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeypatch, capsys):
@@ -290,7 +290,7 @@ def test_a_station_that_is_no_name_is_one_line_that_does_not_speak_of_the_wire(c
     # It once stood behind "waiting for Cell_1" on the same line, and began with "malformed:".
     more = ("--file", file) if command == "bridge" else ()
     result = caesura(command, "--station", "Cell_1", *more)
-    assert_one_line(result, "error: station is not a valid name; value 'Cell_1'")
+    assert_one_line(result, "error: station is not a valid name: 'Cell_1'; expected ")
     assert "waiting" not in result.output
 
 

@@ -372,9 +372,8 @@ class Standby:
             f" by {status.description.operator}" if status.description and status.description.operator else ""
         )
         doing = "is still being stored" if status.state == "stopping" else f"was started{by}: stop it first"
-        raise ProtocolError(
-            "conflict", f"{self.station} has a demonstration that {doing}", value=status.session
-        )
+        why = f"{self.station} has demonstration {status.session}, which {doing}"
+        raise ProtocolError("conflict", why, value=status.session)
 
     def _check_no_other_session(self) -> None:
         """Raises ProtocolError where another bridge teaches at the station, or no service answers."""
@@ -387,11 +386,11 @@ class Standby:
         if program is None or program.complete or program.session in self._abandoned:
             return
         if not self._tidied:
-            why = "a session that an earlier bridge left open is being closed: try again"
+            why = f"{program.session}, which an earlier bridge left open, is being closed: try again"
             raise ProtocolError("overloaded", why, value=program.session)
         why = (
-            f"another bridge teaches at {self.station}: end that one first; if it is gone, start this one "
-            "again, which closes its session"
+            f"another bridge teaches {program.session} at {self.station}: end that one first; if it is gone, "
+            "start this one again, which closes its session"
         )
         raise ProtocolError("conflict", why, value=program.session)
 
@@ -434,8 +433,9 @@ class Standby:
             lost = past[stop.session].lost if stop.session in past else 0
             return BridgeAck(session=stop.session, state=self.status.state, lost=lost)
         if stop.session is not None:
-            why = f"{self.station} has no such demonstration"
-            raise ProtocolError("unknown_session", why, value=stop.session, expected=self.status.session)
+            why = f"{self.station} has no demonstration {stop.session}"
+            there = [self.status.session] if self.status.session else None
+            raise ProtocolError("unknown_session", why, value=stop.session, expected=there)
         raise ProtocolError("conflict", over)
 
     # --- status -----------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import typer
 
 from caesura_clients.client import Caesura, connect
+from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES, Vector
@@ -244,8 +245,8 @@ def reported() -> Iterator[None]:
     try:
         yield
     except (CaesuraError, ProtocolError) as error:
-        # `malformed` is a code of the wire: it says nothing about a command line.
-        typer.echo(f"error: {str(error).removeprefix('malformed: ')}", err=True)
+        why = refusal_words(error) if isinstance(error, ProtocolError) else str(error)
+        typer.echo(f"error: {why}", err=True)
         if isinstance(error, UnknownColumnsError):
             typer.echo(f"{MAPPING_HINT}\n\n{indent(error.example, '    ')}", err=True)
         raise typer.Exit(1) from error

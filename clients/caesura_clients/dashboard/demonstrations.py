@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.dashboard.editing import EditRefused, said
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.describing import ask_bridge
 from caesura_clients.editing import send
@@ -41,7 +41,7 @@ class Desk:
                 return _described(command)
             ack = ask_bridge(self._transport, station, command)
         except ProtocolError as error:
-            raise EditRefused(f"Not done: {_reason(error)}") from error
+            raise EditRefused(said(error)) from error
         except CaesuraError as error:
             raise EditRefused(f"Not done: {error}") from error
         return f"{ack.session} is over." if isinstance(command, Stop) else f"{ack.session} has begun."
@@ -55,13 +55,6 @@ def parse(request: Request) -> Start | Stop | Describe:
     except ValidationError as error:
         found = first_finding(error, named=lambda place: dotted(place[-1:]))
         raise EditRefused(f"Not done: {found}") from error
-
-
-def _reason(error: ProtocolError) -> str:
-    if error.code == "conflict" and str(error.value).startswith("task="):
-        return "another operator changed this meanwhile. What is there now is shown: look, and do it again."
-    named = f" ({error.value})" if isinstance(error.value, str) and error.value not in error.message else ""
-    return f"{error.message}{named}."
 
 
 def _described(command: Describe) -> str:

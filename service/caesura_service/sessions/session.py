@@ -408,8 +408,8 @@ class Session:
         if present == command.description:
             return [self._ack()]  # a repeated command, whose answer was lost
         if present != command.before:
-            why = "another operator has described the session meanwhile: read it again"
-            raise ProtocolError("conflict", why, value=str(command.before), expected=str(present))
+            why = "another operator has described the session meanwhile: look at it, and do it again"
+            raise ProtocolError("conflict", why)
         self._check_records_exist()
         self._journal.append(command, now)
         status = self._host.describe(command.description)

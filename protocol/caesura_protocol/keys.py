@@ -177,18 +177,6 @@ def edits_parameters(number: int) -> str:
     return f"edits={number}"
 
 
-def parse_edits_parameters(parameters: str) -> int | None:
-    """The version that `snapshot` parameters ask for; None for the present one.
-
-    Raises ProtocolError `malformed`.
-
-    >>> parse_edits_parameters("stored=1;skip=0;edits=3"), parse_edits_parameters("nothing=said")
-    (3, None)
-    """
-    number = _fields(parameters, "snapshot").get("edits")
-    return None if number is None else _count(number, "edits", "snapshot")
-
-
 def samples_parameters(wanted: SampleRange) -> str:
     """Parameters of a `samples` query, after its `?`.
 
@@ -227,7 +215,7 @@ def parse_samples_parameters(parameters: str) -> SampleRange:
 class StoredPage(NamedTuple):
     """Which sessions of the journal a `snapshot` query asks for: the newest `limit` after `skip` others.
 
-    edits: the version of their programs, as of `parse_edits_parameters`.
+    edits: the version of their programs, as of `edits_parameters`.
     """
 
     limit: int = MAX_STORED
@@ -245,22 +233,24 @@ def stored_parameters(wanted: StoredPage) -> str:
     return f"stored={wanted.limit};skip={wanted.skip}{version}"
 
 
-def parse_stored_parameters(parameters: str) -> StoredPage | None:
-    """The stored sessions that `snapshot` parameters ask for; None where they ask for those that are held.
+def parse_snapshot_parameters(parameters: str) -> tuple[StoredPage | None, int | None]:
+    """The stored sessions that `snapshot` parameters ask for, and the version of their programs.
 
+    Without stored sessions they ask for those that are held, without a version for the present program.
     Raises ProtocolError `malformed`.
 
-    >>> parse_stored_parameters("stored=4;skip=0"), parse_stored_parameters("")
-    (StoredPage(limit=4, skip=0, edits=None), None)
+    >>> parse_snapshot_parameters("stored=4;skip=0"), parse_snapshot_parameters("edits=3")
+    ((StoredPage(limit=4, skip=0, edits=None), None), (None, 3))
     """
     fields = _fields(parameters, "snapshot")
+    edits = _count(fields["edits"], "edits", "snapshot") if "edits" in fields else None
     if "stored" not in fields:
-        return None
+        return None, edits
     limit = _count(fields["stored"], "stored", "snapshot")
     if not 1 <= limit <= MAX_STORED:
         raise ProtocolError("malformed", "snapshot: number of stored sessions", value=limit, limit=MAX_STORED)
     skip = _count(fields.get("skip", "0"), "skip", "snapshot")
-    return StoredPage(limit, skip, parse_edits_parameters(parameters))
+    return StoredPage(limit, skip, edits), edits
 
 
 def _fields(parameters: str, query: str) -> dict[str, str]:

@@ -24,9 +24,8 @@ from caesura_protocol.keys import (
     INFERRED_PROGRAM,
     StoredPage,
     is_name,
-    parse_edits_parameters,
+    parse_snapshot_parameters,
     parse_station_key,
-    parse_stored_parameters,
     service_key,
     session_key,
     station_key,
@@ -105,8 +104,7 @@ class QueryServer(BackgroundThread):
         Returns False where too many of the lane wait, as `program` and `status` do.
         """
         try:
-            page = parse_stored_parameters(query.parameters)
-            version = parse_edits_parameters(query.parameters)
+            page, version = parse_snapshot_parameters(query.parameters)
         except ProtocolError as error:
             with query:
                 reply_error(query, error)

@@ -66,7 +66,9 @@ def test_one_stored_session_has_its_results_and_its_samples(caesura: Caesura):
         query.samples(caesura.transport, "cell-1", "s99", SampleRange(0.0, 2.0, 1000))
 
 
-@pytest.mark.parametrize("parameters", ["stored=17", "stored=0", "stored=all", "stored=4;skip=-1", "edits=x"])
+@pytest.mark.parametrize(
+    "parameters", ["stored=17", "stored=0", "stored=all", "stored=4;skip=-1", "edits=x", "stored=4;edits=x"]
+)
 def test_a_page_that_makes_no_sense_is_refused(caesura: Caesura, parameters: str):
     key = session_key("*", "*", "snapshot")
     with pytest.raises(ProtocolError) as refused:

@@ -29,7 +29,7 @@ PANELS = {
     "orientation": ("quat", ("x", "y", "z", "w"), 4),
     "joints": ("q", tuple(f"q{i + 1}" for i in range(JOINTS)), 3),
     "joint torques": ("tau", tuple(f"tau{i + 1}" for i in range(JOINTS)), 2),
-    "gripper": ("gripper", ("",), 4),
+    "gripper": ("gripper", ("",), 1),
 }
 SHOWN = "() => [...document.querySelectorAll('.panels .panel')].map((one) => one.dataset.signal)"
 
@@ -94,13 +94,44 @@ def test_a_panel_that_is_switched_on_draws_what_was_sent_and_reads_it(
 
     page.mouse.move(*Operator.at(page, visitor).place(T))
     values = [float(words) for words in panel.locator("output").all_inner_texts()]
-    near = np.abs(sent.t - T) < 0.03
+    near, scale = np.abs(sent.t - T) < 0.03, 1000.0 if name == "gripper" else 1.0
     for k, value in enumerate(values):
-        assert np.min(np.abs(sent.signals[signal][near, k] - value)) <= 0.51 * 10.0**-digits, (
-            f"{name} {lines[k]}"
-        )
+        off = np.min(np.abs(scale * sent.signals[signal][near, k] - value))
+        assert off <= 0.51 * 10.0**-digits, f"{name} {lines[k]}"
     titles = panel.locator(".value").all_inner_texts()
     assert all(words.startswith(line) for words, line in zip(titles, lines, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("values", "title", "read"),
+    [
+        ((0.04, 0.04), "gripper [mm]", "40.0"),
+        ((0.0, 1.0), "gripper [1 closed]", "0"),
+        ((0.0, 0.0), "gripper [mm, or 1 closed]", "0.0"),
+    ],
+    ids=["opening", "flag", "only zeros"],
+)
+def test_the_opening_of_a_gripper_is_in_millimetres_and_a_flag_is_not(
+    stage: Stage, visitor: Visitor, values: tuple[float, float], title: str, read: str
+):
+    taught = guided()
+    before, after = values
+    fingers = np.where(taught.t < 2 * T, before, after)[:, None]
+    station = f"fingers-{before:g}-{after:g}".replace(".", "-")
+    stage.teach(
+        station, replace(taught, signals={**taught.signals, "gripper": fingers}), session="over", pace="fast"
+    )
+    stage.wait(station)
+    visitor.begin_again(SIZES["desktop"])
+    page = visitor.page
+    page.goto(f"{stage.dashboard.url}/sessions/{station}/over")
+    settled(page)
+    switch(page, "gripper")
+    panel = page.locator(".panel[data-signal='gripper']")
+    expect(panel.locator("strong")).to_have_text(title)
+    settled(page)
+    page.mouse.move(*Operator.at(page, visitor).place(T))
+    expect(panel.locator("output")).to_have_text(read)
 
 
 def test_the_choice_of_panels_stays_with_the_browser_and_fits_a_phone(stage: Stage, visitor: Visitor):

@@ -16,7 +16,7 @@ import { pointer } from "caesura-dashboard/pointer.js";
 import { drawRunLengths } from "caesura-dashboard/run_lengths.js";
 import { Scale } from "caesura-dashboard/scale.js";
 import { template } from "caesura-dashboard/session_template.js";
-import { ofArm, PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
+import { greatest, ofArm, ofGripper, PANELS, SHOWN_AT_FIRST } from "caesura-dashboard/signals.js";
 import { undoing } from "caesura-dashboard/undoing.js";
 import { view } from "caesura-dashboard/view.js";
 
@@ -30,7 +30,7 @@ const POINTING = matchMedia("(pointer: coarse)").matches
   : { choose: "Click", correct: "right-click it to correct", move: "use the arrow keys in it", opens: "a right click" };
 
 const empty = () => ({
-  segments: [], phases: [], changepoints: [], data: null, available: [],
+  segments: [], phases: [], changepoints: [], data: null, available: [], widest: 0,
   tare: null, frame: "base", start: 0, t: 0, closed: false, session: "", revision: 0, made: 0, undoable: false, redoable: false,
   corrections: [],
 });
@@ -242,6 +242,7 @@ export default {
       if (!this.segments.length && isOfDay(data.last)) this.start = data.first ?? data.last; // the first segment is not there yet
       if (isWhole) this.span = this.longest(); // the last samples are later than what was found
       if (data.available.join() !== this.available.join()) this.available = data.available;
+      this.widest = Math.max(this.widest, greatest(data.points.gripper));
       if (!this.origin && data.points.px && data.points.px.length) {
         this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);
       }
@@ -262,6 +263,7 @@ export default {
         const frame = this.frame === "flange" ? " at the flange" : "";
         return { ...panel, title: `${panel.title} ${this.tare ? "without its bias" : "as measured"}${frame}` };
       }
+      if (panel.name === "gripper") return ofGripper(panel, this.widest);
       return panel.name === "speed" && !this.available.includes("px") ? { ...panel, title: "speed of the joints", unit: "rad/s", factor: 1, digits: 3 } : panel;
     },
     off(panel) { // what is taken off what was measured, as the title of the panel says

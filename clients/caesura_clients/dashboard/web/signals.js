@@ -7,12 +7,18 @@ export const PANELS = [
   { name: "orientation", title: "orientation", unit: "quaternion", columns: ["qx", "qy", "qz", "qw"], least: 0.1, digits: 4 },
   { name: "joints", title: "joints", unit: "rad", columns: ["q1", "q2", "q3", "q4", "q5", "q6", "q7", "q8"], anyOf: true, least: 0.1, digits: 3 },
   { name: "joint torques", title: "external joint torques", unit: "Nm", columns: ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6", "tau7", "tau8"], anyOf: true, least: 1, digits: 2 },
-  { name: "gripper", title: "gripper", unit: "m, or 1 closed", columns: ["gripper"], least: 0.01, zero: true, digits: 4 },
+  { name: "gripper", title: "gripper", unit: "mm", factor: 1000, columns: ["gripper"], least: 0.01, zero: true, digits: 1 },
   { name: "load", title: "load as inferred", unit: "kg", columns: ["load"], least: 0.2, zero: true, inferred: true, digits: 3 },
   { name: "changepoints", title: "probability of a changepoint", unit: "", columns: ["probability"], inferred: true, digits: 2 },
 ];
 // A panel with the columns that this arm has: not every one has seven joints.
 export const ofArm = (panel, available) => (panel.anyOf ? { ...panel, columns: panel.columns.filter((name) => available.includes(name)) } : panel);
+// The column of a gripper is its opening, or a flag that is 1 while it is closed. Only zeros leave that open.
+export const ofGripper = (panel, greatest) => {
+  if (greatest === 0) return { ...panel, unit: "mm, or 1 closed" };
+  return greatest === 1 ? { ...panel, unit: "1 closed", factor: 1, digits: 0 } : panel;
+};
+export const greatest = (points = []) => points.reduce((most, value, i) => (i % 2 ? Math.max(most, value) : most), 0);
 export const SHOWN_AT_FIRST = ["position", "speed", "force", "joints"];
 const NAMES = { px: "x", py: "y", pz: "z", fx: "x", fy: "y", fz: "z", mx: "x", my: "y", mz: "z", qx: "x", qy: "y", qz: "z", qw: "w" };
 export const nameOf = (column) => NAMES[column] || column;

@@ -39,6 +39,7 @@ from caesura_protocol.messages import (
     Relabel,
     Remove,
     ServiceStatus,
+    Since,
     Snapshot,
     TakeBack,
     Undo,
@@ -170,9 +171,9 @@ class Caesura:
         return self._edit(station, session, Redo(), author, revision)
 
     def preview(
-        self, station: str, session: str, action: Action, *, revision: int | None = None
+        self, station: str, session: str, action: Action | Since, *, revision: int | None = None
     ) -> EditEffect:
-        """Ask what a correction would change; nothing is changed (`editing.preview`)."""
+        """Ask what a correction would change, or those since one have (`editing.preview`)."""
         return preview(self.transport, station, session, action, revision=revision)
 
     def start(self, station: str, description: Description | None = None) -> BridgeAck:

@@ -19,6 +19,7 @@ from caesura_protocol.messages import (
     Remove,
     Segment,
     SegmentOutline,
+    Since,
 )
 from caesura_protocol.number_words import counted, fixed
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
@@ -73,7 +74,7 @@ def no_corrections(revision: int) -> str:
     return f"revision {revision}: its corrections, made under an older version of the service, are not listed"
 
 
-def relabel_doubt(action: Action, effect: EditEffect) -> str:
+def relabel_doubt(action: Action | Since, effect: EditEffect) -> str:
     """Why what a relabel calls a transport may be none; empty without a reason."""
     if not isinstance(action, Relabel):
         return ""
@@ -103,6 +104,15 @@ def changepoint_made(action: Insert | Move, effect: EditEffect) -> float:
     there = {one.t0 for one in effect.segments_before}
     made = [one.t0 for one in effect.segments_after if one.t0 not in there]
     return min(made, key=lambda place: abs(place - wanted), default=wanted)
+
+
+def since_words(action: Since) -> str:
+    """What an effect is headed by that states what corrections have changed.
+
+    >>> since_words(Since(number=3))
+    'what the corrections after 3 have changed:'
+    """
+    return f"what the corrections{f' after {action.number}' if action.number else ''} have changed:"
 
 
 def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[str]:

@@ -23,6 +23,7 @@ from caesura_protocol.messages import (
     EditProgram,
     Insert,
     Preview,
+    Since,
 )
 from caesura_protocol.transport.network import Transport
 
@@ -57,9 +58,9 @@ def edit(
 
 
 def preview(
-    transport: Transport, station: str, session: str, action: Action, *, revision: int | None = None
+    transport: Transport, station: str, session: str, action: Action | Since, *, revision: int | None = None
 ) -> EditEffect:
-    """Ask what a correction would change; nothing is changed. Raises as `edit`."""
+    """Ask what a correction would change, or those since one have; changes nothing. Raises as `edit`."""
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision
     effect = send(transport, station, Preview(session=session, revision=revision, action=action)).effect

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from caesura_clients.editing import is_stale
 from caesura_protocol.errors import NONE_THERE, ProtocolError
-from caesura_protocol.messages import Action, LimitForce, Move, ProgramAction, Remove
+from caesura_protocol.messages import Action, LimitForce, Move, ProgramAction, Remove, Since
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock, is_of_day
 
-Refused = Action | ProgramAction
+Refused = Action | ProgramAction | Since
 
 
 def refusal_words(

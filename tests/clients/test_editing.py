@@ -285,6 +285,13 @@ def test_the_command_line_states_what_an_edit_did_and_what_one_would_do(endpoint
     made = typed(endpoint, "cell-17", session, "insert", "3.02").stdout
     ((place, _, _),) = [one for one in segments_of(caesura, "cell-17") if abs(one[0] - 3.02) < 0.1]
     assert made.startswith(f"inserted a changepoint at 3.02 s (it is at {place:.2f} s); ")
+    headline, *changed = typed(endpoint, "cell-17", session, "since", "0").stdout.splitlines()
+    assert headline == "what the corrections have changed:"
+    assert changed != effect
+    headline, *later = typed(endpoint, "cell-17", session, "since", "1").stdout.splitlines()
+    assert headline == "what the corrections after 1 have changed:"
+    assert later == made.splitlines()[1:]
+    assert caesura.snapshot("cell-17", session).status.revision == 2, "nothing is changed"
     assert typed(endpoint, "cell-17", session, "undo").exit_code == 0
     undone = typed(endpoint, "cell-17", session, "undo")
     assert undone.stdout.startswith("took back: Ann removed the changepoint at 4.30 s; ")

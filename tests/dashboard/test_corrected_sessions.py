@@ -162,6 +162,13 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, brow
         expect(rows.first.locator("time")).to_be_visible()
         expect(rows.last).to_contain_text("Ann inserted a changepoint at 1.20 s")
 
+        since = listed.get_by_label("What has changed since")
+        since.select_option(label="correction 1: Ann inserted a changepoint at 1.20 s")
+        effect = listed.locator(".effect")
+        expect(effect).to_contain_text(re.compile(r"^\s*Changed.* become .*and 2 more"))
+        looks_right(visitor, "since")
+        page.locator(".plots").focus()
+
         rows.last.get_by_role("button", name="Undo").click()
         refusal = "correction 3 by Ann moved that changepoint on: take correction 3 back first"
         expect(listed.locator(".message")).to_contain_text(refusal)

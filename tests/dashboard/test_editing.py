@@ -116,6 +116,7 @@ def test_a_preview_states_sentences_and_the_segments_of_its_span():
 
     request = {"session": "s1", "revision": 3, "do": "remove", "t": 2.0}
     assert preview(ask, "cell-1", request) == {
+        "lead": "Preview",
         "words": [
             "Motion 1.00 to 2.00 s and contact 2.00 to 3.50 s become contact 1.00 to 3.50 s.",
             "App 1 (apply force): 2.00 to 3.50 s becomes 1.00 to 3.50 s, force 12.0 N becomes 4.0 N.",
@@ -125,6 +126,10 @@ def test_a_preview_states_sentences_and_the_segments_of_its_span():
         "failed": False,
     }
     assert asked == [Preview(session="s1", revision=3, action=Remove(t=2.0))]
+    past = preview(ask, "cell-1", {"session": "s1", "revision": 3, "do": "since", "number": 0})
+    before = [[1.0, 2.0, "motion"], [2.0, 3.5, "contact"]]
+    assert (past["lead"], past["rows"]) == ("Changed", before), "the band shows how it was"
+    del asked[1]
     refused = preview(ask, "cell-1", {**request, "do": "explode"})
     assert refused["failed"]
     assert len(asked) == 1, "what is no correction never reaches the service"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -25,6 +25,7 @@ from caesura_clients.correction_words import (
     in_words,
     no_corrections,
     relabel_doubt,
+    since_words,
 )
 from caesura_clients.editing import edit as edit_session
 from caesura_protocol.errors import NotFound
@@ -35,6 +36,7 @@ from caesura_protocol.messages import (
     Insert,
     Move,
     Remove,
+    Since,
     Snapshot,
     TakeBack,
     Undo,
@@ -60,9 +62,10 @@ FORMS: Sequence[_Form] = (
     _Form("undo", (), "undo"),
     _Form("undo", ("number",), "take_back"),
     _Form("redo", (), "redo"),
+    _Form("since", ("number",), "since"),
 )
 USAGE = "; ".join(" ".join([form.typed, *(word.upper() for word in form.words)]) for form in FORMS)
-_ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+_ACTION: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Field(discriminator="do")])
 
 
 def edit(
@@ -72,7 +75,7 @@ def edit(
         list[str] | None,
         typer.Argument(
             help=f"{USAGE}. Times \\[s]; NEWTON none lifts a limit; NUMBER as listed. Without an action the "
-            "corrections are listed."
+            "corrections are listed. since states what those after NUMBER (0: all) have changed."
         ),
     ] = None,
     author: Annotated[
@@ -100,9 +103,10 @@ def edit(
                 seen = _seen(caesura, station, session, revision)
             wanted = _on_clock(wanted, seen.clock)
             with refused_in_words(wanted, seen.clock):
-                if preview:
+                if preview or isinstance(wanted, Since):
                     effect = caesura.preview(station, session, wanted, revision=seen.revision)
-                    typer.echo("nothing is changed; this edit would do:")
+                    would = "nothing is changed; this edit would do:"
+                    typer.echo(since_words(wanted) if isinstance(wanted, Since) else would)
                     _print_effect(wanted, effect, seen.clock)
                     return
                 ack = edit_session(
@@ -118,7 +122,7 @@ def edit(
         _print_effect(wanted, ack.effect, seen.clock)
 
 
-def _print_effect(action: Action, effect: EditEffect, clock: SessionClock) -> None:
+def _print_effect(action: Action | Since, effect: EditEffect, clock: SessionClock) -> None:
     typer.echo("\n".join(effect_words(effect, clock)))
     if doubt := relabel_doubt(action, effect):
         typer.echo(f"warning: {doubt}", err=True)
@@ -177,17 +181,17 @@ def _seen(caesura: Caesura, station: str, session: str, revision: int | None) ->
     return _SessionSeen(clock_of(found.segments.segments), current, found.program.corrections)
 
 
-def _on_clock(wanted: Action, clock: SessionClock) -> Action:
+def _on_clock(wanted: Action | Since, clock: SessionClock) -> Action | Since:
     """The action with its times on the clock of the session."""
     return wanted.model_copy(update={name: clock.read(t) for name, t in _times(wanted).items()})
 
 
-def _times(wanted: Action) -> dict[str, float]:
+def _times(wanted: Action | Since) -> dict[str, float]:
     """The times [s] of an action by the names of their fields; undo and redo have none."""
     return {name: getattr(wanted, name) for name in ("t", "to") if hasattr(wanted, name)}
 
 
-def parse(words: list[str]) -> Action:
+def parse(words: list[str]) -> Action | Since:
     """An action as it is typed. Raises BadParameter, which names what there is.
 
     >>> parse(["move", "3.2", "3.4"])

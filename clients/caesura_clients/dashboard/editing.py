@@ -6,15 +6,15 @@ Nothing that a browser sends is trusted: it has to be an `Edit` as the wire has 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from caesura_clients.correction_words import effect_words, relabel_doubt
 from caesura_clients.editing import send
 from caesura_clients.refusal_words import Refused, refusal_words
 from caesura_protocol.errors import CaesuraError, ProtocolError
-from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview
+from caesura_protocol.messages import Ack, Action, Edit, LimitForce, Preview, Since
 from caesura_protocol.session_clock import NO_OFFSET, SessionClock
 from caesura_protocol.transport.network import Transport
 from caesura_protocol.validation_words import first_finding
@@ -24,6 +24,7 @@ Request = Mapping[str, Any]
 Corrector = Callable[[str, Edit | Preview], Ack]  # station, what is asked; raises ProtocolError, CaesuraError
 
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+_ASKED: TypeAdapter[Action | Since] = TypeAdapter(Annotated[Action | Since, Field(discriminator="do")])
 
 
 class EditRefused(Exception):  # noqa: N818 - the service refused; nothing failed here
@@ -53,7 +54,7 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
 def preview(
     ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET
 ) -> dict[str, Any]:
-    """What a correction would change: in words, and the segments of its span of time [s] as rows.
+    """What a correction would change, or those since one have: words, and rows of segments in its span [s].
 
     Of one that would be refused: why, and no row. clock: of the session, for the words.
     """
@@ -70,8 +71,11 @@ def preview(
     if effect is None:
         return _no_effect("The service states no effect.")
     both = (*effect.segments_before, *effect.segments_after)
-    shown = () if effect.more else effect.segments_after  # of a part of them the span is not known
+    is_past = isinstance(asked.action, Since)  # the band shows what is not there
+    segments = effect.segments_before if is_past else effect.segments_after
+    shown = () if effect.more else segments  # of a part of them the span is not known
     return {
+        "lead": "Changed" if is_past else "Preview",
         "words": [*effect_words(effect, clock), *filter(None, [relabel_doubt(asked.action, effect)])],
         "rows": [[round(one.t0, 3), round(one.tn, 3), one.kind] for one in shown],
         "span": [min(one.t0 for one in both), max(one.tn for one in both)] if both else [0.0, 0.0],
@@ -85,19 +89,19 @@ def _no_effect(why: str) -> dict[str, Any]:
 
 def parse(request: Request) -> Edit:
     """What a browser sent, checked: {do, t, …, session, revision, author}. Raises EditRefused."""
-    return _parsed(Edit, request, ("session", "revision", "author"))
+    return _parsed(Edit, _ACTION, request, ("session", "revision", "author"))
 
 
 def parse_preview(request: Request) -> Preview:
     """The same without an author. Raises EditRefused."""
-    return _parsed(Preview, request, ("session", "revision"))
+    return _parsed(Preview, _ASKED, request, ("session", "revision"))
 
 
-def _parsed(model: type[M], request: Request, names: Sequence[str]) -> M:
+def _parsed(model: type[M], action: TypeAdapter[Any], request: Request, names: Sequence[str]) -> M:
     common = {name: request.get(name) for name in names}
     own = {name: value for name, value in request.items() if name not in common}
     try:
-        return model.model_validate({**common, "action": _ACTION.validate_python(own)})
+        return model.model_validate({**common, "action": action.validate_python(own)})
     except ValidationError as error:
         raise EditRefused(f"Not done: {first_finding(error)}") from error
 

@@ -107,6 +107,13 @@ class Edit(Message):
     with_effect: bool = False  # requested in the Ack; an older editor reads at most 256 items of one
 
 
+class Since(Message):
+    """What the corrections after one have changed, from how it was then to how it is."""
+
+    do: Literal["since"] = "since"
+    number: Count  # of the last one that counts before, as the program lists it; 0: none does
+
+
 class Preview(Message):
     """Command: state what an edit would change. It is refused as the edit would be; nothing is changed.
 
@@ -116,7 +123,7 @@ class Preview(Message):
     type: Literal["preview"] = "preview"
     session: Name
     revision: Count  # as of an edit
-    action: Action
+    action: Annotated[Action | Since, Field(discriminator="do")]
 
 
 class SegmentOutline(Message):

@@ -171,6 +171,10 @@ class EditHistory:
         applied = (one.made for one in self.active if one.made is not None)
         return tuple(sorted((*applied, *taken_back), key=lambda one: one.number))
 
+    def up_to(self, number: int) -> EditHistory:
+        """Those that count, without what came after a number."""
+        return EditHistory(tuple(one for one in self.active if one.number <= number), (), self.revision)
+
     def after(self, edit: messages.Edit, at: float, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:
         """With one edit more. at: time of day [s]. Raises ProtocolError where it makes no sense."""
         active, undone, number = self.active, self.undone, self.revision + 1

@@ -22,7 +22,9 @@ from caesura_protocol.messages import (
     EditEffect,
     EditProgram,
     Open,
+    Preview,
     Redo,
+    Since,
     TakeBack,
     Undo,
 )
@@ -200,18 +202,32 @@ class PipelineHost:
         """
         return self._prepare(edit, at, copy(self._pipeline))
 
-    def preview_edit(self, edit: Edit, at: float) -> EditEffect:
-        """Return what an edit would change. Raises as `prepare_edit`.
+    def preview(self, asked: Preview, at: float) -> EditEffect:
+        """Return what an edit would change, or what the corrections after one have. Raises as `prepare_edit`.
 
         A copy of the pipeline is brought up to date, because that decides when the next results are made.
         """
-        return self._prepare(edit, at, copy(self._pipeline)).effect
+        present, action = copy(self._pipeline), asked.action
+        if isinstance(action, Since):
+            then = self.corrections.up_to(action.number)
+            _, before, after = self._corrected(then, present)
+            return effect_of(after, before)
+        edit = Edit(session=asked.session, revision=asked.revision, author="preview", action=action)
+        return self._prepare(edit, at, present).effect
 
     def _prepare(self, edit: Edit, at: float, present: Pipeline) -> PreparedEdit:
         if isinstance(edit.action, TakeBack):
             taken_back = self.corrections.taken_back(edit.action)
             self.corrections.check_unreferred(taken_back, present.observation_at)
         corrections = self.corrections.after(edit, at, present.resolve)
+        corrected, before, after = self._corrected(corrections, present)
+        outcome = messages.EditOutcome(corrections, edit.author, at)
+        return PreparedEdit(outcome, corrected, effect_of(before, after))
+
+    def _corrected(
+        self, corrections: EditHistory, present: Pipeline
+    ) -> tuple[Pipeline, SessionState, SessionState]:
+        """Return a pipeline with other corrections, and the state now and with them."""
         corrected = present.corrected(corrections.active)
         present.refresh()  # both at the same observation
         before, after = (
@@ -219,9 +235,7 @@ class PipelineHost:
         )
         listed = with_states(corrections.listed, corrected.view.unapplied)  # edits of the program heed these
         header = self.state.program_header.model_copy(update={"corrections": listed})
-        after = after._replace(program_header=header)
-        outcome = messages.EditOutcome(corrections, edit.author, at)
-        return PreparedEdit(outcome, corrected, effect_of(before, after))
+        return corrected, before, after._replace(program_header=header)
 
     def apply_edit(self, edited: messages.EditOutcome, pipeline: Pipeline) -> list[Output]:
         """Replace history and pipeline by the edited ones, and publish the differences."""

@@ -390,13 +390,10 @@ class Session:
 
     def _receive_preview(self, preview: Preview, now: float) -> list[Output]:
         """Answer what an edit would change. Nothing is recorded, kept or published."""
-        edit = Edit(
-            session=preview.session, revision=preview.revision, author="preview", action=preview.action
-        )
-        self._check_editable(edit)
-        return [Reply(self._acknowledgement(self._host.preview_edit(edit, now)))]
+        self._check_editable(preview)
+        return [Reply(self._acknowledgement(self._host.preview(preview, now)))]
 
-    def _check_editable(self, edit: Edit) -> None:
+    def _check_editable(self, edit: Edit | Preview) -> None:
         """Check that an edit is one of the session as its author has seen it. Raises ProtocolError."""
         next_state(self.state.lifecycle, "edit")
         self.check_revision(edit)

@@ -16,6 +16,7 @@ from caesura_protocol.messages import (
     AppReference,
     ChangeApp,
     Close,
+    EditEffect,
     EditProgram,
     Insert,
     LimitForce,
@@ -24,6 +25,7 @@ from caesura_protocol.messages import (
     Preview,
     Relabel,
     Remove,
+    Since,
     TakeBack,
     Undo,
 )
@@ -123,6 +125,33 @@ def test_the_effect_of_a_preview_is_that_of_the_edit_and_what_snapshots_differ_i
             *map(outlined, old[len(old) - behind :]),
         ]
     assert effect.segments_before or effect.apps_before or effect.phases_before
+
+
+def test_what_corrections_have_changed_since_one_is_that_of_the_later_ones_alone():
+    real = Previewed(MemoryJournal(), asks=False)
+    real.open()
+    real.feed(0, real.count)
+    real.registry.handle_command(STATION, Close(session=NAME, last_seq=real.count - 1), 9.0)
+    inferred = snapshot_of(real.standing)
+    first, second = (real.edit(one) for one in (Insert(t=1.0), Insert(t=0.5)))
+    assert isinstance(first, Ack)
+    assert isinstance(second, Ack)
+    corrected = snapshot_of(real.standing)
+    one, none, every = (real.preview(Since(number=number)) for number in (1, 2, 0))
+    assert isinstance(one, Ack)
+    assert one.effect == second.effect
+    rows = corrected.segments.segments, corrected.program.apps, corrected.segments.phases
+    counts = dict(zip(("first_segment", "first_app", "first_phase"), map(len, rows), strict=True))
+    assert none.effect == EditEffect(**counts), "nothing differs"
+    assert every.effect is not None
+    for rows, snapshot in (
+        (every.effect.segments_before, inferred),
+        (every.effect.segments_after, corrected),
+    ):
+        begin = every.effect.first_segment
+        shown = snapshot.segments.segments[begin : begin + len(rows)]
+        assert [*map(outlined, rows)] == [*map(outlined, shown)] != []
+    assert snapshot_of(real.standing) == corrected
 
 
 def outlined(one: Any) -> tuple[object, ...]:

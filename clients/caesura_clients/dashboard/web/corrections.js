@@ -9,7 +9,7 @@ export default {
   components: { EffectWords },
   props: { rows: Array, revision: Number, editable: Boolean, busy: Boolean, message: String, failed: Boolean, effect: Object },
   emits: ["edit", "preview"],
-  data: () => ({ chosen: null }),
+  data: () => ({ chosen: null, since: "" }),
   template: `
     <details class="corrections" :open="isOpen" @toggle="chosen = $event.target.open"><summary>Corrections: {{ rows.length || !revision ? rows.length : "not listed" }}</summary>
       <p v-if="!rows.length" class="empty">{{ revision ? unlisted : "Nothing has been corrected." }}</p>
@@ -24,6 +24,9 @@ export default {
         </li>
       </ol>
       <p v-if="message" class="message" role="status" :class="{ failed }">{{ message }}</p>
+      <label v-if="rows.length && editable" class="since">What has changed since <select v-model="since" @change="rest"><option value="">choose</option>
+        <option :value="0">all that was inferred</option>
+        <option v-for="[number, words] in earlier" :key="number" :value="number">correction {{ number }}: {{ words }}</option></select></label>
       <effect-words v-if="rows.length" :effect="effect"></effect-words>
     </details>`,
   computed: {
@@ -33,13 +36,24 @@ export default {
     newestFirst() {
       return [...this.rows].reverse();
     },
+    earlier() { // those that count, without the newest: since that nothing has changed
+      return this.rows.filter(([, , , state]) => state !== "undone").slice(0, -1);
+    },
     isOpen() {
       return this.chosen ?? (this.rows.length > 0 && this.rows.length <= OPEN_UP_TO);
     },
   },
+  watch: {
+    revision() {
+      this.since = "";
+    },
+  },
   methods: {
     pointing(number) {
-      return pointing(() => this.$emit("preview", { do: "take_back", number }), () => this.$emit("preview", null));
+      return pointing(() => this.$emit("preview", { do: "take_back", number }), this.rest);
+    },
+    rest() { // what is shown while no button is pointed at
+      this.$emit("preview", this.since === "" ? null : { do: "since", number: this.since });
     },
     date: (at) => new Date(1000 * at),
     dayAndTime,

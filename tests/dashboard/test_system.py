@@ -34,6 +34,14 @@ def test_a_station_has_its_owner(update):
     assert (row["station"], row["owner"], row["since"], row["bridge"]) == ("cell-3", "west", 4.5, "gone")
 
 
+def test_a_list_of_sessions_states_who_edited_one_and_the_time_of_day_for_the_browser_to_write(update):
+    """It had hours and minutes of the machine of the dashboard, without a day."""
+    one = update("motion", station="cell-3")
+    world = DashboardState(updates={("cell-3", one.session): one})
+    (row,) = sessions(world)
+    assert (row["author"], row["edited"]) == (one.program.author or "", one.program.edited)
+
+
 @pytest.mark.parametrize(("state", "words"), [("open", "gone"), ("closed", "not connected")])
 def test_a_bridge_that_left_after_a_normal_end_is_not_missing(update, state, words):
     one = update("motion", station="cell-3", state=state)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Any
 
 from caesura_clients.dashboard.station_summary import DashboardState, gaps, lasted
@@ -76,14 +75,7 @@ def _row(update: Update) -> dict[str, Any]:
         "apps": len(update.program.apps),
         "gaps": gaps(update),
         "version": update.program.version,
-        "edited": edited(update),
+        "author": update.program.author or "",
+        "edited": update.program.edited,
         "instance": status.instance,
     }
-
-
-def edited(update: Update) -> str:
-    """Who corrected it last, and when."""
-    author, at = update.program.author, update.program.edited
-    if author is None:
-        return "–"
-    return author if at is None else f"{author}, {datetime.fromtimestamp(at):%H:%M}"

@@ -212,7 +212,14 @@ _NUMBERS: Sequence[_Number] = (
 
 
 def _number(value: float | None, unit: str, scale: float) -> str:
-    return "not given" if value is None else f"{scale * value:.4g} {unit}"
+    """A value in words, a length to a tenth of a millimetre as targets have it.
+
+    >>> _number(0.002999, "mm", 1000.0), _number(1.2891, "s", 1.0)
+    ('3 mm', '1.289 s')
+    """
+    if value is None:
+        return "not given"
+    return f"{round(scale * value, 1 if unit == 'mm' else 3):.4g} {unit}"
 
 
 def _or_none(value: object) -> str:

@@ -92,13 +92,14 @@ export default {
     },
     sort(key) {
       if (this.by === key) this.falling = !this.falling;
-      else Object.assign(this, { by: key, falling: key === "opened" });
+      else Object.assign(this, { by: key, falling: key === "opened" || key === "edited" });
     },
     sorted(key) {
       return this.by === key ? (this.falling ? "descending" : "ascending") : "none";
     },
     shown(key, one) {
       if (key === "opened") return one.opened ? dayAndTime(one.opened) : "–";
+      if (key === "edited") return [one.author, one.edited && dayAndTime(one.edited)].filter(Boolean).join(", ") || "–";
       if (key === "success") return RESULTS[one.success];
       if (key === "tags") return one.tags.join(", ") || "–";
       if (key === "length") return `${one.length.toFixed(1)} s${one.closed ? "" : ", going on"}`;

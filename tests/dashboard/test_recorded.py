@@ -104,6 +104,15 @@ def check(page: Page, hour: np.ndarray, name: str, first: int, off: np.ndarray) 
             assert {values.min(), values.max()} <= {value for _, value in points}
 
 
+def test_a_session_that_is_opened_is_asked_for_once(stage: Stage, opened: Visitor, browser: Browser):
+    """Its samples were fetched and drawn twice: the second time by their names, up to the last one."""
+    fresh = Visitor(browser)
+    fresh.page.goto(opened.page.url)
+    settled(fresh.page)
+    assert fresh.page.evaluate(REQUESTS) == 1
+    fresh.close()
+
+
 def test_every_point_that_is_drawn_is_a_sample_of_the_journal(stage: Stage, visitor: Visitor, hour):
     page = visitor.page
     assert view(page) == (0.0, pytest.approx(HOUR_S, abs=0.1))

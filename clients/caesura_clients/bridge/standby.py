@@ -368,10 +368,9 @@ class Standby:
             return
         if status.state == "failed":
             raise ProtocolError("conflict", f"{self.station} cannot start: {status.problem}")
-        by = (
-            f" by {status.description.operator}" if status.description and status.description.operator else ""
-        )
-        doing = "is still being stored" if status.state == "stopping" else f"was started{by}: stop it first"
+        operator = status.description and status.description.operator
+        begun = f"was started by {operator}" if operator else "goes on"
+        doing = "is still being stored" if status.state == "stopping" else f"{begun}: stop it first"
         why = f"{self.station} has demonstration {status.session}, which {doing}"
         raise ProtocolError("conflict", why, value=status.session)
 

@@ -4,6 +4,8 @@ import { fontOf } from "caesura-dashboard/canvas.js";
 
 const TINT = 0.1; // at most, behind a signal
 const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
+const FADED = 0.03; // of a line, which nobody sees: an hour has thousands, in every panel
+const PATTERNED = 2, LETTERED = 12; // pixels of a segment, below which neither a pattern nor a letter can be told
 export const ROWS = { kinds: [24, 28], phases: [2, 20] }; // of the band: top and height
 export const BAND_HEIGHT = 54;
 
@@ -69,6 +71,7 @@ export function before(context, area, state, ink, pixel) {
   const strength = Math.min(1, (area.right - area.left) / pixel / (shown.length + 1) / ROOM);
   for (const [t, probability, isFinal, low, high] of shown) {
     const isSelected = t === state.selected;
+    if (!isSelected && strength < FADED) continue;
     if (!isFinal && low !== null) {
       context.globalAlpha = 0.1;
       context.fillStyle = ink.text;
@@ -149,7 +152,7 @@ function block(context, [top, height], x, width, colour, alpha, pattern) {
   context.globalAlpha = alpha;
   context.fillStyle = colour;
   context.fillRect(x, top, width, height);
-  if (pattern) {
+  if (pattern && width >= PATTERNED) {
     context.fillStyle = pattern;
     context.fillRect(x, top, width, height);
   }
@@ -157,7 +160,7 @@ function block(context, [top, height], x, width, colour, alpha, pattern) {
 }
 
 function write(context, texts, [top, height], x, width, ink, plate = true) {
-  const text = texts.find((words) => context.measureText(words).width <= width - 8);
+  const text = width >= LETTERED && texts.find((words) => context.measureText(words).width <= width - 8);
   if (!text) return;
   context.textAlign = "center";
   context.textBaseline = "middle";

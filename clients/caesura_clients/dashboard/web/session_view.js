@@ -238,10 +238,10 @@ export default {
     // --- signals ---
     take_data(data) {
       const isWhole = this.replay && this.end === null && this.span >= this.longest();
-      this.data = Object.freeze(data);
+      if (data.available.join() !== this.available.join()) this.available = data.available;
+      this.data = Object.freeze({ ...data, shown: data.shown || this.shownColumns() }); // the first answer has all columns
       if (!this.segments.length && isOfDay(data.last)) this.start = data.first ?? data.last; // the first segment is not there yet
       if (isWhole) this.span = this.longest(); // the last samples are later than what was found
-      if (data.available.join() !== this.available.join()) this.available = data.available;
       this.widest = Math.max(this.widest, greatest(data.points.gripper));
       if (!this.origin && data.points.px && data.points.px.length) {
         this.origin = this.segments.length ? this.segments[0][7] : ["px", "py", "pz"].map((name) => data.points[name][1]);

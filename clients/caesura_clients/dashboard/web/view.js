@@ -2,6 +2,7 @@
 import { continued, load, reach } from "caesura-dashboard/signals.js";
 
 const LEAST_S = 0.05, AT_FIRST_S = 30, MARGIN = 0.25; // a share of the view that is loaded on both sides
+const TAIL_S = 1; // by which the last samples of a session may lie behind what was found in it
 const WAIT_MS = 40, LIVE_MS = 150, SLOW_MS = 1000, RING_S = 55; // so long the dashboard itself holds what is live
 
 export const view = {
@@ -64,14 +65,16 @@ export const view = {
       return held.to - held.from > 2 * (1 + 2 * MARGIN) * (to - from);
     },
     async load() {
-      const [from, to] = this.view(), margin = this.end === null ? 0 : MARGIN * (to - from);
+      const [from, to] = this.view(), { newest } = this;
+      const margin = this.end !== null ? MARGIN * (to - from) : this.closed ? TAIL_S : 0;
       const range = { from: Math.max(this.begin, from - margin), to: to + margin };
       const bins = (this.scale().x1 - this.scale().x0) * (range.to - range.from) / (to - from);
-      const asked = { ...range, upTo: Math.min(range.to, this.newest), shown: this.shownColumns(), session: this.session, closed: this.closed };
+      const asked = { ...range, shown: this.shownColumns(), session: this.session, closed: this.closed };
       this.loading = true;
       try {
         const found = await this.found(asked, bins);
-        if (asked.session === this.session) this.take_data({ ...found, ...asked });
+        const upTo = Math.min(range.to, Math.max(newest, found.last ?? newest));
+        if (asked.session === this.session) this.take_data({ ...found, ...asked, upTo });
         this.trouble = "";
       } catch (error) {
         this.trouble = `Signals cannot be shown: ${error.message}`;

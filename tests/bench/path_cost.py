@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from caesura_protocol.formats.read import load_recording
 from caesura_service.offline_segmentation import views
-from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, Paths, reduced
+from caesura_service.program.paths import TOLERANCE_M, TOLERANCE_RAD, VIA_SHARE, Paths, reduced
 from caesura_service.segmentation.pipeline import SegmentationPipeline
 
 DATA = Path(__file__).parents[2] / "data"
@@ -28,7 +28,7 @@ def reduction_ms(seconds: float) -> tuple[int, float]:
     took, via = [], 0
     for _ in range(10):
         began = time.thread_time()
-        knots, _, _ = reduced(0.1 * np.arange(n), poses, TOLERANCE_M, TOLERANCE_RAD)
+        knots, _, _ = reduced(0.1 * np.arange(n), poses, VIA_SHARE * TOLERANCE_M, VIA_SHARE * TOLERANCE_RAD)
         took.append(time.thread_time() - began)
         via = len(knots) - 2
     return via, 1e3 * min(took)

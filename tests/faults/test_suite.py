@@ -9,7 +9,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from faults.suite import disks, io_errors, killed, lateness, lines, losses, neighbours, reference, rings
+from faults.suite import (
+    disk_calls,
+    disks,
+    io_errors,
+    killed,
+    lateness,
+    lines,
+    losses,
+    neighbours,
+    reference,
+    rings,
+)
 from faults.suite.outcome import Disturbance, Played, Scale
 from faults.suite.relay import Line
 from faults.suite.stations import LiveRobot, Station, Watched, demonstration
@@ -18,6 +29,7 @@ from harness.processes import Process
 
 SMALL = Scale(stations=2, seconds=8.0, pace=4.0)
 SLOW = Scale(stations=2, seconds=16.0, pace=2.0)  # lasts until the service is gone, also on a busy machine
+DISK_FAILS = (disk_calls.RUNNING[0], disk_calls.RUNNING[7])
 EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
 
 
@@ -29,6 +41,7 @@ EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
         partial(disks.disk_unwritable, scale=SMALL),
         partial(rings.ring_too_small, scale=SLOW, away_s=2.0),
         partial(io_errors.io_errors, stride=29),
+        partial(disk_calls.disk_calls, while_running=DISK_FAILS, while_starting=disk_calls.STARTING[5:6]),
         partial(reference.reference, scale=Scale(stations=1, seconds=8.0)),
     ],
     ids=[
@@ -37,6 +50,7 @@ EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
         "disk unwritable",
         "ring too small",
         "disk errors",
+        "calls to the disk",
         "no fault",
     ],
 )
@@ -68,9 +82,9 @@ def test_an_attacker_that_does_nothing_proves_nothing(attacker, tmp_path, monkey
     assert "expected {'put': 4000" in row.note
 
 
-@pytest.mark.parametrize("fault", [losses.power_loss, io_errors.io_errors])
+@pytest.mark.parametrize("fault", [losses.power_loss, io_errors.io_errors, disk_calls.disk_calls])
 def test_what_cannot_be_run_is_not_met_and_the_row_names_what_is_missing(fault, tmp_path, monkeypatch):
-    for module in (losses, io_errors):
+    for module in (losses, io_errors, disk_calls):
         monkeypatch.setattr(module, "COMPILER", None)
     row = fault(tmp_path)
     assert not row.met

@@ -1,13 +1,15 @@
 """The journals of other instances in the same directory, read as they are on disk.
 
 They are read while their owners run, hang or are dead, and nothing is written to them. One that is damaged,
-locked or of another version counts as not there, with one line in the log. Only instances on one machine may
-share a directory: SQLite's log does not work over a network file system.
+locked or of another version counts as not there, with one line in the log. Where the directory cannot be
+listed, which sessions there are is unknown: that is an error. Only instances on one machine may share a
+directory: SQLite's log does not work over a network file system.
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -29,15 +31,18 @@ from caesura_service.journal.rows import (
     verify,
 )
 from caesura_service.journal.schema import (
+    RAISE_LIMIT,
     SELECT_BEYOND,
     SELECT_EDITS,
     SELECT_OUTCOME,
+    TOO_MANY_FILES,
     check,
     map_sqlite_errors,
 )
 
 logger = logging.getLogger(__name__)
 
+SUFFIX = ".sqlite"
 BUSY_S = 0.5  # for an owner that is just starting
 T = TypeVar("T")
 
@@ -50,7 +55,10 @@ class PeerCopy(NamedTuple):
 
 
 class PeerJournals:
-    """Every journal in the directory of `own` except that one; none if `own` is None."""
+    """Every journal in the directory of `own` except that one; none if `own` is None.
+
+    All that looks for journals raises JournalError where the directory cannot be listed.
+    """
 
     def __init__(self, own: Path | None) -> None:
         self._own = own
@@ -106,7 +114,7 @@ class PeerJournals:
 
     def _paths(self) -> list[Path]:
         own = self._own
-        return [] if own is None else sorted(path for path in own.parent.glob("*.sqlite") if path != own)
+        return [] if own is None else [path for path in journals_in(own.parent) if path != own]
 
     def _query(self, path: Path, question: Callable[[sqlite3.Connection], T]) -> T | None:
         try:
@@ -121,6 +129,21 @@ class PeerJournals:
         if not isinstance(error, JournalEmptyError) and str(error) not in self._warned:
             logger.warning("passed over: %s", error)
             self._warned.add(str(error))
+
+
+def journals_in(directory: Path) -> list[Path]:
+    """Return the journals in a directory; none where it is not there. Raises JournalError.
+
+    `Path.glob` passes over a directory that this user may not list, as if it were empty.
+    """
+    try:
+        return sorted(directory / name for name in os.listdir(directory) if name.endswith(SUFFIX))
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        is_limit = error.errno in TOO_MANY_FILES
+        remedy = RAISE_LIMIT if is_limit else f"let this user read it, or look after its disk ({error})"
+        raise JournalError(f"journal directory {directory} cannot be listed: {remedy}") from error
 
 
 @contextmanager

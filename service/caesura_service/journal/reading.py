@@ -16,7 +16,7 @@ from caesura_protocol.codec import decode, encoding_of
 from caesura_protocol.messages import Error, Open, SampleBatch
 from caesura_service.journal.checksums import is_intact
 from caesura_service.journal.journal import Journal, JournalDamagedError, JournalError, Key
-from caesura_service.journal.peer_journals import open_for_reading
+from caesura_service.journal.peer_journals import journals_in, open_for_reading
 from caesura_service.journal.rows import SessionRow, Stored, copies_in, verify
 from caesura_service.journal.schema import HAS_OVERVIEWS, SELECT_EXTENT, SELECT_OVERVIEW, SELECT_PAGE
 from caesura_service.journal.sqlite import SqliteJournal
@@ -77,7 +77,7 @@ class FileBatches:
     def find(self, key: Key) -> SessionExtent | None:
         """As BatchSource. A journal that cannot be read is passed over where another has the session."""
         found, failure = [], None
-        for path in sorted(self._directory.glob("*.sqlite")):
+        for path in journals_in(self._directory):
             try:
                 with open_for_reading(path) as kept:
                     found += [(copy.progress, path) for copy in copies_in(kept, *key)]

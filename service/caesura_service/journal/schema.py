@@ -236,6 +236,8 @@ INSERT INTO records (session_id, epoch, seq, at, encoding, payload, crc) VALUES 
 ON CONFLICT (session_id, epoch, seq) WHERE seq IS NOT NULL DO NOTHING"""
 
 
+TOO_MANY_FILES = frozenset({errno.EMFILE, errno.ENFILE})
+RAISE_LIMIT = "too many files are open: raise the limit (ulimit -n, LimitNOFILE), or end what has them open"
 # What SQLite calls it, or a quota → what it means, and what to do.
 REMEDIES: Mapping[str, str] = {
     "SQLITE_FULL": "cannot be written, there is no room left: free some, or name another --journal",
@@ -247,6 +249,7 @@ REMEDIES: Mapping[str, str] = {
     "SQLITE_NOTADB": "is no journal: move it away, or name another --journal",
     "SQLITE_CORRUPT": "is damaged: move it away, or name another --journal",
     "SQLITE_IOERR_SHMSIZE": "cannot be opened, there is no room left: free some, or name another --journal",
+    "TOO_MANY_FILES": f"cannot be opened, {RAISE_LIMIT}",
     "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
 }
 KINDS = {
@@ -268,12 +271,19 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
         if name not in REMEDIES:
             name = "_".join(name.split("_")[:2])
         if not isinstance(error, sqlite3.Error):
-            name = "SQLITE_IOERR" if isinstance(error, OSError) else "SQLITE_CORRUPT"
+            name = _name_of(error) if isinstance(error, OSError) else "SQLITE_CORRUPT"
         if name == "SQLITE_IOERR":
             name = _lack_of_room(path) or name
         remedy = _remedy_of_disk(path, name) or REMEDIES.get(name, "cannot be used")
         kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
+
+
+def _name_of(error: OSError) -> str:
+    """Return what SQLite would call an error of the system."""
+    if error.errno in TOO_MANY_FILES:
+        return "TOO_MANY_FILES"
+    return "SQLITE_PERM" if isinstance(error, PermissionError) else "SQLITE_IOERR"
 
 
 def _lack_of_room(path: Path) -> str | None:
@@ -291,6 +301,11 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
     """Return what the disk of a file says where SQLite says only that it cannot open or write it."""
     if name not in {"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"}:
         return None
+    try:
+        os.close(os.open(os.devnull, os.O_RDONLY))
+    except OSError as error:
+        if error.errno in TOO_MANY_FILES:
+            return REMEDIES["TOO_MANY_FILES"]
     try:
         disk = os.statvfs(path.parent)
     except OSError:

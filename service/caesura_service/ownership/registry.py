@@ -387,7 +387,8 @@ class Registry:
             gone |= self._journal.enforce_retention(now)
         if now >= self._peer_poll_due_s:
             self._peer_poll_due_s = now + self._limits.peer_poll_interval_s
-            gone |= dict.fromkeys(self._takeover.vanished_sessions(), "deleted by another process")
+            with suppress(JournalError):  # likewise; nothing is known to have gone
+                gone |= dict.fromkeys(self._takeover.vanished_sessions(), "deleted by another process")
         for station, name in gone:
             sessions = self._stations.get(station, {})
             sessions.pop(name, None)

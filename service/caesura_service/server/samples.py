@@ -98,12 +98,26 @@ class SampleServer(BackgroundThread):
                 is_made = True
                 if self._log_rate.allows(key[0]):
                     logger.warning("no overview of %s: %s", "/".join(key), error)
+            except Exception:  # a reader who asks makes it
+                is_made = True
+                if self._log_rate.allows(key[0]):
+                    logger.exception("no overview of %s", "/".join(key))
             if is_made:
                 self._ended.discard(key)
 
     def _step(self, query: IncomingQuery, station: str, session: str) -> None:
         """Answer a query, or read some more of the session that it is for, and let other stations go on."""
-        owned = self._owned(station, session)
+        try:
+            owned = self._owned(station, session)
+            reply = None if owned is None else self._reply(owned, query.parameters)
+        except JournalError as error:
+            with query:
+                reply_error(query, ProtocolError("internal", str(error)))
+            return
+        except Exception:
+            with query:
+                reply_error(query, FAILED)
+            raise
         if owned is None:
             with query:
                 if self._in_takeover(station):
@@ -111,12 +125,6 @@ class SampleServer(BackgroundThread):
                 else:
                     reply_nothing(query, self._owner.instance)  # another instance may have it
             return
-        try:
-            reply = self._reply(owned, query.parameters)
-        except Exception:
-            with query:
-                reply_error(query, FAILED)
-            raise
         if reply is None and self._queue.put((query, station, session), station):
             return
         with query:
@@ -126,17 +134,15 @@ class SampleServer(BackgroundThread):
                 reply_error(query, reply or ProtocolError("overloaded", "too many queries for samples"))
 
     def _reply(self, owned: Owned, parameters: str) -> RecordedSamples | ProtocolError | None:
-        """None: more of the session has to be read before."""
+        """None: more of the session has to be read before. Raises JournalError."""
         try:
             wanted = parse_samples_parameters(parameters)
             return self._reader.read(owned, wanted, SLICE_S)
         except ProtocolError as error:
             return error
-        except JournalError as error:
-            return ProtocolError("internal", str(error))
 
     def _owned(self, station: str, session: str) -> Owned | None:
-        """The session, held or stored, where its station is this instance's."""
+        """The session, held or stored, where its station is this instance's. Raises JournalError."""
         of_station = self._index().sessions.get(station, ())
         for held in of_station:
             if held.state.session == session:

@@ -55,15 +55,19 @@ class StationManager:
     # --- the beginning, before the token is declared ----------------------------------------------------
 
     def start(self, there: LiveTokens) -> list[TakeoverFailed]:
-        """Take over the own stations, then subscribe to them; return the sessions that failed."""
+        """Take over the own stations, then subscribe to them; return the sessions that failed.
+
+        Raises JournalError where it is unknown which stations there are.
+        """
         if self._me in there.services:
             logger.error("a service named %s is there already: give each its own --instance", self._me)
         now, began = self._clock(), time.monotonic()
         self._membership.begin(there.services)
         self._members = self._membership.members(now)
         self._bridges.update(there.stations)
-        served = self._assigned_stations()
-        self._owned = self._known_stations() if served is None else served
+        known = self._registry.known_stations() | self._bridges
+        served = self._assigned_stations(known)
+        self._owned = known if served is None else served
         missing = self._registry.restore(now, self._owned)
         self._registry.ownership.served = served
         self._declare(served)
@@ -151,8 +155,9 @@ class StationManager:
             logger.info("instances: %s", ", ".join(sorted(self._members)))
         if before == self._members == {self._me} and not renew:
             return  # a bridge whose station is served already
-        served = self._assigned_stations()
-        owned = self._known_stations() if served is None else served
+        known = self._known_stations()
+        served = self._assigned_stations(known)
+        owned = known if served is None else served
         if served is None:
             self._bridges.clear()  # whose tokens are not watched meanwhile
         fresh = owned if renew else owned - self._owned
@@ -168,13 +173,9 @@ class StationManager:
         if renew or before != self._members:
             self._schedule_polls(now)
 
-    def _assigned_stations(self) -> Set[str] | None:
-        """Return the stations of this instance; None where it is alone and owns all."""
-        return (
-            None
-            if self._members == {self._me}
-            else stations_of(self._me, self._members, self._known_stations())
-        )
+    def _assigned_stations(self, known: Set[str]) -> Set[str] | None:
+        """Return the stations of this instance among the known ones; None where it is alone and owns all."""
+        return None if self._members == {self._me} else stations_of(self._me, self._members, known)
 
     def _known_stations(self) -> Set[str]:
         with suppress(JournalError):  # which it has said already, or will

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
 from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import Owned
-from caesura_service.journal import FileBatches
+from caesura_service.journal import FileBatches, JournalError
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
 from harness.journals import COLUMNS, ended, taught, written
@@ -167,6 +170,62 @@ def test_a_long_session_is_read_in_slices_between_which_other_stations_are_answe
 def _ask(transport: MemoryTransport) -> None:
     with pytest.raises(ProtocolError, match="not today"):
         query.samples(transport, "cell-1", "s1", SampleRange(0.0, 1.0, 100))
+
+
+@pytest.mark.parametrize("error", [errno.EMFILE, errno.EACCES])
+def test_a_directory_that_cannot_be_listed_is_named_and_the_next_query_is_answered(
+    tmp_path, network, monkeypatch, caplog, error
+):
+    """Out of files, the thread that answers ended at the first session that was closed, for good.
+
+    A new session was refused as `not carried out: OSError`, or opened beside one that another journal had.
+    """
+    config = ServiceConfig(instance="test-1", preset="fake", journal=tmp_path)
+    service = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
+    wanted = "cell-1", "s1", SampleRange(0.0, 10.0, 1000)
+    with service, MemoryPeer(network) as peer, network.transport() as transport:
+        peer.command(opening())
+        peer.send(batch(0))
+        eventually(lambda: ("cell-1", "s1") in service._edge._samples._open)
+        with monkeypatch.context() as patch:
+            patch.setattr("os.listdir", partial(failing, error))
+            peer.command(closing(0))
+            eventually(lambda: "no overview of cell-1/s1: journal directory" in caplog.text)
+            with pytest.raises(ProtocolError, match=f"directory {tmp_path} cannot be listed"):
+                query.samples(transport, *wanted)
+            with pytest.raises(ProtocolError, match="cannot be listed") as refused:
+                peer.command(opening("s2"), "cell-2")
+            assert refused.value.code == "overloaded"
+        assert query.samples(transport, *wanted).counts == (20,)
+        assert "Traceback" not in caplog.text
+
+
+def failing(error: int, folder: object) -> None:
+    raise OSError(error, os.strerror(error), folder)
+
+
+def test_an_overview_that_fails_ends_no_thread(tmp_path, network, monkeypatch, caplog):
+    """Whatever the reason: nothing of the query was sent, and no other one was answered."""
+    config = ServiceConfig(instance="test-1", preset="fake", journal=tmp_path)
+    service = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
+    with service, MemoryPeer(network) as peer, network.transport() as transport:
+        peer.command(opening())
+        peer.send(batch(0))
+        eventually(lambda: ("cell-1", "s1") in service._edge._samples._open)
+        with monkeypatch.context() as patch:
+            patch.setattr(SampleReader, "advance", partial(failing, errno.EIO))
+            peer.command(closing(0))
+            eventually(lambda: "no overview of cell-1/s1" in caplog.text)
+        assert query.samples(transport, "cell-1", "s1", SampleRange(0.0, 10.0, 1000)).counts == (20,)
+
+
+def test_a_service_that_does_not_know_its_stations_does_not_start(tmp_path, network, monkeypatch):
+    """It started without any session, as if the journal were empty."""
+    config = ServiceConfig(instance="test-1", preset="fake", journal=tmp_path)
+    service = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
+    monkeypatch.setattr("os.listdir", partial(failing, errno.EACCES))
+    with pytest.raises(JournalError, match=f"{tmp_path} cannot be listed"), service:
+        pass
 
 
 def test_the_overview_of_a_session_is_made_when_it_ends(tmp_path, network):

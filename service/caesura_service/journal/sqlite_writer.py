@@ -134,7 +134,11 @@ class SqliteWriter:
         self._wake.set()
 
     def flush(self) -> None:
-        """Write the waiting records, then the outcomes one by one: records are written in between."""
+        """Write the waiting records, then the outcomes one by one: records are written in between.
+
+        Raises JournalError. An outcome that the disk refuses is kept and tried again, like a record; past
+        OUTCOMES the oldest is dropped, and its session replayed at the next start.
+        """
         self.commit()
         while True:
             with self._guard:
@@ -143,10 +147,19 @@ class SqliteWriter:
                 return
             try:
                 self._write_outcome(key, outcome)
-            finally:
-                with self._guard:
-                    if self._outcomes.get(key) is outcome:
-                        del self._outcomes[key]
+            except JournalError:
+                self._forget_outcome(key, outcome, past=OUTCOMES)
+                raise
+            except BaseException:
+                self._forget_outcome(key, outcome)
+                raise
+            self._forget_outcome(key, outcome)
+
+    def _forget_outcome(self, key: Key, outcome: Outcome, *, past: int = 0) -> None:
+        """Let go of an outcome, if it is still that one and more than so many wait."""
+        with self._guard:
+            if self._outcomes.get(key) is outcome and len(self._outcomes) > past:
+                del self._outcomes[key]
 
     def keep_overview(self, key: Key, session_id: int, content: bytes) -> None:
         """Keep an overview of a session; records are written between its parts. Raises JournalError."""
@@ -285,8 +298,11 @@ class SqliteWriter:
                 more, self._makes_room = True, self._reserve.release(error)
                 if not self._makes_room:
                     self._stopped.wait(RETRY_S)
-            with suppress(JournalError):  # said when it began; it has woken this thread for another attempt
+            try:
                 self.flush()
+            except JournalError:  # said when it began, where records wait
+                more = True
+                self._stopped.wait(0.0 if self._error else RETRY_S)  # an outcome that was refused
             if more:
                 self._wake.set()
             elif self._alone and self._error is None:

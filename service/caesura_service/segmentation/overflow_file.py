@@ -19,6 +19,10 @@ from typing import BinaryIO
 logger = logging.getLogger(__name__)
 
 BLOCK = 1 << 15  # [bytes]
+UNREADABLE = (
+    "what the session keeps on disk beside the journal cannot be read back: look after the disk and start "
+    "the service again, the journal has the session"
+)
 
 
 class OverflowFile:
@@ -62,8 +66,15 @@ class FileBlock:
         self._file.free.append(self._place)
 
     def read(self, start: int, stop: int) -> bytes:
-        """Bytes start to stop of it, the stop not included."""
-        return os.pread(self._file.number, stop - start, self._place + start)
+        """Bytes start to stop of it, the stop not included. Raises OSError."""
+        why = "the end of the file is missing"
+        try:
+            data = os.pread(self._file.number, stop - start, self._place + start)
+        except OSError as error:
+            data, why = b"", str(error)
+        if len(data) < stop - start:
+            raise OSError(f"{UNREADABLE} ({why})")
+        return data
 
 
 class _File:

@@ -28,6 +28,7 @@ logger = logging.getLogger(__name__)
 
 POLL_DELAYS_S = (0.1, 0.5, 3.0)  # after a change: the last owner has released by then, or hangs
 STATIONS = 4096  # with a token
+RETRY_S = 0.5  # after a takeover for which the journal could not be read
 
 
 class StationManager:
@@ -49,6 +50,9 @@ class StationManager:
         self._owned: Set[str] = frozenset()
         self._queue: dict[str, bool] = {}  # stations to take over; also where no record is missing?
         self._takeover: tuple[str, Generator[list[Output], None, None]] | None = None
+        self._renews = False  # does the takeover set a new epoch in any case?
+        self._next_takeover_s = float("-inf")  # [s] after one that failed
+        self._last_error = ""  # why one failed
         self._next_change_s = float("inf")  # [s] the next change of membership by time alone
         self._polls_s: list[float] = []  # [s]
 
@@ -114,9 +118,10 @@ class StationManager:
 
     def idle_s(self) -> float:
         """Return how long [s] no step is due unless an event arrives."""
-        if self._queue or self._takeover or self._has_new_bridge:
+        if self._takeover or self._has_new_bridge:
             return 0.0
-        return max(0.0, min([self._next_change_s, *self._polls_s]) - self._clock())
+        takeover_s = [self._next_takeover_s] if self._queue else []
+        return max(0.0, min([self._next_change_s, *self._polls_s, *takeover_s]) - self._clock())
 
     def step(self) -> list[Output]:
         """Do the next step of a takeover that is due; return its outputs."""
@@ -128,9 +133,10 @@ class StationManager:
             self._polls_s.pop(0)
             for station in sorted(self._owned):
                 self._queue.setdefault(station, False)
-        if self._takeover is None and self._queue:
+        if self._takeover is None and self._queue and now >= self._next_takeover_s:
             station = next(iter(self._queue))
-            self._takeover = station, self._registry.take_over(station, now, renew=self._queue.pop(station))
+            self._renews = self._queue.pop(station)
+            self._takeover = station, self._registry.take_over(station, now, renew=self._renews)
         return self._continue_takeover()
 
     def _continue_takeover(self) -> list[Output]:
@@ -140,10 +146,27 @@ class StationManager:
             return next(self._takeover[1])
         except StopIteration:
             self._takeover = None
+        except JournalError as error:
+            self._retry_takeover(self._takeover[0], error)
         except Exception:
             self._takeover = None
             raise
         return []
+
+    def _retry_takeover(self, station: str, error: JournalError) -> None:
+        """Take a station over later: until then its messages are rejected where another may have served it.
+
+        What this instance has of it may be behind what the other one has acknowledged.
+        """
+        self._takeover = None
+        self._next_takeover_s = self._clock() + RETRY_S
+        if self._renews:
+            self._registry.ownership.begin_takeover(station)
+        self._queue[station] = self._renews or self._queue.get(station, False)
+        if self._last_error != str(error):
+            self._last_error = str(error)
+            fields = {"station": station}
+            logger.error("%s is not taken over, it is tried again: %s", station, error, extra=fields)
 
     # --- whose stations are whose -----------------------------------------------------------------------
 

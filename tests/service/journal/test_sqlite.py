@@ -7,6 +7,7 @@ import os
 import sqlite3
 import threading
 from contextlib import closing as ended
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from caesura_service.journal import sqlite_writer as writer
 from caesura_service.journal.schema import LOG_KEPT, SCHEMA_VERSION
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import snapshot_of, status_of
+from harness.processes import eventually
 from harness.sessions import (
     NAME,
     STATION,
@@ -443,6 +445,34 @@ def test_who_ends_a_session_does_not_wait_until_its_outcome_is_written(tmp_path)
             assert journal.outcome(STATION, NAME) is outcome
     with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
         assert journal.outcome(STATION, NAME) == outcome, "written before the journal is let go of"
+
+
+def test_an_outcome_that_the_disk_refuses_is_tried_again(path, monkeypatch):
+    """It was dropped: once the session was no longer held, no list had it before the next start."""
+    with SqliteJournal(path, JournalSettings(commit_s=0.0)) as journal:
+        registry = new_registry(journal)
+        registry.handle_command(STATION, opening(), 0.0)
+        with monkeypatch.context() as patch:
+            patch.setattr(writer, "INSERT_OUTCOME", "INSERT INTO nowhere VALUES (?, ?, ?, ?, ?, ?)")
+            journal.store_outcome(STATION, concluded(registry, NAME))
+            with pytest.raises(JournalError, match="cannot be used"):
+                journal.flush()
+            assert [one.key for one in journal.outcomes()] == [(STATION, NAME)]
+        eventually(lambda: journal.outcomes() == ())  # none waits, and the session is open
+        assert journal.outcome(STATION, NAME) == concluded(registry, NAME)
+
+
+def test_outcomes_that_the_disk_refuses_are_bounded(path, monkeypatch):
+    with SqliteJournal(path, NEVER) as journal:
+        registry = new_registry(journal)
+        registry.handle_command(STATION, opening(), 0.0)
+        outcome = concluded(registry, NAME)
+        with monkeypatch.context() as patch:
+            patch.setattr(writer, "INSERT_OUTCOME", "INSERT INTO nowhere VALUES (?, ?, ?, ?, ?, ?)")
+            for number in range(2 * writer.OUTCOMES):
+                with suppress(JournalError):
+                    journal.store_outcome(f"cell-{number}", outcome)
+            assert len(journal.outcomes()) == writer.OUTCOMES
 
 
 def test_the_outcome_of_a_session_that_was_dropped_is_not_that_of_the_next_one_of_its_name(tmp_path):

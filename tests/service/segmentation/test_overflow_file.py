@@ -143,3 +143,22 @@ def test_a_forked_process_overwrites_nothing() -> None:
     assert child.exitcode == 0
     assert before.read(0, len(data)) == data
     assert after.read(0, len(other)) == other
+
+
+@pytest.mark.parametrize("found", [OSError(5, "Input/output error"), b"short"])
+def test_what_cannot_be_read_back_is_named_with_what_to_do(found, monkeypatch) -> None:
+    """A part of it was taken for all: `unpack requires a buffer of 256 bytes`."""
+    log, data = filled(OverflowFile(block=SMALL), blocks=4)
+
+    def read(*_: object) -> bytes:
+        if isinstance(found, OSError):
+            raise found
+        return found
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.pread", read)
+        with pytest.raises(
+            OSError, match=r"beside the journal cannot be read back.*the journal has the session"
+        ):
+            log.read(0, len(data))
+    assert log.read(0, len(data)) == data

@@ -16,6 +16,7 @@ from caesura_protocol.messages import Ack, Open, Posterior
 from caesura_protocol.transport.network import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.journal import JournalError, SqliteJournal
 from caesura_service.ownership.station_assignment import owner_of
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from clients.conftest import RouterNetwork
@@ -116,6 +117,29 @@ def test_a_second_instance_takes_its_share_and_gives_it_back_when_it_leaves(floo
             assert peer.command(closing(5), station).state == "closed"
             status = peer.snapshot(station=station).status
             assert (status.instance, status.samples) == ("east", 120)
+
+
+def test_a_station_is_taken_over_once_the_journal_can_be_read(floor, peer, monkeypatch, caplog):
+    """The takeover was given up with a traceback: the session was missing until a bridge opened it again."""
+    station = WESTS[0]
+    with floor.serving("east") as east:
+        with floor.serving("west") as west:
+            eventually(lambda: opens(peer, station).state == "open" and holds(west, station))
+            peer.send(batch(0), station)
+            assert peer.command(closing(0), station).state == "closed"
+            eventually(lambda: holds(east))
+            monkeypatch.setattr(SqliteJournal, "copies", unreadable)
+        eventually(lambda: f"{station} is not taken over" in caplog.text)
+        with pytest.raises(ProtocolError, match="being taken over: try again"):
+            peer.command(opening("s2"), station)
+        monkeypatch.undo()
+        eventually(lambda: holds(east, station))
+        assert peer.snapshot(station=station).status.samples == 20
+    assert "Traceback" not in caplog.text
+
+
+def unreadable(*_: object) -> None:
+    raise JournalError("journal east.sqlite cannot be read")
 
 
 def test_a_station_that_is_being_taken_over_is_not_said_to_have_nothing(floor, peer):

@@ -29,7 +29,7 @@ from harness.processes import Process
 
 SMALL = Scale(stations=2, seconds=8.0, pace=4.0)
 SLOW = Scale(stations=2, seconds=16.0, pace=2.0)  # lasts until the service is gone, also on a busy machine
-DISK_FAILS = (disk_calls.RUNNING[0], disk_calls.RUNNING[7])
+DISK_FAILS = (disk_calls.OUT_OF_FILES, disk_calls.RUNNING[8])
 EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
 
 

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
 import pytest
 
 from caesura_service import prepare
+from harness.processes import DEADLINE_S, environment, started
+
+NOT_LOADED = """
+import inspect, re
+from caesura_service.changepoint import compiled_filter
+from caesura_service.changepoint.kernels import steps
+from caesura_service.prepare import prepare
+prepare()
+called = sorted(set(re.findall(r"steps\\.(\\w+)\\(", inspect.getsource(compiled_filter))))
+print(len(called), *(name for name in called if not getattr(steps, name).signatures))
+"""
 
 
 @pytest.mark.parametrize("kept", [False, True])
@@ -18,3 +30,11 @@ def test_another_process_compiles_before_this_one_loads(monkeypatch: pytest.Monk
     prepare.prepare()
     compiled = [sys.executable, "-m", "caesura_service.prepare"]
     assert steps == (["load"] if kept else [compiled, "load"])
+
+
+def test_no_session_loads_a_kernel():
+    """One was loaded at the first edit: out of open files, that closed the session by an error."""
+    command = [sys.executable, "-c", NOT_LOADED]
+    with started(command, stdout=subprocess.PIPE, env=environment()) as process:
+        count, *names = process.communicate(timeout=DEADLINE_S)[0].split()
+    assert (int(count) >= 4, names) == (True, [])

@@ -190,4 +190,5 @@ def compile_now() -> None:
     for _ in range(3):
         small.step(ModelInput(np.zeros(3), np.zeros(3)))
     small.outline()
+    small.map_path()
     small.condition(2)

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import select
 import subprocess
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,14 +33,15 @@ from harness.power import COMPILER, NO_COMPILER
 from harness.processes import DEADLINE_S, Service, eventually, running
 
 BATCH = 10  # samples
-BEFORE, BATCHES = 10, 20  # batches
+BEFORE, BATCHES = 5, 20  # batches
 EVENT_T = 0.5  # [s] of the edit
 BESIDE = "beside"
 ANSWER_S = 5.0
 IDLE_S = 0.5  # in which a service whose disk fails does next to nothing
 IDLE_SHARE = 0.4  # of a processor, at most
 LOG_BYTES = 8000  # each time
-REASONS = ("journal", "missing before the close", "session is closed")
+LOOKS = 20  # for files that are open: some are for an instant
+REASONS = ("journal", "missing before the close", "session is closed", "nothing has been observed yet")
 
 
 class Failure(NamedTuple):
@@ -52,7 +55,9 @@ class Failure(NamedTuple):
         return " ".join([*self.kinds, errno.errorcode[self.error], self.suffix]).strip()
 
 
+OUT_OF_FILES = Failure((), errno.EMFILE)  # by the limit of the process: no call can open anything anywhere
 RUNNING = (
+    OUT_OF_FILES,
     Failure(("open",), errno.EMFILE),
     Failure(("open",), errno.EACCES),
     Failure(("open", "stat"), errno.EIO, ".sqlite"),
@@ -96,6 +101,26 @@ class FailingService(Service):
     def begin(self) -> None:
         with self._log.open("a") as log:
             self._process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=log, text=True)
+
+    @contextmanager
+    def failing(self, failure: Failure) -> Iterator[None]:
+        """While the context lasts calls fail so."""
+        if failure != OUT_OF_FILES:
+            with self.calls.failing(*failure):
+                yield
+            return
+        before = resource.prlimit(self.pid, resource.RLIMIT_NOFILE)
+        unused = min(self.first_unused() for _ in range(LOOKS))
+        resource.prlimit(self.pid, resource.RLIMIT_NOFILE, (unused, before[1]))
+        try:
+            yield
+        finally:
+            resource.prlimit(self.pid, resource.RLIMIT_NOFILE, before)
+
+    def first_unused(self) -> int:
+        """The number that the next file gets."""
+        used = {int(name) for name in os.listdir(f"/proc/{self.pid}/fd")}
+        return next(number for number in count() if number not in used)
 
     @property
     def log(self) -> str:
@@ -218,12 +243,12 @@ def disk_calls(
 
 def noted(service: FailingService, failure: Failure, wrong: list[str], done: Callable[[], int]) -> int:
     """Do it; what is wrong and what the log says of it names the failure."""
-    count, length = len(wrong), len(service.log)
+    known, length = len(wrong), len(service.log)
     found = done()
     log = service.log[length:]
     wrong += ["a traceback in the log"] if "Traceback" in log else []
     wrong += [f"{len(log)} bytes of log"] if len(log) > LOG_BYTES else []
-    wrong[count:] = [f"{failure}: {why}" for why in wrong[count:]]
+    wrong[known:] = [f"{failure}: {why}" for why in wrong[known:]]
     return found
 
 
@@ -232,7 +257,7 @@ def taught_while(service: FailingService, failure: Failure, one: Taught, beside:
     eventually(one.open)
     eventually(partial(one.has, BEFORE))
     eventually(lambda: beside.has(beside.batches or 1))
-    with service.calls.failing(*failure):
+    with service.failing(failure):
         other = Taught(one._transport, f"{one.station}-new", one._wrong)
         other.open()
         one.send(BATCHES)
@@ -258,7 +283,7 @@ def started_while(service: FailingService, failure: Failure, expected: object, w
     """1 where it ended and said why."""
     service.kill()
     length = len(service.log)
-    with service.calls.failing(*failure):
+    with service.failing(failure):
         service.begin()
         is_ready = service.is_ready()
     said = service.log[length:]

@@ -43,6 +43,7 @@ from caesura_service.journal.schema import (
 logger = logging.getLogger(__name__)
 
 SUFFIX = ".sqlite"
+WARNED = 256  # errors that are remembered
 BUSY_S = 0.5  # for an owner that is just starting
 T = TypeVar("T")
 
@@ -128,6 +129,8 @@ class PeerJournals:
         """Log each error once: the journals are polled. One that its owner is about to create is no error."""
         if not isinstance(error, JournalEmptyError) and str(error) not in self._warned:
             logger.warning("passed over: %s", error)
+            if len(self._warned) >= WARNED:
+                self._warned.clear()
             self._warned.add(str(error))
 
 

@@ -40,8 +40,8 @@ EVERYTHING = Line(lost=0.1, doubled=0.1, late=0.1)
         partial(lines.bad_messages, EVERYTHING, scale=SMALL, least=5),
         partial(disks.disk_unwritable, scale=SMALL),
         partial(rings.ring_too_small, scale=SLOW, away_s=2.0),
-        partial(io_errors.io_errors, stride=29),
-        partial(disk_calls.disk_calls, while_running=DISK_FAILS, while_starting=disk_calls.STARTING[5:6]),
+        partial(io_errors.io_errors, stride=61),
+        partial(disk_calls.disk_calls, while_running=DISK_FAILS, while_starting=()),
         partial(reference.reference, scale=Scale(stations=1, seconds=8.0)),
     ],
     ids=[

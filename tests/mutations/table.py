@@ -85,7 +85,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         f"{SESSIONS}/session.py",
         "        if epoch < current:\n",
         "        if epoch < current < 0:\n",
-        ("tests/service/sessions/test_session.py::test_an_older_epoch_is_a_conflict",),
+        ("tests/service/sessions/test_bridge_epochs.py::test_an_older_epoch_is_a_conflict",),
     ),
     Mutation(
         "a gap is not declared",
@@ -223,7 +223,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "        return index in self.none or index in self.starts\n",
         "        return index in self.starts\n",
         (
-            "tests/service/segmentation/test_corrections.py::"
+            "tests/service/segmentation/test_undone_corrections.py::"
             "test_a_correction_to_whose_changepoint_a_later_one_refers_stays",
         ),
     ),
@@ -233,7 +233,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "                again = sorted((*active, undone[-1]), key=lambda one: one.number)\n",
         "                again = (*active, undone[-1])\n",
         (
-            "tests/service/segmentation/test_corrections.py::"
+            "tests/service/segmentation/test_undone_corrections.py::"
             "test_any_correction_is_taken_back_and_redo_puts_it_at_its_place_again",
         ),
         row="histories",

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.force_limit import LEAST_FORCE_N
-from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import (
-    MAX_CORRECTIONS,
     Action,
-    Edit,
     Insert,
     LimitForce,
     Move,
     NamePhase,
-    Open,
     Redo,
     Relabel,
     Remove,
@@ -32,71 +25,20 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.programs.groups import groups_of
 from caesura_service.changepoint.preset import STEP_S
-from caesura_service.offline_segmentation import batches, opening_of
 from caesura_service.segmentation.corrections import (
     AHEAD_S,
     EditHistory,
-    FilterConstraints,
     ResolvedEdit,
     correction_of,
 )
 from caesura_service.segmentation.encoded_log import MessageSequence
-from caesura_service.segmentation.pipeline import SegmentationPipeline, make_pipeline
+from caesura_service.segmentation.pipeline import make_pipeline
 from caesura_service.segmentation.view import Pipeline, PipelineView
+from service.segmentation.corrected import SHORT, begun, edit, fed, refusal, taught, times, whole, with_one
 
-DATA = Path(__file__).parents[3] / "data"
 LOST = range(200, 212)  # batches that never come, in the demonstration with a hole
-SHORT = 400  # batches of a demonstration that is edited at random
 SHORTER = 200  # where the thesis decides, which takes ten times as long
 KINDS = ("motion", "contact", "transport", "steady", "hold", "sliding")
-
-
-@cache
-def taught(name: str = "pick_and_place") -> tuple[Open, list[NDArray[np.float64]]]:
-    recording = load_recording(DATA / f"{name}.npz")
-    return opening_of(recording, "default"), list(batches(recording))
-
-
-def begun(name: str = "pick_and_place", threshold: float | None = None) -> Pipeline:
-    return make_pipeline(taught(name)[0], "default", threshold=threshold)
-
-
-def fed(pipeline: Pipeline, numbers: range, name: str = "pick_and_place", lost: range = range(0)) -> Pipeline:
-    for number in numbers:
-        if number in lost:
-            pipeline.declare_gap()
-        else:
-            pipeline.push(taught(name)[1][number])
-    return pipeline
-
-
-def whole(name: str = "pick_and_place", lost: range = range(0)) -> Pipeline:
-    pipeline = fed(begun(name), range(len(taught(name)[1])), name, lost)
-    pipeline.finish()
-    return pipeline
-
-
-@pytest.fixture(scope="module")
-def shown() -> Pipeline:
-    return whole()
-
-
-def edit(action: Action) -> Edit:
-    return Edit(session="s1", revision=0, author="Ann", action=action)
-
-
-def with_one(pipeline: Pipeline, action: Any) -> PipelineView:
-    return pipeline.corrected([pipeline.resolve(action)]).view
-
-
-def times(view: PipelineView) -> list[float]:
-    return [one.t for one in view.changepoints]
-
-
-def refusal(pipeline: Pipeline, action: Any) -> ProtocolError:
-    with pytest.raises(ProtocolError) as caught:
-        pipeline.resolve(action)
-    return caught.value
 
 
 # --- what each of them means ----------------------------------------------------------------------------
@@ -419,189 +361,3 @@ def test_a_start_keeps_the_time_that_an_operator_gives_it_and_any_other_where_th
     assert put == pytest.approx(found[2] + 0.3, abs=0.5 * STEP_S)
     pinned = with_one(shown, Relabel(t=found[2] + 0.05, kind="steady"))
     assert [one.t for one in pinned.changepoints if one.corrected] == found[2:4]
-
-
-# --- undo and redo --------------------------------------------------------------------------------------
-
-
-def _with(history: EditHistory, *actions: Action) -> EditHistory:
-    """With these edits more; a time stands for its own correction."""
-    for action in actions:
-        history = history.after(edit(action), 7.0, lambda change: ResolvedEdit(inserted=change.t))
-    return history
-
-
-def _inserted(history: EditHistory) -> list[float | None]:
-    return [one.inserted for one in history.active]
-
-
-def test_undo_takes_the_last_one_back_and_redo_makes_it_again():
-    two = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0))
-    once = _with(two, Undo())
-    assert (_inserted(once), once.revision) == ([1.0], 3)
-    again = _with(once, Redo())
-    assert (again.active, again.undone, again.revision) == (two.active, (), 4)
-
-
-def test_a_new_correction_ends_what_could_be_made_again():
-    undone = _with(EditHistory(), Insert(t=1.0), Undo())
-    assert undone.undone
-    assert not _with(undone, Insert(t=2.0)).undone
-
-
-def test_any_correction_is_taken_back_and_redo_puts_it_at_its_place_again():
-    three = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), Insert(t=3.0))
-    without = _with(three, TakeBack(number=2))
-    assert (_inserted(without), without.revision) == ([1.0, 3.0], 4)
-    twice = _with(without, Undo())
-    assert _inserted(twice) == [1.0]
-    again = _with(twice, Redo(), Redo())
-    assert again.active == three.active
-    assert again.listed == three.listed
-
-
-def test_the_list_has_author_time_and_state_of_each_by_its_number():
-    listed = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), TakeBack(number=1)).listed
-    assert [(one.number, one.author, one.at, one.action, one.state) for one in listed] == [
-        (1, "Ann", 7.0, Insert(t=1.0), "undone"),
-        (2, "Ann", 7.0, Insert(t=2.0), "applied"),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("number", "why"),
-    [(1, "taken back already"), (3, "no such correction"), (0, "no such correction")],
-)
-def test_a_correction_that_is_not_there_cannot_be_taken_back(number: int, why: str):
-    history = _with(EditHistory(), Insert(t=1.0), Insert(t=2.0), TakeBack(number=1))
-    with pytest.raises(ProtocolError, match=why) as caught:
-        _with(history, TakeBack(number=number))
-    assert caught.value.expected == [2]
-
-
-def test_a_refusal_to_take_back_names_every_correction_that_there_is():
-    """It named the newest three, whatever there was."""
-    five = _with(EditHistory(), *(Insert(t=float(t)) for t in range(1, 6)))
-    with pytest.raises(ProtocolError, match="no such correction") as caught:
-        _with(five, TakeBack(number=99))
-    assert (caught.value.value, caught.value.expected) == (99, ["1 to 5"])
-    with pytest.raises(ProtocolError) as caught:
-        _with(five, TakeBack(number=2), TakeBack(number=2))
-    assert caught.value.expected == [1, "3 to 5"]
-    many = _with(EditHistory(), *(Insert(t=float(t)) for t in range(1, 101)))
-    alternate = _with(many, *(TakeBack(number=number) for number in range(2, 101, 2)))
-    with pytest.raises(ProtocolError) as caught:
-        _with(alternate, TakeBack(number=2))
-    assert caught.value.expected == ["…", *range(69, 101, 2)]
-
-
-def history_of(pipeline: Pipeline, *actions: Action) -> tuple[Pipeline, EditHistory]:
-    """Real corrections, each resolved against the results of those before it."""
-    history = EditHistory()
-    for action in actions:
-        history = history.after(edit(action), 0.0, pipeline.resolve)
-        pipeline = pipeline.corrected(history.active)
-    return pipeline, history
-
-
-@pytest.mark.parametrize(
-    ("first", "later", "why"),
-    [
-        (Insert(t=3.0), Move(t=3.0, to=3.4), "correction 2 by Ann moved that changepoint on"),
-        (Insert(t=3.0), Remove(t=3.0), "correction 2 by Ann removed that changepoint"),
-        (Move(t=4.15, to=4.4), Move(t=4.4, to=4.6), "take correction 2 back first"),
-        (Insert(t=3.0), Relabel(t=3.2, kind="contact"), "correction 2 by Ann states what the segment is"),
-    ],
-)
-def test_a_correction_to_whose_changepoint_a_later_one_refers_stays(
-    shown: Pipeline, first: Action, later: Action, why: str
-):
-    pipeline, history = history_of(shown, first, later)
-    with pytest.raises(ProtocolError, match=why) as caught:
-        history.check_unreferred(history.active[0], pipeline.observation_at)
-    assert (caught.value.value, caught.value.expected) == (1, 2)
-    history.check_unreferred(history.active[1], pipeline.observation_at)
-
-
-@pytest.mark.parametrize(
-    "later",
-    [
-        Insert(t=3.4),
-        Remove(t=4.15),
-        Move(t=1.35, to=1.5),
-        Relabel(t=9.0, kind="steady"),
-        NamePhase(t=3.0, name="go"),
-    ],
-)
-def test_what_lies_beside_does_not_refer_to_a_correction(shown: Pipeline, later: Action):
-    pipeline, history = history_of(shown, Insert(t=3.0), later)
-    history.check_unreferred(history.active[0], pipeline.observation_at)
-    without = history.after(edit(TakeBack(number=1)), 0.0, pytest.fail)
-    alone = history_of(shown, later)[0]
-    assert pipeline.corrected(without.active).view.segments == alone.view.segments
-
-
-def test_an_insert_that_was_confirmed_may_be_taken_back(shown: Pipeline):
-    there = times(with_one(shown, Insert(t=3.0)))[2]
-    pipeline, history = history_of(shown, Insert(t=3.0), Insert(t=there))
-    history.check_unreferred(history.active[0], pipeline.observation_at)
-    left = history.after(edit(TakeBack(number=1)), 0.0, pytest.fail)
-    near = [one for one in pipeline.corrected(left.active).view.changepoints if one.corrected]
-    assert [abs(one.t - there) < STEP_S for one in near] == [True]
-
-
-def test_a_force_limit_whose_app_is_gone_is_not_applied_until_the_app_is_back():
-    wiped = whole("wiping")
-    app = max((one for one in wiped.view.apps if one.force), key=lambda one: one.tn - one.t0)
-    middle = 0.5 * (app.t0 + app.tn)
-    limited = LimitForce(t=app.t0 + 0.01, newton=2.0)
-    pipeline, history = history_of(wiped, limited)
-    assert pipeline.view.unapplied == {}
-    moved, history = history_of(wiped, limited, Relabel(t=middle, kind="motion"))
-    assert moved.view.unapplied == {1: f"no app exerts a force at {middle:.2f} s any more"}
-    assert [one for one in moved.view.notes if "Correction 1 by Ann (limit_force) is not applied" in one]
-    history = history.after(edit(TakeBack(number=2)), 0.0, pytest.fail)
-    back = moved.corrected(history.active).view
-    assert (back.unapplied, back.apps) == ({}, pipeline.view.apps)
-
-
-def test_a_changepoint_that_was_to_come_after_the_end_is_not_applied():
-    growing = fed(begun(), range(SHORT))
-    t = growing.view.t + 2.0
-    pipeline, _ = history_of(growing, Insert(t=t))
-    assert pipeline.view.unapplied == {}, "it may still come"
-    pipeline.finish()
-    assert pipeline.view.unapplied == {1: f"the session ended before {t:.2f} s"}
-
-
-@pytest.mark.parametrize("t", [0.2, 1.0, 3.0, 3.04, 7.25, 12.3])
-def test_an_inserted_changepoint_is_at_the_observation_that_it_is_looked_up_at(shown: Pipeline, t: float):
-    index = shown.observation_at(t)
-    by_index = shown.corrected([ResolvedEdit(starts=(index,))]).view
-    by_time = with_one(shown, Insert(t=t))
-    assert [one.kind for one in by_index.segments] == [one.kind for one in by_time.segments]
-    (put,) = [one.t for one in by_time.changepoints if one.corrected]
-    assert isinstance(shown, SegmentationPipeline)
-    middle = 0.5 * (shown._history.t(index - 1) + shown._history.t(index))
-    assert put == pytest.approx(middle)
-
-
-@pytest.mark.parametrize("action", [Undo(), Redo()])
-def test_with_nothing_to_undo_or_redo_an_edit_is_refused(action: Action):
-    with pytest.raises(ProtocolError, match="nothing to"):
-        _with(EditHistory(), action)
-
-
-def test_corrections_are_bounded():
-    full = EditHistory(active=(ResolvedEdit(),) * MAX_CORRECTIONS)
-    with pytest.raises(ProtocolError, match=f"limit {MAX_CORRECTIONS}"):
-        _with(full, Insert(t=1.0))
-
-
-def test_the_filter_is_informed_once_for_each_observation_and_the_later_word_counts():
-    said = FilterConstraints(
-        [ResolvedEdit(none=(3, 4)), ResolvedEdit(inserted=0.35), ResolvedEdit(none=(5,), starts=(6,))]
-    )
-    reported = [said.start(index, 0.1 * index) for index in range(8)]
-    assert reported == [None, None, None, False, True, False, True, None]
-    assert [said.is_certain(index) for index in range(8)].count(True) == 2

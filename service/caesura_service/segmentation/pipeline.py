@@ -7,7 +7,6 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -49,10 +48,9 @@ from caesura_service.segmentation.corrections import (
     EditContext,
     FilterConstraints,
     ResolvedEdit,
-    VisibleChangepoint,
-    VisibleSegment,
     resolved,
 )
+from caesura_service.segmentation.edit_context import edit_context
 from caesura_service.segmentation.encoded_log import EncodedMessageLog, MessageSequence
 from caesura_service.segmentation.finalized_segments import SegmentEntry
 from caesura_service.segmentation.input_notes import standing_notes, wrench_report
@@ -501,40 +499,14 @@ class SegmentationPipeline:
     def _shown(self) -> EditContext:
         """What there is to correct."""
         parts = [*self._division.settled.since(0), *self._unsettled]
-        spans = [
-            VisibleSegment(
-                t0=part.segment.t0,
-                tn=part.segment.tn,
-                start=part.start,
-                end=part.end,
-                grows=i == len(parts) - 1 and not self._finished,
-            )
-            for i, part in enumerate(parts)
-        ]
-        return EditContext(
+        return edit_context(
+            parts,
+            self._division.online.boundaries,
+            self._view,
+            self.kinds,
             t_first=self._history.t(0) if parts else 0.0,
-            t_last=self._view.t,
             finished=self._finished,
-            marks=[self._mark(before, part) for before, part in pairwise(parts)],
-            spans=spans,
-            kinds=self.kinds,
-            apps=self._view.apps,
-            phases=self._view.phases,
             force_limit_n=self._opening.force_limit_n,
-        )
-
-    def _mark(self, before: SegmentEntry, part: SegmentEntry) -> VisibleChangepoint:
-        """A changepoint, with what lies between its neighbours."""
-        give_way()
-        between = range(before.start + 1, part.end)
-        shown, gaps = part.changepoint, self._division.online.boundaries
-        return VisibleChangepoint(
-            t=shown.t,
-            start=part.start,
-            t_low=shown.t if shown.t_low is None else shown.t_low,
-            t_high=shown.t if shown.t_high is None else shown.t_high,
-            between=tuple(index for index in between if index not in gaps),
-            after_gap=part.start in gaps,
         )
 
     def _left_out(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:

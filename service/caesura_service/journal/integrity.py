@@ -31,8 +31,7 @@ def integrity_error(database: sqlite3.Connection, path: Path) -> str | None:
     """
     if path.stat().st_size > CHECKED_BYTES or _found_in(database) is None:
         return None
-    for part in (path, path.with_name(path.name + "-wal")):
-        _read_through(part)
+    read_through(path)
     return _found_in(database)  # once more: SQLite lists some pages that could not be read as damaged
 
 
@@ -46,11 +45,12 @@ def _found_in(database: sqlite3.Connection) -> str | None:
     return None if found == ["ok"] else " ".join("; ".join(found).split())
 
 
-def _read_through(path: Path) -> None:
-    """Read a file to its end. Raises OSError where that fails; a missing file is no error."""
-    with suppress(FileNotFoundError), path.open("rb") as file:
-        while file.read(CHUNK_BYTES):
-            pass
+def read_through(path: Path) -> None:
+    """Read a file and its log to their ends. Raises OSError where that fails; a missing file is no error."""
+    for part in (path, path.with_name(path.name + "-wal")):
+        with suppress(FileNotFoundError), part.open("rb") as file:
+            while file.read(CHUNK_BYTES):
+                pass
 
 
 def repair_indices(database: sqlite3.Connection, path: Path, damage: str) -> bool:

@@ -49,6 +49,10 @@ class JournalDamagedError(JournalError):
     """The journal's content is not what was written; the message names the session and the record."""
 
 
+class JournalMalformedError(JournalDamagedError):
+    """SQLite calls the file malformed, as it also calls one that could not be read just then."""
+
+
 class JournalEmptyError(JournalError):
     """There is no journal in the file yet: its owner is about to create it."""
 
@@ -171,6 +175,9 @@ class Journal(Protocol):
 
     def release(self, station: str, session: str) -> None:
         """Release a closed session: from now on the journal decides whether it is kept."""
+
+    def check_readable(self) -> None:
+        """Read everything once. Raises JournalError where the disk refuses that."""
 
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Rename a damaged session to free its name; return the new one. Raises JournalError."""

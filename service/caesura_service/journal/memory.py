@@ -131,6 +131,9 @@ class MemoryJournal:
         sizes = list(self._sizes.items())
         return tuple(StoredOutcome(key, size) for key, size in reversed(sizes) if key in self._outcomes)
 
+    def check_readable(self) -> None:
+        """Do nothing: memory is readable."""
+
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Delete a damaged session: memory keeps none."""
         self.delete(station, session)

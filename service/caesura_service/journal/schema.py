@@ -28,6 +28,7 @@ from caesura_service.journal.journal import (
     JournalEmptyError,
     JournalError,
     JournalFullError,
+    JournalMalformedError,
 )
 
 APPLICATION_ID = 0x43616573  # "Caes"
@@ -247,7 +248,7 @@ REMEDIES: Mapping[str, str] = {
     "SQLITE_PERM": "cannot be opened: let this user read and write it, or name another --journal",
     "SQLITE_BUSY": "is in use by another process: end that one, or name another --instance or --journal",
     "SQLITE_NOTADB": "is no journal: move it away, or name another --journal",
-    "SQLITE_CORRUPT": "is damaged: move it away, or name another --journal",
+    "SQLITE_CORRUPT": "is damaged, or its disk fails: look after the disk and start the service again",
     "SQLITE_IOERR_SHMSIZE": "cannot be opened, there is no room left: free some, or name another --journal",
     "TOO_MANY_FILES": f"cannot be opened, {RAISE_LIMIT}",
     "SQLITE_IOERR": "cannot be read or written, the disk fails or is full: free some room, or look after it",
@@ -257,7 +258,7 @@ KINDS = {
     "QUOTA_FULL": JournalFullError,
     "SQLITE_IOERR_SHMSIZE": JournalFullError,
     "SQLITE_BUSY": JournalBusyError,
-    "SQLITE_CORRUPT": JournalDamagedError,
+    "SQLITE_CORRUPT": JournalMalformedError,
 }
 
 

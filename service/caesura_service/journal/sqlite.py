@@ -24,7 +24,13 @@ from typing import Self
 from caesura_protocol.messages import Edit, EditProgram, JournalReport
 from caesura_service.journal.deletion import mark_deleted
 from caesura_service.journal.edits import AppliedEdit
-from caesura_service.journal.integrity import integrity_error, move_aside, open_damaged, repair_indices
+from caesura_service.journal.integrity import (
+    integrity_error,
+    move_aside,
+    open_damaged,
+    read_through,
+    repair_indices,
+)
 from caesura_service.journal.journal import (
     Copy,
     JournalError,
@@ -220,6 +226,11 @@ class SqliteJournal(SqliteWriter):
 
     def release(self, station: str, session: str) -> None:
         """Do nothing: the session stays until retention deletes it."""
+
+    def check_readable(self) -> None:
+        """Read the file and its log once. Raises JournalError where the disk refuses that."""
+        with map_sqlite_errors(self.path):
+            read_through(self.path)
 
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Rename a session to a name that no other can have; return it."""

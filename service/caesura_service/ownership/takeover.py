@@ -12,7 +12,15 @@ from contextlib import suppress
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
-from caesura_service.journal import Copy, Journal, JournalDamagedError, JournalError, Key, Outcome
+from caesura_service.journal import (
+    Copy,
+    Journal,
+    JournalDamagedError,
+    JournalError,
+    JournalMalformedError,
+    Key,
+    Outcome,
+)
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.publishing.events import Output, Owner, PipelineFactory, TakeoverFailed
 from caesura_service.segmentation.view import Pipeline
@@ -127,7 +135,7 @@ class Takeover:
         try:
             if copies.own is not None:
                 try:
-                    return (yield from self._replay_own(copies.own, owner))
+                    return (yield from self._replay_readable(copies.own, owner))
                 except JournalDamagedError as damage:
                     yield [TakeoverFailed(*key, damage)]
                     if self._own.outcome(*key) is not None:
@@ -139,6 +147,14 @@ class Takeover:
         except Exception as error:
             yield [TakeoverFailed(*key, error)]
             return None
+
+    def _replay_readable(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
+        """Replay a session, once more where it may only have been unreadable. Raises JournalError."""
+        try:
+            return (yield from self._replay_own(copy, owner))
+        except JournalMalformedError:
+            self._own.check_readable()
+        return (yield from self._replay_own(copy, owner))
 
     def _replay_own(self, copy: Copy, owner: Owner) -> Generator[list[Output], None, Session]:
         records = self._journals.own_records(copy)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import random
 import shutil
 import sqlite3
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -12,11 +14,13 @@ from pathlib import Path
 import pytest
 
 from caesura_protocol.messages import Ack, Edit, Insert, Undo
-from caesura_service.journal import JournalError, JournalSettings, PeerJournals, SqliteJournal
+from caesura_service.journal import JournalError, JournalSettings, PeerJournals, Record, SqliteJournal
 from caesura_service.journal.schema import COLUMNS_4
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.session_state import program_of
-from harness.sessions import NAME, STATION, answer, batches, new_registry, opening, unowned
+from harness.failing import SOURCE as FAILING
+from harness.power import COMPILER, NO_COMPILER, build, environment
+from harness.sessions import NAME, STATION, answer, batch, batches, new_registry, opening, unowned
 from harness.sessions import closing as close_of
 
 NEVER = JournalSettings(commit_s=3600.0)
@@ -236,3 +240,49 @@ def test_a_journal_of_version_3_is_read_by_itself_and_beside_and_goes_on(written
     spoil(path, f"UPDATE records SET at = at + 1 WHERE seq = {COUNT + 1}")
     _, said = after_restart(path, caplog)
     assert any("is damaged: its checksum" in line for line in said)
+
+
+UNREADABLE = """
+import ctypes, sys
+from pathlib import Path
+from caesura_service.journal import SqliteJournal
+from harness.sessions import new_registry
+path, only_once = Path(sys.argv[1]), int(sys.argv[2])
+fail_from = ctypes.CDLL(None).fail_from
+with SqliteJournal(path) as journal:
+    registry = new_registry(journal)
+    replay, calls = registry._takeover._replay_own, []
+    def failing(*given):
+        if not calls:
+            journal._database.execute("PRAGMA shrink_memory")
+            fail_from(1, only_once)
+        calls.append(given)
+        return replay(*given)
+    registry._takeover._replay_own = failing
+    left_out = registry.restore()
+    failed = fail_from(0, 0)
+    print(bool(failed), len(left_out), len(registry.index.all_states()), *journal.sessions())
+    for each in left_out:
+        print(each.error)
+"""
+
+
+@pytest.mark.skipif(COMPILER is None, reason=NO_COMPILER)
+@pytest.mark.parametrize("only_once", [1, 0])
+def test_a_session_that_cannot_be_read_just_then_is_not_set_aside(tmp_path, only_once):
+    """SQLite calls a file malformed that it cannot read: the session was set aside, for good."""
+    library, journals = tmp_path / "failing.so", tmp_path / "journals"
+    with SqliteJournal(journals / "caesura-1.sqlite", NEVER) as journal:
+        journal.append(Record(STATION, NAME, 0.0, opening()))
+        for seq in range(300):
+            journal.append(Record(STATION, NAME, 0.0, batch(seq)))
+    build(FAILING, library)
+    watched = {"LD_PRELOAD": str(library), "FAILING_IN": str(journals)}
+    command = [sys.executable, "-c", UNREADABLE, str(journals / "caesura-1.sqlite"), str(only_once)]
+    ended = subprocess.run(
+        command, env=environment() | watched, capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    said, *why = ended.stdout.splitlines()
+    assert said == f"True {1 - only_once} {only_once} ('cell-1', 's1')"
+    assert all("cannot be read or written, the disk fails" in one for one in why)

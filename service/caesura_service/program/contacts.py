@@ -51,9 +51,14 @@ def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Co
 def still_touching(
     contact: ProgramSegment, last: ProgramSegment, step: ProgramSegment, context: Context
 ) -> ProgramSegment:
-    """What follows a contact is one too, where its force lasts and the tool does not leave."""
+    """What follows a contact is one too, where its force lasts and the tool does not leave.
+
+    But what the fingers hold, and weighs more, has been lifted off what it touched.
+    """
     base = base_after(last, context)
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
+    if holds(step, context.grips) and _is_lifted(step, forces, base, context):
+        return step
     return _touching(normal, PUSHES_BACK_N, base, step, forces, context)
 
 
@@ -62,7 +67,8 @@ def set_down(
 ) -> ProgramSegment:
     """A load keeps its weight, and in the air nothing resists a short movement into a contact.
 
-    Where the force changes by more than a bias can and stays so, it touches.
+    Where the force changes by more than a bias can and stays so, it touches. But what weighs more has been
+    lifted off what bore it.
     """
     segment = step.segment
     arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
@@ -71,7 +77,17 @@ def set_down(
     base = base_after(last, context)
     forces = _felt(step, context)
     changed = context.median(forces) - base if len(forces) else np.zeros(3)
+    if _is_lifted(step, forces, base, context):
+        return step
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
+
+
+def _is_lifted(step: ProgramSegment, forces: NDArray[np.float64], base: Vector, context: Context) -> bool:
+    """Is what a step carries heavier, by forces (n, 3) [N] over it, than it was at a base [N]?"""
+    if step.segment.contact != "transport" or not len(forces):
+        return False
+    x, y, z = (context.median(forces) - base).tolist()
+    return hangs((x, y, z), context.up)
 
 
 def _felt(step: ProgramSegment, context: Context) -> NDArray[np.float64]:
@@ -92,17 +108,11 @@ def _touching(
     forces: NDArray[np.float64],
     context: Context,
 ) -> ProgramSegment:
-    """A step as a contact, where its forces along a normal stay above a base and the tool does not leave.
-
-    But what is carried and weighs more has been lifted off what bore it.
-    """
+    """A step as a contact, where its forces along a normal stay above a base and the tool does not leave."""
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step
-    held: Vector = tuple(context.median(forces).tolist())
-    x, y, z = np.subtract(held, base).tolist()
-    if step.segment.contact == "transport" and hangs((x, y, z), context.up):
-        return step
+    held: tuple[float, ...] = tuple(context.median(forces).tolist())
     return replace(step.read_as("contact", force_held=held), base=base)
 
 

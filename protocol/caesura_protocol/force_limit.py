@@ -10,6 +10,7 @@ from caesura_protocol.messages import App, RestForce
 from caesura_protocol.number_words import fixed
 
 LEAST_FORCE_N = 1e-3  # of a press, for it to have a direction: scripts state forces in such steps
+LEAST_PRESS_N = 1.0  # of a press that a robot holds
 CUT_SHARE = 1e-9  # of a force that may be missing where nothing was cut
 
 
@@ -24,6 +25,11 @@ class ExertedForce(NamedTuple):
     def is_cut(self) -> bool:
         """Is less exerted than was taught?"""
         return self.newton < self.newton_taught * (1.0 - CUT_SHARE)
+
+    @property
+    def is_raised(self) -> bool:
+        """Is a rest pressed with what a robot holds at least, and was taught with less?"""
+        return bool(self.when) and self.newton_taught < LEAST_PRESS_N <= self.newton
 
 
 def is_press(newton: float) -> bool:
@@ -57,7 +63,7 @@ def exerted_forces(app: App) -> Iterator[ExertedForce]:
 
 
 def force_in_words(app: App) -> str:
-    """The size of an app's force, with what was taught where a limit has cut it; empty without a force.
+    """The size of an app's force, with what was taught where a limit has changed it; empty without a force.
 
     What rests beside a path are pressed with stands in brackets.
     """
@@ -86,5 +92,5 @@ def is_path_limited(app: App) -> bool:
 
 
 def _in_words(force: ExertedForce) -> str:
-    cut = f" of {fixed(force.newton_taught, 1)} N taught" if force.is_cut else ""
-    return f"{fixed(force.newton, 1)} N{cut}{f' {force.when}' if force.when else ''}"
+    taught = f" of {fixed(force.newton_taught, 1)} N taught" if force.is_cut or force.is_raised else ""
+    return f"{fixed(force.newton, 1)} N{taught}{f' {force.when}' if force.when else ''}"

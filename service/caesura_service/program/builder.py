@@ -23,6 +23,7 @@ from types import MappingProxyType
 import numpy as np
 
 from caesura_protocol.app_kinds import AppKind
+from caesura_protocol.force_limit import LEAST_PRESS_N
 from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
 from caesura_protocol.screw_motion import exerted
 from caesura_protocol.upright import UP
@@ -348,7 +349,8 @@ def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
     taught_n, limit_n = rest_force_n(rests, group.moment_at), group.force_limit_n
     if taught_n is None:
         return None
-    return RestForce(newton=taught_n if limit_n is None else min(taught_n, limit_n), newton_taught=taught_n)
+    newton = max(taught_n, LEAST_PRESS_N)
+    return RestForce(newton=newton if limit_n is None else min(newton, limit_n), newton_taught=taught_n)
 
 
 def _carries(group: _Group) -> Iterable[App]:

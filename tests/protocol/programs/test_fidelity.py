@@ -166,6 +166,15 @@ def test_a_rest_whose_force_was_cut_is_a_force_that_was_limited():
     assert reasons == ["force limited: 10.0 N (12.0 N of 18.0 N taught before, 5.0 N after)"]
 
 
+def test_a_rest_that_was_hardly_pressed_is_named_where_a_robot_presses_harder():
+    touch, stroke = pressed_harder_before()
+    hardly = stroke.model_copy(update={"rest_before": RestForce(newton=1.0, newton_taught=0.26)})
+    assert "presses harder than it was taught to: 1.0 N of 0.3 N taught before, 5.0 N after" in reasons(
+        (touch, hardly)
+    )
+    assert not any("harder" in reason for reason in reasons((touch, stroke)))
+
+
 def test_the_force_of_a_rest_that_has_no_time_is_named():
     # Without a path nothing says how long a rest lasted: one force was pressed over all of it, in silence.
     touch, stroke = pressed_harder_before()

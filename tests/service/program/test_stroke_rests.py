@@ -167,6 +167,18 @@ def test_a_rest_between_two_strokes_belongs_to_the_one_that_is_pressed_as_it_is(
     assert (hard.rest_before if rest_n < 10.0 else soft.rest_after) is None
 
 
+def test_a_rest_that_is_hardly_pressed_has_the_least_force_that_a_robot_holds() -> None:
+    """A peg touched its hole, hovered over it and slid on: 0.26 N, and the check refused the program."""
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("contact", 2.0, 4.0, **held(10.0)),
+        segment("sliding", 4.0, 6.0, **held(10.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=0.0 if t < 2.0 else 0.3 if t < 4.0 else 10.0),
+    )
+    (rest,) = (app.rest_before for app in made if app.rest_before is not None)
+    assert (rest.newton, rest.newton_taught) == (1.0, pytest.approx(0.3))
+
+
 def test_what_a_touch_pushes_in_before_a_stroke_is_its_beginning() -> None:
     into = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.195)}
     made = program(

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import exerted_forces, force_in_words
+from caesura_protocol.force_limit import exerted_forces, force_in_words, rests_in_words
 from caesura_protocol.messages import App, Gap, ViaPoint, WrenchReport
 from caesura_protocol.number_words import fixed, interval, reads_above
 from caesura_protocol.programs.app_times import part_of, rests_of
@@ -211,6 +211,10 @@ def _force_limits(app: App) -> Iterator[Reason]:
     if cut:
         hardest = max(cut, key=lambda force: force.newton_taught)
         yield (f"force limited: {force_in_words(app)}", hardest.newton_taught, hardest.newton)
+    for force in exerted_forces(app):
+        if force.is_raised:
+            reason = f"presses harder than it was taught to: {rests_in_words(app)}"
+            yield (reason, force.newton, force.newton_taught)
     if app.force is None and app.force_taught is not None:
         newtons = float(np.linalg.norm(app.force_taught))
         reason = f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce"

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS
-from caesura_protocol.force_limit import exerted_forces
+from caesura_protocol.force_limit import LEAST_PRESS_N, exerted_forces
 from caesura_protocol.messages import JOINTS_MOST, App
 from caesura_protocol.number_words import fixed, reads_above
 from caesura_protocol.programs.checks.findings import Finding
@@ -35,7 +35,6 @@ ONE = (1,)
 LEAST_S = 0.1
 ABSURD = 1e6  # no number of a program is larger, whatever its unit
 LATEST_S = 1e10  # but a time, which may be one of day
-LEAST_PRESS_N = 1.0
 UNIT_TOLERANCE = 0.05  # of a quaternion's length
 WIDTH_TOLERANCE_M = 0.005  # fingers that are wide open say a little more than they open
 FORCE_TOLERANCE_N = 1e-6

@@ -185,7 +185,8 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
     fastest = float(np.linalg.norm(done.trace.twist[:, :3], axis=1).max())
     strongest = float(np.linalg.norm(done.trace.contact, axis=1).max())
     typer.echo(
-        f"{seconds:.1f} s, at most {fastest:.2f} m/s and {strongest:.1f} N" + (f"; {out}" if out else "")
+        f"{seconds:.1f} s, at most {1000.0 * fastest:.0f} mm/s and {strongest:.1f} N"
+        + (f"; {out}" if out else "")
     )
     if done.stopped is not None:
         kind = "" if done.at is None else f" in {app_name(done.at, program.apps[done.at].kind)}"

@@ -151,6 +151,9 @@ def test_what_corrections_have_changed_since_one_is_that_of_the_later_ones_alone
         begin = every.effect.first_segment
         shown = snapshot.segments.segments[begin : begin + len(rows)]
         assert [*map(outlined, rows)] == [*map(outlined, shown)] != []
+    refused = real.preview(Since(number=3))
+    assert isinstance(refused, ProtocolError)
+    assert (refused.value, refused.limit) == (3, 2)
     assert snapshot_of(real.standing) == corrected
 
 

@@ -9,6 +9,9 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from caesura_protocol.app_kinds import app_number, app_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.number_words import fixed
@@ -17,6 +20,7 @@ from caesura_protocol.rotations import angle_between
 from caesura_protocol.upright import up_text
 
 ALONE, FAR_M = 0.7, 0.1  # cost of an app that only one has; targets this far apart cost 1
+TIE = 1e-9  # costs that differ by less are equal: they are sums in different orders
 
 
 class LeastDifferences(NamedTuple):
@@ -91,22 +95,26 @@ def _words(one: App, other: App, least: LeastDifferences, between: str) -> list[
 def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None, int | None]]:
     """Return the apps that belong together, in order, at the least cost; None beside an app without another.
 
-    As an edit distance: a pair of one kind costs what its targets are apart, an app alone `ALONE`.
+    As an edit distance: a pair of one kind costs what its targets are apart, an app alone `ALONE`. A row of
+    costs is computed at once: going right costs ALONE a step, so the least is a running minimum.
     """
-    cost = [[ALONE * j for j in range(len(others) + 1)]]
+    steps = ALONE * np.arange(len(others) + 1)
+    is_pair = np.zeros((len(apps) + 1, len(others) + 1), dtype=bool)
+    is_alone = np.zeros_like(is_pair)
+    is_alone[1:, 0] = True
+    cost, places = steps, _Places(others)
     for i, app in enumerate(apps, start=1):
-        row = [ALONE * i]
-        for j, other in enumerate(others, start=1):
-            together = cost[i - 1][j - 1] + _apart(app, other)
-            row.append(min(together, cost[i - 1][j] + ALONE, row[-1] + ALONE))
-        cost.append(row)
+        alone = cost + ALONE
+        together = np.append(np.inf, cost[:-1] + places.apart(app))
+        cost = steps + np.minimum.accumulate(np.minimum(alone, together) - steps)
+        is_pair[i], is_alone[i] = together <= cost + TIE, alone <= cost + TIE
     i, j = len(apps), len(others)
     pairs: list[tuple[int | None, int | None]] = []
     while i or j:
-        if i and j and cost[i][j] == cost[i - 1][j - 1] + _apart(apps[i - 1], others[j - 1]):
+        if is_pair[i, j]:
             i, j = i - 1, j - 1
             pairs.append((i, j))
-        elif i and cost[i][j] == cost[i - 1][j] + ALONE:
+        elif is_alone[i, j]:
             i -= 1
             pairs.append((i, None))
         else:
@@ -115,13 +123,23 @@ def _pairs(apps: Sequence[App], others: Sequence[App]) -> list[tuple[int | None,
     return pairs[::-1]
 
 
-def _apart(app: App, other: App) -> float:
-    """What it costs to take two apps for the same one; 0 for the same target, infinite for another kind."""
-    if app.kind != other.kind:
-        return math.inf
-    if app.target is None or other.target is None:
-        return 0.0 if app.target == other.target else 1.0
-    return min(1.0, math.dist(app.target, other.target) / FAR_M)
+class _Places:
+    """Kinds and targets of apps, to be compared with one app at once."""
+
+    def __init__(self, apps: Sequence[App]) -> None:
+        nowhere = (math.nan,) * 3
+        self._kinds = np.array([app.kind for app in apps], dtype=str)
+        self._targets = np.array([app.target or nowhere for app in apps]).reshape(-1, 3)  # (n, 3) [m]
+        self._has_target = np.array([app.target is not None for app in apps], dtype=bool)
+
+    def apart(self, app: App) -> NDArray[np.float64]:
+        """Return (n,) costs of taking each for the app: 0 for the same target, infinite for another kind."""
+        if app.target is None:
+            cost = self._has_target.astype(np.float64)
+        else:
+            far = np.linalg.norm(self._targets - app.target, axis=1) / FAR_M
+            cost = np.where(self._has_target, np.minimum(far, 1.0), 1.0)
+        return np.where(self._kinds == app.kind, cost, np.inf)
 
 
 def _named(apps: Sequence[App], index: int) -> str:

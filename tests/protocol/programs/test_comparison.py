@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+
 from caesura_protocol.messages import App
-from caesura_protocol.programs.comparison import REPETITION, compared
+from caesura_protocol.programs.comparison import ALONE, FAR_M, REPETITION, compared
 from clients.examples import example
 
 APP = example(App)
@@ -39,3 +46,46 @@ def test_an_app_that_only_one_has_is_named_and_the_rest_stays_paired():
     press = move(kind="apply_force")
     pairs = compared([move(), press, move()], [move(), move()], REPETITION)
     assert pairs == [(0, 0, ()), (1, None, ()), (2, 1, ())]
+
+
+@pytest.mark.parametrize("count", range(21))  # sums of 0.7 differ by their order from the sixth on
+def test_a_program_without_apps_is_compared_with_any(count):
+    apps = [move() for _ in range(count)]
+    assert compared(apps, []) == [(index, None, ()) for index in range(count)]
+    assert compared([], apps) == [(None, index, ()) for index in range(count)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pairs_cost_as_little_as_any(seed):
+    rng = np.random.default_rng(seed)
+    programs = [[some(rng) for _ in range(rng.integers(0, 5))] for _ in range(2)]
+    found = [(one, other) for one, other, _ in compared(*programs)]
+    assert cost(found, *programs) == pytest.approx(min(cost(one, *programs) for one in pairings(*programs)))
+
+
+def some(rng: np.random.Generator) -> App:
+    target = tuple(0.06 * rng.random(3)) if rng.random() < 0.8 else None
+    return move(kind=str(rng.choice(["cartesian_motion", "apply_force"])), target=target)
+
+
+def pairings(apps: Sequence[App], others: Sequence[App]) -> Iterator[list[tuple[int | None, int | None]]]:
+    """Every way of pairing some apps in order."""
+    for count in range(min(len(apps), len(others)) + 1):
+        for first, second in product(
+            combinations(range(len(apps)), count), combinations(range(len(others)), count)
+        ):
+            alone = [(i, None) for i in range(len(apps)) if i not in first]
+            rest = [(None, j) for j in range(len(others)) if j not in second]
+            yield [*zip(first, second, strict=True), *alone, *rest]
+
+
+def cost(pairs: Sequence[tuple[int | None, int | None]], apps: Sequence[App], others: Sequence[App]) -> float:
+    return sum(ALONE if i is None or j is None else apart(apps[i], others[j]) for i, j in pairs)
+
+
+def apart(one: App, other: App) -> float:
+    if one.kind != other.kind:
+        return math.inf
+    if one.target is None or other.target is None:
+        return float(one.target is not other.target)
+    return min(1.0, math.dist(one.target, other.target) / FAR_M)

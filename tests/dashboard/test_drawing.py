@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from caesura_clients.correction_words import transport_doubt
-from caesura_clients.dashboard.drawing import SentState, delta, phase_row, run_lengths, segment_row
+from caesura_clients.dashboard.drawing import SentState, beginning, delta, phase_row, run_lengths, segment_row
 from caesura_protocol.messages import Phase, Posterior
 from clients.examples import changepoint, example, segment
 
@@ -64,6 +64,26 @@ def test_a_browser_that_takes_every_difference_has_everything(updates):
         assert browser.segments == [segment_row(part) for part in one.segments]
         assert browser.phases == [phase_row(part) for part in one.phases]
         assert [row[0] for row in browser.changepoints] == [point.t for point in one.changepoints]
+
+
+def test_a_page_begins_with_what_its_samples_need_and_gets_the_rest_after(updates):
+    browser, two = Browser(), updates[1]
+    sent, payload = beginning(two)
+    browser.apply(payload)
+    assert browser.segments == [segment_row(two.segments[0])]
+    assert not browser.phases
+    assert not browser.changepoints
+    _, rest = delta(sent, two)
+    browser.apply(rest)
+    assert browser.segments == [segment_row(one) for one in two.segments]
+    assert len(browser.phases) == 2
+    assert rest["segments"]["first"] == 1
+    assert rest["t"] == payload["t"]
+    assert "reset" not in rest
+
+
+def test_a_page_of_an_unknown_session_begins_empty():
+    assert beginning(None) == (SentState(), {})
 
 
 def test_a_browser_that_missed_some_catches_up_at_once(updates):

@@ -11,7 +11,7 @@ people read as 0 of it. Signals go another way: a page asks for those that it sh
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from caesura_clients.correction_words import described, transport_doubt
@@ -42,6 +42,15 @@ def delta(sent: SentState, update: Update | None) -> tuple[SentState, dict[str, 
     if update is not sent.update:
         payload |= _changes(sent.update, update)
     return SentState(update.session, update), payload
+
+
+def beginning(update: Update | None) -> tuple[SentState, dict[str, Any]]:
+    """As `delta` for a page that has nothing yet: what it needs to ask for samples, without the long rows."""
+    if update is None:
+        return SentState(), {}
+    short = replace(update, segments=update.segments[:1], phases=(), changepoints=())
+    sent, payload = delta(SentState(), short)
+    return sent, payload | {"t": round(reached(update), 3)}
 
 
 def _changes(before: Update | None, after: Update) -> dict[str, Any]:

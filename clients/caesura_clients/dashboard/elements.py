@@ -17,7 +17,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import changes
-from caesura_clients.dashboard.drawing import SentState, correction_rows, delta
+from caesura_clients.dashboard.drawing import beginning, correction_rows, delta
 from caesura_clients.dashboard.station_summary import session_clock
 from caesura_clients.results import Update
 
@@ -199,6 +199,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
     def __init__(
         self,
         station: str,
+        update: Update | None,
         *,
         editable: bool,
         replay: bool,
@@ -206,10 +207,14 @@ class SessionView(LiveElement, component="web/session_view.js"):
         on_preview: Callable[[GenericEventArguments], Any],
         linked: bool = False,
     ) -> None:
-        """on_preview: as on_edit, of what it would change. linked: it moves with the page's other one."""
-        super().__init__()
+        """update: of the session, with which the page begins.
+
+        on_preview: as on_edit, of what it would change. linked: it moves with the page's other one.
+        """
+        self._at_first, initial = beginning(update)
+        super().__init__(initial)
         self._props |= {"station": station, "editable": editable, "replay": replay, "linked": linked}
-        self._known = SentState()
+        self._known = self._at_first
         self._stands: dict[str, Any] = {}
         self.shows_run_lengths = False
         self.on("edit", on_edit)
@@ -249,7 +254,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
 
     def _begin(self) -> None:
         super()._begin()
-        self._known, self._stands = SentState(), {}
+        self._known, self._stands = self._at_first, {}
         self.shows_run_lengths = False
 
     def _want(self, event: GenericEventArguments) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from nicegui import ui
+from nicegui import run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
@@ -41,10 +41,12 @@ class ComparePage:
                 button.on("click", js_handler=TOGETHER)
                 text("span", HELP).classes("help")
             with Element("div").classes("pair"):
-                self._halves = [_Half(*named) for named in self._named]
-            self._tables = Tables({"warnings": [], "tables": []})
+                self._halves = [_Half(site, *named) for named in self._named]
+            self._shown: dict[str, Any] = {"warnings": [], "tables": []}
+            self._tables = Tables(self._shown)
         self._tick()
         ui.timer(TICK_S, self._tick)
+        ui.timer(TICK_S, self._compare)
 
     def _tick(self) -> None:
         world = self._gateway.world
@@ -52,24 +54,35 @@ class ComparePage:
         updates = [world.update(*named) for named in self._named]
         for half, update in zip(self._halves, updates, strict=True):
             half.show(update)
+
+    async def _compare(self) -> None:
+        """Compare the programs where one has changed, without delaying any other page."""
+        updates = [self._gateway.world.update(*named) for named in self._named]
         programs = tuple(update.program for update in updates if update is not None)
         if len(programs) == 2 and programs != self._compared:
-            self._compared = programs
-            self._shown = _tables(*programs)
-        if self._compared:
-            self._tables.show(self._shown)
+            found = await run.io_bound(_tables, *programs)
+            if found is None or self._tables.is_deleted:  # the dashboard, or the page, is ending
+                return
+            self._compared, self._shown = programs, found
+        self._tables.show(self._shown)
 
 
 class _Half:
     """One of the two sessions."""
 
-    def __init__(self, station: str, session: str) -> None:
+    def __init__(self, site: Site, station: str, session: str) -> None:
         with Element("section").props(f'aria-label="{station}/{session}"'):
             with Element("h2"):
                 self._link = text("a", session).props(f'href="/sessions/{station}/{session}"')
             self._line = text("p", "").classes("state-line")
             self._view = SessionView(
-                station, editable=False, replay=True, on_edit=_ignore, on_preview=_ignore, linked=True
+                station,
+                site.gateway.world.update(station, session),
+                editable=False,
+                replay=True,
+                on_edit=_ignore,
+                on_preview=_ignore,
+                linked=True,
             )
         self._station, self._session = station, session
 

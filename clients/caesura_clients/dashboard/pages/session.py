@@ -61,6 +61,7 @@ class SessionPage:
                 )
                 self._view = SessionView(
                     station,
+                    site.gateway.world.update(station, session),
                     editable=self._corrector is not None,
                     replay=session is not None,
                     on_edit=self._edit,

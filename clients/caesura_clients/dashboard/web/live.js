@@ -9,7 +9,7 @@ export const live = {
     },
   },
   mounted() {
-    if (this.initial) this.apply(this.initial);
+    if (this.initial) this.$nextTick(() => this.apply(this.initial)); // once the component itself is mounted
     this.$emit("ready", null);
   },
 };

@@ -17,13 +17,14 @@ export class Plots {
   constructor(host, state) {
     Object.assign(this, { host, state, plots: new Map(), ink: state.ink() });
   }
-  // Show these panels, in this order.
+  // Show these panels, in this order. Returns whether they, or their width, are others than before.
   show(panels) {
     const key = JSON.stringify([panels.map(({ name, unit, title, columns }) => [name, unit, title, columns]), this.host.clientWidth]);
-    if (key === this.key) return;
+    if (key === this.key) return false;
     this.key = key;
     this.close();
     panels.forEach((panel, i) => this.plots.set(panel.name, this.make(panel, i === panels.length - 1)));
+    return true;
   }
   close() {
     for (const { plot, box, painter } of this.plots.values()) {

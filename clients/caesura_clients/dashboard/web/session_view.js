@@ -230,7 +230,7 @@ export default {
       if (this.columns) drawRunLengths(this.$refs.lengths, this.scale(), this.columns, this.plots.ink);
     },
     arrange() { // other panels, or another width
-      this.plots.show(this.panels);
+      if (!this.plots.show(this.panels)) return; // a panel more makes the view higher, and all stays as it is drawn
       if (this.menu) Object.assign(this.menu, { x: this.scale().x(this.cursor), width: this.$refs.plots.clientWidth });
       this.moved();
     },

@@ -50,7 +50,7 @@ export const view = {
     },
 
     // --- what is loaded: one request at a time, then one for what is shown by then ---
-    want(after = WAIT_MS) {
+    want(after = 0) {
       if (this.waiting || this.loading) return;
       this.waiting = setTimeout(() => {
         this.waiting = 0;

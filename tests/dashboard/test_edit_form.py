@@ -228,6 +228,43 @@ def mm(metres: float) -> str:
     return f"{1000 * metres:.1f}".removesuffix(".0")
 
 
+def test_an_app_is_inserted_as_the_first_one(desk: Desk):
+    taught = desk.program.apps
+    form = desk.page.locator(".first-app")
+    form.locator("summary").press("Enter")
+    form.locator("select").select_option("hold")
+    x, y, z = taught[0].target or (0.0, 0.0, 0.0)
+    height = form.get_by_label("New target z in mm")
+    expect(height, "where nothing is typed the app is where the next one is").to_have_attribute(
+        "placeholder", mm(z)
+    )
+    looks_right(desk.visitor, "first-app")
+    height.fill(f"{1000 * z + 20:.1f}")
+    desk.page.get_by_role("button", name="Insert as the first app").press("Enter")
+    desk.is_said("'hold' inserted to the beginning.")
+    made, *behind = desk.program.apps
+    assert (made.kind, made.target) == ("hold", (x, y, pytest.approx(z + 0.02, abs=1e-4)))
+    assert [one.kind for one in behind] == [one.kind for one in taught]
+    expect(desk.page.locator(".app h3").first).to_contain_text("1 · hold")
+
+
+def test_a_program_without_apps_gets_one(desk: Desk):
+    for count in range(len(desk.program.apps), 0, -1):
+        expect(desk.page.locator(".app")).to_have_count(count)
+        desk.page.locator(".app-edit:not(.first-app) summary").last.press("Enter")
+        desk.page.get_by_role("button", name=f"Delete app {count}", exact=True).press("Enter")
+    expect(desk.page.locator(".app")).to_have_count(0)
+    form = desk.page.locator(".first-app")
+    form.locator("summary").press("Enter")
+    form.locator("select").select_option("move_to_contact")
+    for axis, value in zip("xyz", (400, 0, 300), strict=True):
+        form.get_by_label(f"New target {axis} in mm").fill(str(value))
+    form.locator(".insert-app").press("Enter")
+    expect(desk.page.locator(".app h3")).to_contain_text(["move to contact"])
+    (made,) = desk.program.apps
+    assert made.target == pytest.approx((0.4, 0.0, 0.3))
+
+
 def test_a_new_gripper_move_gets_a_width(desk: Desk):
     form = new_app(desk.open_form("move_to_contact"), "gripper_move")
     expect(form.locator(".new-seconds")).to_have_count(0)

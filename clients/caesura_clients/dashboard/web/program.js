@@ -1,5 +1,6 @@
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
+import NewApp from "caesura-dashboard/new_app.js";
 import AppCard from "caesura-dashboard/program_card.js";
 import ProgramPath from "caesura-dashboard/program_path.js";
 import ProgramVersions from "caesura-dashboard/program_versions.js";
@@ -10,7 +11,7 @@ const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; /
 
 export default {
   mixins: [live],
-  components: { AppCard, ProgramPath, ProgramVersions },
+  components: { AppCard, NewApp, ProgramPath, ProgramVersions },
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel", "compare"],
   provide() {
@@ -45,6 +46,8 @@ export default {
       </ul>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
+      <details v-if="program && editable" class="app-edit first-app"><summary>New first app</summary>
+        <new-app :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="say"></new-app></details>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
         <app-card v-for="app in program.apps" :key="key(app)" :app="app" :start="program.start" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
           :busy="busy" @edit="say"></app-card>

@@ -1,6 +1,7 @@
 // Editing an app at its card: its values, its place, a copy, another app behind it. One form, one edit, one undo.
+import NewApp from "caesura-dashboard/new_app.js";
+
 const MM = 1000;
-const NEW = { name: "", target: ["", "", ""], force: [0, 0, ""], gripper_width: "", seconds: 2 }; // until others are typed
 const FIELDS = {
   speed: { label: "Speed [%]", scale: 100, step: 5, min: 10, max: 200 },
   force_n: { label: "Force [N]", scale: 1, step: 0.5, min: 0 },
@@ -9,10 +10,11 @@ const FIELDS = {
 };
 
 export default {
+  components: { NewApp },
   props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
   inject: ["appsShown"],
   emits: ["edit"],
-  data: () => ({ open: false, draft: null, kind: "", fresh: structuredClone(NEW), last: 0, session: "" }),
+  data: () => ({ open: false, draft: null, last: 0, session: "" }),
   template: `
     <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
       <summary :aria-label="'Edit app ' + app.number">Edit</summary>
@@ -34,23 +36,7 @@ export default {
         <button class="duplicate" :disabled="busy" :aria-label="'Duplicate app ' + app.number" @click="say({ do: 'duplicate', app: app.reference })">Copy</button>
         <button class="delete" :disabled="busy" :aria-label="'Delete app ' + app.number" @click="say({ do: 'delete', app: app.reference })">Delete</button>
       </div>
-      <form v-if="open" class="new-app" :aria-label="'New app behind app ' + app.number" @submit.prevent="insert">
-        <label>New app behind it <select v-model="kind"><option value="">choose</option>
-          <option v-for="[kind, title] in kinds" :key="kind" :value="kind">{{ title }}</option></select></label>
-        <template v-if="kind">
-          <label>Name <input class="new-name" v-model="fresh.name" maxlength="64" autocomplete="off"></label>
-          <fieldset v-if="states('target')"><legend>Target [mm]</legend>
-            <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'New target ' + axis + ' in mm'" type="number" step="any"
-              v-model.number="fresh.target[i]" :placeholder="before[i]" :required="isMoved && before[i] === undefined"></fieldset>
-          <fieldset v-if="states('force')"><legend>Force that the robot exerts [N], base frame</legend>
-            <input v-for="(axis, i) in ['x', 'y', 'z']" :key="axis" :aria-label="'New force ' + axis + ' in N'" type="number" step="any"
-              v-model.number="fresh.force[i]" :placeholder="axis" required></fieldset>
-          <label v-if="states('gripper_width')">Gripper width [mm]
-            <input class="new-gripper_width" type="number" step="any" min="0" v-model.number="fresh.gripper_width"></label>
-          <label v-if="states('seconds')">Duration [s] <input class="new-seconds" type="number" step="any" v-model.number="fresh.seconds" required></label>
-          <div class="row"><button class="insert-app" :disabled="busy" :aria-label="'Insert behind app ' + app.number">Add</button></div>
-        </template>
-      </form>
+      <new-app v-if="open" :behind="app" :near="app" :kinds="kinds" :busy="busy" @edit="say"></new-app>
       <fieldset v-if="open" class="again"><legend>Teach again</legend>
         <p v-if="!sessions.length">Teach the part in a session of its own at this station. Then it can be chosen here.</p>
         <template v-else>
@@ -63,15 +49,6 @@ export default {
         </template></fieldset>
     </details>`,
   computed: {
-    stated() { // the values that a new app of this kind may have
-      return (this.kinds.find(([kind]) => kind === this.kind) || [])[2] || [];
-    },
-    before() { // [mm] where this app leaves the flange, and a new one behind it stays
-      return (this.app.target || []).map((value) => +(MM * value).toFixed(1));
-    },
-    isMoved() {
-      return this.fresh.target.some((value) => value !== "");
-    },
     numbers() {
       return Object.entries(FIELDS).filter(([name]) => name in this.app.values);
     },
@@ -118,20 +95,6 @@ export default {
     move({ after }) {
       this.say({ do: "move", app: this.app.reference, after });
     },
-    states(name) {
-      return this.stated.includes(name);
-    },
-    insert() { // what is not typed is that of the app before it
-      const { fresh, app } = this, name = fresh.name.trim();
-      const given = {
-        target: this.isMoved && fresh.target.map((value, i) => (value === "" ? app.target[i] : value / MM)),
-        force: [...fresh.force],
-        gripper_width: fresh.gripper_width !== "" && fresh.gripper_width / MM,
-        seconds: fresh.seconds,
-      };
-      const values = Object.fromEntries(Object.entries(given).filter(([one, value]) => this.states(one) && value !== false));
-      this.say({ do: "insert", after: app.reference, kind: this.kind, ...(name && { name }), ...values });
-    },
     replace() {
       this.say({ do: "replace_part", first: this.app.reference, last: this.lastApp.reference, session: this.session });
     },
@@ -140,9 +103,6 @@ export default {
     },
   },
   watch: {
-    kind() {
-      this.fresh = structuredClone(NEW);
-    },
     app(now, before) { // what arrives while the form is open replaces what was not typed into
       if (!this.draft) return;
       const was = this.start(before), is = this.start(now);

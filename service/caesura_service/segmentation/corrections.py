@@ -175,7 +175,7 @@ class EditHistory:
         """Those that count, without what came after a number. Raises ProtocolError for one to come."""
         if number > self.revision:
             why = "the session has no such correction"
-            raise ProtocolError("conflict", why, value=number, limit=self.revision)
+            raise ProtocolError("malformed", why, value=number, limit=self.revision)
         return EditHistory(tuple(one for one in self.active if one.number <= number), (), self.revision)
 
     def after(self, edit: messages.Edit, at: float, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from caesura_clients.refusal_words import refusal_words
 from caesura_protocol.codec import pack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.formats.read import load_recording
@@ -154,6 +155,8 @@ def test_what_corrections_have_changed_since_one_is_that_of_the_later_ones_alone
     refused = real.preview(Since(number=3))
     assert isinstance(refused, ProtocolError)
     assert (refused.value, refused.limit) == (3, 2)
+    words = "the session has no such correction: 3, at most 2"
+    assert refusal_words(refused, Since(number=3)) == words
     assert snapshot_of(real.standing) == corrected
 
 

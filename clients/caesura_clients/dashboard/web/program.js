@@ -17,7 +17,7 @@ export default {
   provide() {
     return { appsShown: () => this.program.apps };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {} }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -46,13 +46,13 @@ export default {
       </ul>
       <p v-if="program && program.before" class="empty">The newest {{ program.apps.length }} apps; {{ program.before }} come
         before them.</p>
-      <details v-if="program && editable" class="app-edit first-app"><summary>New first app</summary>
-        <new-app :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="say"></new-app></details>
       <ol v-if="program && program.apps.length" ref="apps" class="apps" tabindex="0" aria-label="Apps in order">
         <app-card v-for="app in program.apps" :key="key(app)" :app="app" :start="program.start" :editable="editable" :sessions="program.sessions" :kinds="program.kinds"
           :busy="busy" @edit="say"></app-card>
       </ol>
       <p v-else class="empty">Nothing taught yet.</p>
+      <details v-if="program && editable" class="app-edit first-app" @toggle="inserts = $event.target.open"><summary>New first app</summary>
+        <new-app v-if="inserts" :near="program.before ? null : program.apps[0]" :kinds="program.kinds" :busy="busy" @edit="say"></new-app></details>
       <details v-if="program && program.edits.length" class="edits"><summary>Edits: {{ program.edits.length }}</summary>
         <ol><li v-for="[number, words, author, state, reason] in program.edits" :key="number" :value="number" :class="{ failed: reason }">
           {{ words }} – {{ author }}, {{ state }}{{ reason ? ": " + reason : "" }}</li></ol></details>

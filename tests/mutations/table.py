@@ -241,8 +241,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a preview decides when the next results are published",
         f"{SESSIONS}/pipeline_host.py",
-        "        return self._prepare(edit, at, copy(self._pipeline)).effect\n",
-        "        return self._prepare(edit, at, self._pipeline).effect\n",
+        "        present, action = copy(self._pipeline), asked.action\n",
+        "        present, action = self._pipeline, asked.action\n",
         (
             "tests/service/sessions/test_previews.py::"
             "test_a_preview_is_neither_recorded_nor_published_and_changes_no_later_result",

@@ -98,7 +98,7 @@ def test_default_without_a_principle_is_a_preset_too():
         (("--suite", "real", "--length-unit", "mm"), "--length-unit mm is for files, and --suite real"),
         ((BUTTON, "--mapping", "log.toml"), "--mapping log.toml is for csv files and rosbag2; button.npz"),
         ((BUTTON, "--preset", "nonsense"), "unknown preset"),
-        ((BUTTON, "--preset", "without"), "'without_power'"),
+        ((BUTTON, "--preset", "without"), ", without_power"),
         (("/nowhere/x.npz",), "no such file"),
         ((BUTTON, "-o", "/nowhere/x.txt", "--no-baselines", "--preset", "default"), "cannot write"),
     ],

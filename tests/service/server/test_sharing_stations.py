@@ -123,8 +123,10 @@ def test_a_station_is_taken_over_once_the_journal_can_be_read(floor, peer, monke
     """The takeover was given up with a traceback: the session was missing until a bridge opened it again."""
     station = WESTS[0]
     with floor.serving("east") as east:
+        opens(peer, station)
         with floor.serving("west") as west:
-            eventually(lambda: opens(peer, station).state == "open" and holds(west, station))
+            eventually(lambda: holds(west, station))
+            assert opens(peer, station).state == "open"
             peer.send(batch(0), station)
             assert peer.command(closing(0), station).state == "closed"
             eventually(lambda: holds(east))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,19 @@ from caesura_protocol.rotations import align_signs
 Array = NDArray[np.float64]
 
 
-def furthest(seen: Array, line: Array, tolerance_m: float, tolerance_rad: float) -> tuple[float, float]:
+def furthest(
+    pairs: Iterable[tuple[Array, Array]], tolerance_m: float, tolerance_rad: float
+) -> tuple[float, float]:
     """The largest distance [m] and angle [rad] from poses (n, 3 or 7) to the nearest ones of a line (m, …).
 
-    The nearest is that of the two divided by their tolerances. The angle is 0 without quaternions.
+    pairs: of poses and line. The nearest is that of the two divided by their tolerances. The angle is 0
+    without quaternions.
     """
+    off_m, off_rad = zip(*(_off(*pair, tolerance_m, tolerance_rad) for pair in pairs), strict=True)
+    return max(off_m), max(off_rad)
+
+
+def _off(seen: Array, line: Array, tolerance_m: float, tolerance_rad: float) -> tuple[float, float]:
     poses = np.concatenate([line, seen])
     align_signs(poses[:, 3:])
     there, here = np.split(poses, [len(line)])

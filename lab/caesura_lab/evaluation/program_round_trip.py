@@ -120,12 +120,8 @@ def run_round_trip(case: RoundTripCase) -> RoundTripResult:
 
 def path_distance(one: AppPoses, other: AppPoses) -> tuple[float, float]:
     """Return the largest distance [m] and angle [rad] from the poses of each path to the other."""
-    ways = (
-        furthest(here.inside[::EVERY], there.around, PATH_M, PATH_RAD)
-        for here, there in ((one, other), (other, one))
-    )
-    off_m, off_rad = zip(*ways, strict=True)
-    return max(off_m), max(off_rad)
+    pairs = [(here.inside[::EVERY], there.around) for here, there in ((one, other), (other, one))]
+    return furthest(pairs, PATH_M, PATH_RAD)
 
 
 class AppPoses(NamedTuple):

@@ -8,6 +8,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 from zlib import crc32
@@ -319,28 +320,12 @@ def real(extent: SuiteOptions) -> list[Case]:
     return cases
 
 
-def sensors(extent: SuiteOptions) -> list[Case]:
-    """Return the recordings of `real` under every one of CONDITIONS. Raises TruthError as `real`."""
+def _under_each(
+    case_of: Callable[[Case, str], Case], conditions: Iterable[str], extent: SuiteOptions
+) -> list[Case]:
+    """Return the recordings of `real` under every condition. Raises TruthError as `real`."""
     cases = real(extent)
-    return [PoorerCase(case, condition) for condition in CONDITIONS for case in cases]
-
-
-def tempo(extent: SuiteOptions) -> list[Case]:
-    """Return the recordings of `real` in every one of TEMPI. Raises TruthError as `real`."""
-    cases = real(extent)
-    return [OtherTempoCase(case, name) for name in TEMPI for case in cases]
-
-
-def windows(extent: SuiteOptions) -> list[Case]:
-    """Return every one of WINDOWS of the recordings of `real`. Raises TruthError as `real`."""
-    cases = real(extent)
-    return [WindowCase(case, name) for name in WINDOWS for case in cases]
-
-
-def starts(extent: SuiteOptions) -> list[Case]:
-    """Return the recordings of `real` from every one of STARTS on. Raises TruthError as `real`."""
-    cases = real(extent)
-    return [LaterCase(case, name) for name in STARTS for case in cases]
+    return [case_of(case, condition) for condition in conditions for case in cases]
 
 
 def missing_recordings(name: str | None, extent: SuiteOptions) -> list[str]:
@@ -394,8 +379,8 @@ SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
     "real": real,
-    "sensors": sensors,
-    "tempo": tempo,
-    "windows": windows,
-    "starts": starts,
+    "sensors": partial(_under_each, PoorerCase, CONDITIONS),
+    "tempo": partial(_under_each, OtherTempoCase, TEMPI),
+    "windows": partial(_under_each, WindowCase, WINDOWS),
+    "starts": partial(_under_each, LaterCase, STARTS),
 }

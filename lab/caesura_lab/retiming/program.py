@@ -175,8 +175,7 @@ def _on_its_path(app: App, made: ProgramStep) -> ProgramStep:
     assert made.path is not None, "is timed by its path"
     curves = curve_of(app), curve_of(made)
     taught, reproduced = (one.sampled(math.ceil(PLACES / (len(one.t) - 1))) for one in curves)
-    both = furthest(taught, reproduced, OFF_M, OFF_RAD), furthest(reproduced, taught, OFF_M, OFF_RAD)
-    off_m, off_rad = (max(off) for off in zip(*both, strict=True))
+    off_m, off_rad = furthest([(taught, reproduced), (reproduced, taught)], OFF_M, OFF_RAD)
     if off_m > OFF_M:
         raise TimeLawError(
             f"its path would be {1000 * off_m:.1f} mm off, at most {1000 * OFF_M:g} mm are allowed"
@@ -241,7 +240,7 @@ def _smoothed(places: Array, poses: Array, left_m: float, left_rad: float) -> BS
         return make_smoothing_spline(places, poses, weights, lam=10.0**smoothness)
 
     def is_near(path: BSpline) -> bool:
-        off = np.abs(path(places) - poses)
+        off = path(places) - poses
         apart, turned = (np.linalg.norm(part, axis=1).max() for part in (off[:, :3], 2.0 * off[:, 3:]))
         return bool(apart <= left_m and turned <= left_rad)
 

@@ -145,17 +145,16 @@ class SqliteWriter:
                 key, outcome = next(iter(self._outcomes.items()), (None, None))
             if key is None or outcome is None:
                 return
+            may_wait = 0
             try:
                 self._write_outcome(key, outcome)
             except JournalError:
-                self._forget_outcome(key, outcome, past=OUTCOMES)
+                may_wait = OUTCOMES
                 raise
-            except BaseException:
-                self._forget_outcome(key, outcome)
-                raise
-            self._forget_outcome(key, outcome)
+            finally:
+                self._forget_outcome(key, outcome, past=may_wait)
 
-    def _forget_outcome(self, key: Key, outcome: Outcome, *, past: int = 0) -> None:
+    def _forget_outcome(self, key: Key, outcome: Outcome, *, past: int) -> None:
         """Let go of an outcome, if it is still that one and more than so many wait."""
         with self._guard:
             if self._outcomes.get(key) is outcome and len(self._outcomes) > past:

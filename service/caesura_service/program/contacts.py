@@ -57,7 +57,7 @@ def still_touching(
     """
     base = base_after(last, context)
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
-    if holds(step, context.grips) and _is_lifted(step, forces, base, context):
+    if holds(step, context.grips) and _is_lifted(step, _changed(forces, base, context), context):
         return step
     return _touching(normal, PUSHES_BACK_N, base, step, forces, context)
 
@@ -76,18 +76,21 @@ def set_down(
         return step
     base = base_after(last, context)
     forces = _felt(step, context)
-    changed = context.median(forces) - base if len(forces) else np.zeros(3)
-    if _is_lifted(step, forces, base, context):
+    changed = _changed(forces, base, context)
+    if _is_lifted(step, changed, context):
         return step
     return _touching(changed / max(length(changed), 1e-12), UNLIKE_N, base, step, forces, context)
 
 
-def _is_lifted(step: ProgramSegment, forces: NDArray[np.float64], base: Vector, context: Context) -> bool:
-    """Is what a step carries heavier, by forces (n, 3) [N] over it, than it was at a base [N]?"""
-    if step.segment.contact != "transport" or not len(forces):
-        return False
-    x, y, z = (context.median(forces) - base).tolist()
-    return hangs((x, y, z), context.up)
+def _changed(forces: NDArray[np.float64], base: Vector, context: Context) -> NDArray[np.float64]:
+    """(3,) [N] by which forces (n, 3) differ from a base; 0 where none are known."""
+    return context.median(forces) - base if len(forces) else np.zeros(3)
+
+
+def _is_lifted(step: ProgramSegment, changed: NDArray[np.float64], context: Context) -> bool:
+    """Is what a step carries heavier than before, by a change (3,) [N] of its force?"""
+    x, y, z = changed.tolist()
+    return step.segment.contact == "transport" and hangs((x, y, z), context.up)
 
 
 def _felt(step: ProgramSegment, context: Context) -> NDArray[np.float64]:

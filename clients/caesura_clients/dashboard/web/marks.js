@@ -4,8 +4,8 @@ import { fontOf } from "caesura-dashboard/canvas.js";
 
 const TINT = 0.1; // at most, behind a signal
 const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
-const FADED = 0.03; // of a line, which nobody sees: an hour has thousands, in every panel
-const PATTERNED = 2, LETTERED = 12; // pixels of a segment, below which neither a pattern nor a letter can be told
+const FADED = 0.03; // of a line, too faint to be seen: an hour has thousands, in every panel
+const PATTERNED = 2, LETTERED = 12; // pixels of a segment, below which neither a pattern nor a letter can be read
 export const ROWS = { kinds: [24, 28], phases: [2, 20] }; // of the band: top and height
 export const BAND_HEIGHT = 54;
 

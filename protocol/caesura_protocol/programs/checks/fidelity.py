@@ -207,14 +207,15 @@ def _start_of(app: App) -> ViaPoint | None:
 
 
 def _force_limits(app: App) -> Iterator[Reason]:
-    cut = [force for force in exerted_forces(app) if force.is_cut]
+    forces = list(exerted_forces(app))
+    cut = [force for force in forces if force.is_cut]
     if cut:
         hardest = max(cut, key=lambda force: force.newton_taught)
         yield (f"force limited: {force_in_words(app)}", hardest.newton_taught, hardest.newton)
-    for force in exerted_forces(app):
-        if force.is_raised:
-            reason = f"presses harder than it was taught to: {rests_in_words(app)}"
-            yield (reason, force.newton, force.newton_taught)
+    raised = next((force for force in forces if force.is_raised), None)
+    if raised is not None:
+        reason = f"presses harder than it was taught to: {rests_in_words(app)}"
+        yield (reason, raised.newton, raised.newton_taught)
     if app.force is None and app.force_taught is not None:
         newtons = float(np.linalg.norm(app.force_taught))
         reason = f"was taught with a press of {fixed(newtons, 1)} N, which it does not reproduce"

@@ -90,11 +90,14 @@ class SlowSocket:
         self._held, self._words = [], words
 
     def release(self) -> None:
-        """Let everything through that was held."""
+        """Let everything through that was held, without its number.
+
+        A page passes over a message with a lower number than one it has had.
+        """
         held, self._held = self._held or [], None
         assert self._socket is not None
         for message in held:
-            self._socket.send(message)
+            self._socket.send(re.sub(r',"_id":\d+', "", message) if isinstance(message, str) else message)
 
     def has_received(self, words: str) -> bool:
         """Is there something with these words among what is held?"""

@@ -3,7 +3,8 @@
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_service.program.builder import task_program
 from caesura_service.program.contacts import may_press_in
-from caesura_service.program.edits import EditLog, at_edit, check_applies, log_of, with_edits
+from caesura_service.program.edit_log import EditLog, log_of
+from caesura_service.program.edits import at_edit, check_applies, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
 from caesura_service.program.left_out import BEGINS_MOVING, ENDS_MOVING, left_out_note
 from caesura_service.program.movements import is_end_of_movement

@@ -9,15 +9,14 @@ Rules
 - No force is above the limit of the cell, or above that which a correction sets for the app.
 - Apps that were taught again are part of their edit, at constant times: the first one begins where the part
   began when it was replaced.
-- Undo takes the last edit back, redo makes it once more, and a new edit ends what could be made once more.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from caesura_protocol.app_kinds import APP_KINDS, app_title
 from caesura_protocol.errors import ProtocolError
@@ -29,9 +28,7 @@ from caesura_protocol.force_limit import (
     with_force_limit,
 )
 from caesura_protocol.messages import (
-    MAX_PROGRAM_EDITS,
     MAX_TAUGHT_AGAIN,
-    MAX_TAUGHT_AGAIN_HELD,
     App,
     AppChange,
     AppField,
@@ -41,88 +38,25 @@ from caesura_protocol.messages import (
     Correction,
     DeleteApp,
     DuplicateApp,
-    EditProgram,
     InsertApp,
     LimitForce,
     MoveApp,
     NameProgram,
     Program,
     ProgramEdit,
-    Redo,
     ReplacePart,
-    RestForce,
-    Undo,
     Vector,
 )
 from caesura_protocol.number_words import interval
-from caesura_protocol.programs.app_times import earlier, is_taught_again, may_retime
+from caesura_protocol.programs.app_times import earlier, is_taught_again
+from caesura_service.program.app_fields import FIELDS, LACKS, SETTERS, value
+from caesura_service.program.edit_log import EditLog
 
 SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
 NAMED = 3  # apps in the reason of an edit that is not applied: a reference may span all of them
 OTHER_S = 2 * SLACK_S  # by which an end of an app has moved, for the program to say so
 LEAST_COMMON = 0.5  # of the time of two apps together, for them to be the same
 MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any robot: sums of them stay numbers
-FIELDS: tuple[AppField, ...] = get_args(AppField)
-
-
-class EditLog(NamedTuple):
-    """The edits of a session's program."""
-
-    active: tuple[ProgramEdit, ...] = ()
-    undone: tuple[ProgramEdit, ...] = ()  # the last one is the first to be made once more
-    revision: int = 0  # edits so far; undo and redo count
-
-    @property
-    def listed(self) -> tuple[ProgramEdit, ...]:
-        """All that a program lists, oldest first."""
-        taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
-        return (*self.active, *taken_back)
-
-    def takes(self, command: EditProgram, apps: Sequence[App] = ()) -> bool:
-        """Whether a command is the next of this log; one of an instance with other edits may be none."""
-        try:
-            self.after(command, 0.0, apps)
-        except ProtocolError:
-            return False
-        return command.revision == self.revision
-
-    def after(self, command: EditProgram, at: float, apps: Sequence[App] = ()) -> EditLog:
-        """With one edit more, whatever it applies to. at: time of day [s]; apps: those of a `ReplacePart`.
-
-        Raises ProtocolError where there is nothing to undo or redo, or no room.
-        """
-        active, undone, number = self.active, self.undone, self.revision + 1
-        action = command.action
-        if isinstance(action, Undo):
-            if not active:
-                raise ProtocolError("conflict", "the program has no edit to undo")
-            return EditLog(active[:-1], (*undone, active[-1]), number)
-        if isinstance(action, Redo):
-            if not undone:
-                raise ProtocolError("conflict", "the program has no edit to redo")
-            return EditLog((*active, undone[-1]), undone[:-1], number)
-        if len(active) >= MAX_PROGRAM_EDITS:
-            why = f"a program has {MAX_PROGRAM_EDITS} edits at most: undo some"
-            raise ProtocolError("conflict", why, limit=MAX_PROGRAM_EDITS)
-        held = len(apps) + sum(len(edit.apps) for edit in active)
-        if held > MAX_TAUGHT_AGAIN_HELD:
-            why = (
-                f"the edits would hold {held} apps that were taught again, with those replaced since, of "
-                f"{MAX_TAUGHT_AGAIN_HELD} at most: undo some"
-            )
-            raise ProtocolError("conflict", why, limit=MAX_TAUGHT_AGAIN_HELD)
-        made = ProgramEdit(
-            number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
-        )
-        return EditLog((*active, made), (), number)
-
-
-def log_of(program: Program) -> EditLog:
-    """The edits that a program lists."""
-    bare = {"state": "applied", "reason": None}
-    active = (edit.model_copy(update=bare) for edit in program.edits if edit.state != "undone")
-    undone = (edit.model_copy(update=bare) for edit in reversed(program.edits) if edit.state == "undone")
-    return EditLog(tuple(active), tuple(undone), program.edit_revision)
 
 
 def with_edits(program: Program, log: EditLog) -> Program:
@@ -225,7 +159,7 @@ class _Item(NamedTuple):
         app = self.inferred
         for name in FIELDS:
             if name in self.values:
-                app = app.model_copy(update=_SETTERS[name](app, self.values[name]))
+                app = app.model_copy(update=SETTERS[name](app, self.values[name]))
         marks = {mark.field: mark for mark in (*app.changes, *self.marks)}
         return app.model_copy(update={"changes": tuple(marks.values())})
 
@@ -358,14 +292,14 @@ class _Draft:
         if not given and not change.as_taught:
             raise _NotApplicableError("it states no field")
         item = item.without(change.as_taught)
-        for name, value in given.items():
-            self._check(name, value, item.inferred)
-            item = item.marked(edit, name, _value(item.inferred, name))
+        for name, wanted in given.items():
+            self._check(name, wanted, item.inferred)
+            item = item.marked(edit, name, value(item.inferred, name))
         return item._replace(values={**item.values, **given})
 
     def _check(self, name: str, value: Any, app: App) -> None:
         """Check that an app has such a value. Raises _NotApplicableError."""
-        lacks = _LACKS[name](app) if name in _LACKS else ""
+        lacks = LACKS[name](app) if name in LACKS else ""
         if lacks:
             raise _NotApplicableError(f"'{app_title(app.kind)}' {lacks}")
         if name == "force_n":
@@ -461,85 +395,6 @@ def _common(wanted: AppReference, app: App) -> float:
     t0, tn = max(wanted.t0, app.t0), min(wanted.tn, app.tn)
     first, last = min(wanted.t0, app.t0), max(wanted.tn, app.tn)
     return max(0.0, tn - t0 + 2 * SLACK_S) / (last - first + 2 * SLACK_S)
-
-
-# --- fields: how each is read and set, and which apps have it ---------------------------------------------
-
-
-def _value(app: App, name: str) -> Any:
-    """The value of a field as an edit states it."""
-    match name:
-        case "force_n":
-            return None if app.force is None else math.hypot(*app.force)
-        case "tolerance_m":
-            return None if app.path is None else app.path.tolerance_m
-        case _:
-            return getattr(app, name)
-
-
-def _set_target(app: App, target: Vector) -> dict[str, Any]:
-    """Another target has no joints that were taught; its path ends at rest, as far off as the target is."""
-    if target == app.target:
-        return {}
-    path = app.path
-    if path is not None and app.target is not None:
-        off_m = path.deviation_m + math.dist(target, app.target)
-        rests = {"end_velocity": None, "end_angular_velocity": None}
-        path = path.model_copy(update={"deviation_m": off_m, **rests})
-    return {"target": target, "joints": None, "path": path}
-
-
-def _set_force(app: App, newtons: float) -> dict[str, Any]:
-    """Rests beside a stroke are pressed harder or softer by the same factor."""
-    direction = _direction(app)
-    x, y, z = (newtons / math.hypot(*direction) * component for component in direction)
-    factor = newtons / max(math.hypot(*(app.force or direction)), LEAST_FORCE_N)
-    rests = (("rest_before", app.rest_before), ("rest_after", app.rest_after))
-    pressed = {name: _pressed(rest, factor, newtons) for name, rest in rests if rest is not None}
-    return {"force": (x, y, z), **pressed}
-
-
-def _pressed(rest: RestForce, factor: float, newtons: float) -> RestForce:
-    """A rest pressed by a factor, no harder than its stroke or than before: both are within the limit."""
-    most = max(rest.newton, newtons)
-    return rest.model_copy(update={"newton": min(factor * rest.newton, most)})
-
-
-def _set_tolerance(app: App, tolerance_m: float) -> dict[str, Any]:
-    return {"path": app.path and app.path.model_copy(update={"tolerance_m": tolerance_m})}
-
-
-def _set(name: str) -> Callable[[App, Any], dict[str, Any]]:
-    return lambda _, value: {name: value}
-
-
-_SETTERS: Mapping[str, Callable[[App, Any], dict[str, Any]]] = {
-    **{name: _set(name) for name in ("name", "note", "target_name", "speed", "gripper_width")},
-    "target": _set_target,
-    "force_n": _set_force,
-    "tolerance_m": _set_tolerance,
-}
-
-
-def _direction(app: App) -> Vector:
-    return app.force_taught or app.force or (0.0, 0.0, 0.0)
-
-
-def _lacks_force(app: App) -> str:
-    if not APP_KINDS[app.kind].presses or app.force is None:
-        return "exerts no force"
-    return "" if is_press(math.hypot(*_direction(app))) else "has no direction of force that was taught"
-
-
-#: Why an app cannot have a field, empty where it can; fields that are not here every app has.
-_LACKS: Mapping[str, Callable[[App], str]] = {
-    "target": lambda app: "" if "target" in APP_KINDS[app.kind].ports else "has no target",
-    "target_name": lambda app: "has no target" if app.target is None else "",
-    "speed": lambda app: "" if may_retime(app) else "is no movement in free space: its speed stays as taught",
-    "force_n": _lacks_force,
-    "tolerance_m": lambda app: "has no path" if app.path is None else "",
-    "gripper_width": lambda app: "" if "width" in APP_KINDS[app.kind].ports else "moves no fingers",
-}
 
 
 def _seconds(app: App | AppReference) -> str:

@@ -29,7 +29,8 @@ from caesura_protocol.messages import (
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.limits import refuse_beyond_limits
 from caesura_service.program import edits as edits_module
-from caesura_service.program.edits import EditLog, apply, check_applies, log_of, with_edits
+from caesura_service.program.edit_log import EditLog, log_of
+from caesura_service.program.edits import apply, check_applies, with_edits
 from harness.programs import app, pick_and_place, press, pressed_harder_before
 from service.program.edits import PATH, edited, log, program, ref, taught
 

@@ -22,7 +22,8 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.programs.document import document
-from caesura_service.program.edits import EditLog, check_applies, log_of, with_edits
+from caesura_service.program.edit_log import EditLog, log_of
+from caesura_service.program.edits import check_applies, with_edits
 from harness.programs import app, pick_and_place, press
 from service.program.edits import edited, log, program, ref, taught
 

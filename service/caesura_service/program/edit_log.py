@@ -1,0 +1,81 @@
+"""The log of a program's edits: which count, which were undone, and how many there may be.
+
+Undo takes the last edit back, redo makes it once more, and a new edit ends what could be made once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from caesura_protocol.errors import ProtocolError
+from caesura_protocol.messages import (
+    MAX_PROGRAM_EDITS,
+    MAX_TAUGHT_AGAIN_HELD,
+    App,
+    EditProgram,
+    Program,
+    ProgramEdit,
+    Redo,
+    Undo,
+)
+
+
+class EditLog(NamedTuple):
+    """The edits of a session's program."""
+
+    active: tuple[ProgramEdit, ...] = ()
+    undone: tuple[ProgramEdit, ...] = ()  # the last one is the first to be made once more
+    revision: int = 0  # edits so far; undo and redo count
+
+    @property
+    def listed(self) -> tuple[ProgramEdit, ...]:
+        """All that a program lists, oldest first."""
+        taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
+        return (*self.active, *taken_back)
+
+    def takes(self, command: EditProgram, apps: Sequence[App] = ()) -> bool:
+        """Whether a command is the next of this log; one of an instance with other edits may be none."""
+        try:
+            self.after(command, 0.0, apps)
+        except ProtocolError:
+            return False
+        return command.revision == self.revision
+
+    def after(self, command: EditProgram, at: float, apps: Sequence[App] = ()) -> EditLog:
+        """With one edit more, whatever it applies to. at: time of day [s]; apps: those of a `ReplacePart`.
+
+        Raises ProtocolError where there is nothing to undo or redo, or no room.
+        """
+        active, undone, number = self.active, self.undone, self.revision + 1
+        action = command.action
+        if isinstance(action, Undo):
+            if not active:
+                raise ProtocolError("conflict", "the program has no edit to undo")
+            return EditLog(active[:-1], (*undone, active[-1]), number)
+        if isinstance(action, Redo):
+            if not undone:
+                raise ProtocolError("conflict", "the program has no edit to redo")
+            return EditLog((*active, undone[-1]), undone[:-1], number)
+        if len(active) >= MAX_PROGRAM_EDITS:
+            why = f"a program has {MAX_PROGRAM_EDITS} edits at most: undo some"
+            raise ProtocolError("conflict", why, limit=MAX_PROGRAM_EDITS)
+        held = len(apps) + sum(len(edit.apps) for edit in active)
+        if held > MAX_TAUGHT_AGAIN_HELD:
+            why = (
+                f"the edits would hold {held} apps that were taught again, with those replaced since, of "
+                f"{MAX_TAUGHT_AGAIN_HELD} at most: undo some"
+            )
+            raise ProtocolError("conflict", why, limit=MAX_TAUGHT_AGAIN_HELD)
+        made = ProgramEdit(
+            number=number, author=command.author, at=at, action=action, state="applied", apps=tuple(apps)
+        )
+        return EditLog((*active, made), (), number)
+
+
+def log_of(program: Program) -> EditLog:
+    """The edits that a program lists."""
+    bare = {"state": "applied", "reason": None}
+    active = (edit.model_copy(update=bare) for edit in program.edits if edit.state != "undone")
+    undone = (edit.model_copy(update=bare) for edit in reversed(program.edits) if edit.state == "undone")
+    return EditLog(tuple(active), tuple(undone), program.edit_revision)

@@ -282,6 +282,7 @@ def check_results(caesura: Caesura, session: str, before: Snapshot) -> None:
     assert [(one.author, one.state) for one in after.program.edits] == [("Ann", "applied")]
 
 
+@pytest.mark.timeout(300)  # a day has 27 s of steps, each of which waits for the one before
 def test_a_demonstration_from_its_start_to_the_day_after(
     stage: Stage, bridge: StandbyBridge, visitor: Visitor
 ):

@@ -8,7 +8,8 @@ import pytest
 
 pytest.importorskip("nicegui")
 
-from caesura_clients.dashboard.pages.session import line_of_past
+from caesura_clients.dashboard.pages.session import line_of, line_of_past
+from caesura_clients.dashboard.station_summary import DashboardState, glance
 from clients.examples import segment
 
 
@@ -27,3 +28,11 @@ def test_a_line_says_when_a_session_with_times_of_day_began(update):
     shown = line_of_past(day).split(" · ")
     assert shown[1] == "1.0 s"
     assert shown[-1] == "times [s] from 2025-11-26 16:00:00 UTC on, the start"
+
+
+def test_a_station_and_the_history_state_the_same_length(update):
+    known = update()
+    closed = replace(known, status=known.status.model_copy(update={"state": "closed", "t": 12.68}))
+    world = DashboardState(updates={(closed.station, closed.session): closed})
+    live = line_of(glance(world, closed.station, None, now=1.0, began=0.0), closed)
+    assert live.split(" · ")[1] == line_of_past(closed).split(" · ")[1] == "12.7 s"

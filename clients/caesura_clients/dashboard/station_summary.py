@@ -207,6 +207,11 @@ def lasted(update: Update) -> float:
     return reached(update) - (first if not 0.0 <= first <= BEGINS_S else 0.0)
 
 
+def length_words(update: Update) -> str:
+    """Return how long the session has lasted, as every page, list and card shows it."""
+    return f"{lasted(update):.1f} s"
+
+
 def gaps(update: Update | None) -> int:
     """Count the gaps of a session."""
     return 0 if update is None else len(update.status.gaps) + update.status.gaps_before

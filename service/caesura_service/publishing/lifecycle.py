@@ -40,13 +40,31 @@ TRANSITIONS: Mapping[tuple[Lifecycle, LifecycleEvent], Lifecycle] = {
     ("failed", "edit_program"): "failed",
 }
 
+# How a refusal names states and events to people. The others are messages of a bridge.
+STATE_WORDS: Mapping[Lifecycle, str] = {
+    "open": "the session is open",
+    "closed": "the session is closed",
+    "failed": "the session has failed",
+}
+EVENT_WORDS: Mapping[str, str] = {
+    "open": "second opening",
+    "edit": "corrections",
+    "describe": "description",
+    "edit_program": "edits of its program",
+}
+
 
 def next_state(state: Lifecycle, event: LifecycleEvent) -> Lifecycle:
     """Return the state after an event. Raises ProtocolError `conflict` where the table has no transition."""
     try:
         return TRANSITIONS[state, event]
     except KeyError:
-        allowed = [name for known, name in TRANSITIONS if known == state]
-        raise ProtocolError(
-            "conflict", f"the session is {state}: it takes no {event}", value=event, expected=allowed
-        ) from None
+        why = f"{STATE_WORDS[state]}: it takes no {EVENT_WORDS.get(event, event)}"
+        raise ProtocolError("conflict", f"{why}{_what_is_left(state, event)}") from None
+
+
+def _what_is_left(state: Lifecycle, event: LifecycleEvent) -> str:
+    """What a person can do in place of a correction or an edit that was refused."""
+    commands: tuple[LifecycleEvent, ...] = ("edit", "describe", "edit_program")
+    left = [EVENT_WORDS[one] for one in commands if (state, one) in TRANSITIONS]
+    return f", only {' and '.join(left)}" if event in commands and left else ""

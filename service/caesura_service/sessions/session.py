@@ -39,7 +39,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.number_words import counted
 from caesura_service.journal import AppliedEdit, Journal, Outcome, Record
 from caesura_service.publishing.events import Incoming, Output, Owner, ReplayEnded, Reply
-from caesura_service.publishing.lifecycle import next_state
+from caesura_service.publishing.lifecycle import STATE_WORDS, next_state
 from caesura_service.publishing.session_state import SessionState, inferred_program_of, snapshot_of
 from caesura_service.segmentation.corrections import EditHistory
 from caesura_service.segmentation.view import Pipeline
@@ -318,7 +318,7 @@ class Session:
             next_state(self.state.lifecycle, "open")
         except ProtocolError as refusal:
             if reopening != self._opening:
-                why = f"the session is {self.state.lifecycle}: give the new one another name"
+                why = f"{STATE_WORDS[self.state.lifecycle]}: give the new one another name"
                 raise ProtocolError("conflict", why, value=reopening.session) from refusal
             return [Reply(refusal)]  # a repeated opening behind the close: no error
         if reopening.epoch == self._opening.epoch:

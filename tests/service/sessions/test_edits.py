@@ -158,7 +158,7 @@ def test_a_session_that_failed_takes_no_edit():
     session, _ = open_session(preset="raising-at-the-end")
     run(session, 14)
     session.receive(closing(13), 0.0)
-    with pytest.raises(ProtocolError, match="the session is failed: it takes no edit"):
+    with pytest.raises(ProtocolError, match="the session has failed: it takes no corrections"):
         session.receive(edit(), 0.0)
 
 

@@ -316,7 +316,7 @@ def test_an_error_in_the_pipeline_closes_the_session_and_says_so():
     assert status.state == "closed"
     assert "cannot stand 13" in status.last_refusal.message
     assert "cannot stand 13" in published(said, Program)[-1].notes[0]
-    with pytest.raises(ProtocolError, match="the session is failed"):
+    with pytest.raises(ProtocolError, match="the session has failed"):
         session.receive(batch(2), 0.0)
 
 

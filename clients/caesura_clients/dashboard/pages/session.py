@@ -27,7 +27,7 @@ from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBu
 from caesura_clients.dashboard.station_summary import (
     StationSummary,
     glance,
-    lasted,
+    length_words,
     session_clock,
     warning_of,
 )
@@ -232,7 +232,7 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
         return f"{seen.said}."
     parts = [f"session {update.session}", _gaps(seen.gaps), _wrench(update.status)]
     if update.closed:
-        parts.insert(1, f"{lasted(update):.0f} s")
+        parts.insert(1, length_words(update))
     if seen.age_s is not None and seen.age_s >= 1.0:
         parts.append(f"last sample {seen.age_s:.0f} s ago")
     if seen.overloaded:
@@ -247,7 +247,7 @@ def line_of_past(update: Update | None) -> str:
     state = "closed" if update.closed else "being taught"
     gaps = len(update.status.gaps) + update.status.gaps_before
     segments = counted(len(update.segments), "segment")
-    parts = [state, f"{lasted(update):.1f} s", segments, _gaps(gaps), _wrench(update.status)]
+    parts = [state, length_words(update), segments, _gaps(gaps), _wrench(update.status)]
     return " · ".join([*parts, *_times(update)])
 
 

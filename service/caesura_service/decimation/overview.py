@@ -1,4 +1,4 @@
-"""Everything of a session in bins of about fifty samples, built once and continued while it grows.
+"""Everything of a session in bins of twenty to fifty samples, built once and continued while it grows.
 
 A view whose bins are wider is made from it. For a narrower one the samples themselves are read: the overview
 has the places in the journal at which each time stands.
@@ -7,7 +7,7 @@ has the places in the journal at which each time stands.
 from __future__ import annotations
 
 import json
-from bisect import bisect_left
+from bisect import bisect_right
 from io import BytesIO
 from struct import unpack_from
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from caesura_service.decimation.batch_decoder import BatchDecoder
 from caesura_service.journal import BatchRow, Key, Lost, SessionExtent
 from caesura_service.sessions.limits import Limits
 
-SAMPLES_PER_BIN = 50
+SAMPLES_PER_BIN = 50  # at most: a view of narrower bins reads so many for each of its own
 WIDTHS_S = tuple(m * 10.0**e for e in range(-3, 3) for m in (1.0, 2.0, 5.0))
 PARTS = 64  # pages that are joined at once
 VERSION = 1  # of what is kept of an overview; another one is made anew
@@ -183,7 +183,6 @@ def _time(batch: BatchRow, row: int) -> float:
 
 
 def _width(t: NDArray[np.float64]) -> float:
-    """A round width for about SAMPLES_PER_BIN of these samples."""
+    """The greatest round width with at most SAMPLES_PER_BIN of these samples."""
     interval = float(np.median(np.diff(t))) if t.size > 1 else 0.001
-    wanted = SAMPLES_PER_BIN * interval
-    return WIDTHS_S[min(bisect_left(WIDTHS_S, wanted * 0.99), len(WIDTHS_S) - 1)]
+    return WIDTHS_S[max(bisect_right(WIDTHS_S, SAMPLES_PER_BIN * interval * 1.01) - 1, 0)]

@@ -30,14 +30,32 @@ function spans(rows, area, each) {
   }
 }
 
-export function behind(context, area, state, ink) {
+export function behind(context, area, state) {
+  const strip = tintOf(state.segments, area);
+  if (!strip) return;
   context.save();
-  spans(state.segments, area, ([, , kind, probability], x, width) => {
+  context.imageSmoothingEnabled = false;
+  context.drawImage(strip, area.left, area.top, strip.width, area.bottom - area.top);
+  context.restore();
+}
+
+// The tint of a view, one pixel high: an hour has thousands of segments, and every panel has the same tint.
+const tints = new WeakMap(); // by segments: of which view, and its strip
+function tintOf(segments, area) {
+  const width = Math.round(area.right - area.left), key = [width, area.from, area.to].join();
+  if (width < 1) return null;
+  const held = tints.get(segments) || { key: "", strip: new OffscreenCanvas(width, 1) };
+  if (held.key === key) return held.strip;
+  held.key = key;
+  held.strip.width = width; // which also clears it
+  const context = held.strip.getContext("2d");
+  spans(segments, { ...area, x: (t) => area.x(t) - area.left, left: 0, right: width }, ([, , kind, probability], x, wide) => {
     context.globalAlpha = TINT * (0.3 + 0.7 * probability);
     context.fillStyle = KINDS[kind].colour;
-    context.fillRect(x, area.top, width, area.bottom - area.top);
+    context.fillRect(x, 0, wide, 1);
   });
-  context.restore();
+  tints.set(segments, held);
+  return held.strip;
 }
 
 // Where nothing was measured: no line leads across.

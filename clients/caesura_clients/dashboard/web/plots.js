@@ -7,6 +7,9 @@ import { fixed } from "caesura-dashboard/numbers.js";
 import { aligned, nameOf, nearest } from "caesura-dashboard/signals.js";
 
 export const LEFT = 64, RIGHT = 12; // beside the plots
+// [px] of a line; and of one with a point in every second pixel, whose strokes would cover each other. Without a
+// graphics card an hour of strokes of one pixel is drawn in 0.02 s in place of 0.12 s.
+const STROKE = 1.4, DENSE_STROKE = 1;
 const PADDING = 6, HEIGHT = 160 + 2 * PADDING, AXIS = 24;
 const written = (panel, value) => value * (panel.factor || 1); // drawn as measured, written in the panel's unit
 const DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3], [], [7, 3], [2, 3], [9, 3, 2, 3]];
@@ -74,11 +77,11 @@ export class Plots {
         { ...axis, size: LEFT, gap: 4, space: 28, values: (u, ticks) => ticks.map((value) => `${+written(panel, value).toFixed(6)}`) },
       ],
       series: [{}, ...panel.columns.map((_, i) => ({
-        stroke: line(i), width: 1.4, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
+        stroke: line(i), width: STROKE, dash: DASHES[panel.columns.length === 1 ? 0 : i], points: { show: false }, spanGaps: false,
         ...(panel.name === "changepoints" ? { paths: uPlot.paths.bars({ size: [0.001, 3, 3] }), fill: line(i) } : {}),
       }))],
       hooks: {
-        drawClear: [(u) => { behind(u.ctx, this.area(u), this.state, this.ink); if (!panel.inferred) missing(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio); }],
+        drawClear: [(u) => { behind(u.ctx, this.area(u), this.state); if (!panel.inferred) missing(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio); }],
         draw: [(u) => before(u.ctx, this.area(u), this.state, this.ink, devicePixelRatio)],
         setCursor: [(u) => this.hover(u)],
       },
@@ -118,8 +121,15 @@ export class Plots {
   paint(held) {
     if (!held.isFilled) held.plot.setData(this.content(held.panel), false);
     held.isFilled = true;
-    const [min, max] = this.state.view();
+    const [min, max] = this.state.view(), stroke = this.strokeOf(held, max - min);
+    held.plot.series.forEach((series, i) => { if (i) series.width = stroke; });
     held.plot.setScale("x", { min, max });
+  }
+  strokeOf({ panel, plot }, span) {
+    const { data } = this.state, points = data && !panel.inferred && data.points[panel.columns[0]];
+    if (!points) return STROKE;
+    const shown = (points.length / 2) * Math.min(1, span / (data.to - data.from));
+    return 2 * shown > plot.over.clientWidth ? DENSE_STROKE : STROKE;
   }
   get painters() {
     return [...this.plots.values()].map(({ painter }) => painter);

@@ -2,9 +2,10 @@
 
 A router answers queries with so many bytes. Counted are answers that came, queries that ended without one,
 and queries that ended at their timeout. With DROP, which all clients ask with, Zenoh drops a piece of an
-answer where its queue towards the asker (two batches of 64 KiB) stays full, and with it the end of the query.
+answer where its queue towards the asker stays full, and with it the end of the query. --batches: of 64 KiB in
+that queue; a service has 16, and Zenoh by itself 2.
 Prints; asserts nothing. The load is that of the machine, or of --hogs processes.
-Usage: python tests/bench/answer_loss.py [--kib 4 250 900] [--queries 300] [--hogs 0]
+Usage: python tests/bench/answer_loss.py [--kib 4 250 900] [--queries 300] [--hogs 0] [--batches 16]
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import zenoh
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from caesura_protocol.transport.zenoh_transport import SETTINGS
+from caesura_service.security.zenoh_files import QUEUED_BATCHES
 from clients.conftest import free_port
 
 TIMEOUT_S = 2.0
@@ -38,9 +40,10 @@ def session(**own: object) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def answer(port: int, sizes: list[int], ready: Event) -> None:
+def answer(port: int, sizes: list[int], batches: int, ready: Event) -> None:
     """Answer queries for `answer/SIZE` with so many bytes."""
-    router = session(**{"mode": "router", "listen/endpoints": [f"tcp/127.0.0.1:{port}"]})
+    own = {"mode": "router", "listen/endpoints": [f"tcp/127.0.0.1:{port}"]}
+    router = session(**own, **{"transport/link/tx/queue/size/data": batches})
 
     def reply(query: zenoh.Query) -> None:
         with query:
@@ -77,10 +80,11 @@ def main() -> None:
     parser.add_argument("--kib", type=int, nargs="+", default=[4, 250, 900])
     parser.add_argument("--queries", type=int, default=300)
     parser.add_argument("--hogs", type=int, default=0)
+    parser.add_argument("--batches", type=int, default=QUEUED_BATCHES)
     asked = parser.parse_args()
     port, ready = free_port(), multiprocessing.Event()
     sizes = [1024 * kib for kib in asked.kib]
-    works = [(answer, (port, sizes, ready)), *[(burn, ())] * asked.hogs]
+    works = [(answer, (port, sizes, asked.batches, ready)), *[(burn, ())] * asked.hogs]
     for work, arguments in works:
         multiprocessing.Process(target=work, args=arguments, daemon=True).start()
     ready.wait()

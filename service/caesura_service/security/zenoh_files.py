@@ -36,6 +36,9 @@ HANDSHAKE_MS = 3_600_000
 # the client's link is closed. Meanwhile Zenoh may route nothing else: with its default of 5 s a frozen client
 # kept the samples of all stations waiting. A client that takes 64 KiB in this time is not cut off.
 BLOCKED_US = 500_000
+# How many batches of 64 KiB wait for a link, as many as Zenoh allows. An answer with samples has several
+# hundred kB. With Zenoh's own two batches a busy machine loses some of them, and their askers wait for 2 s.
+QUEUED_BATCHES = 16
 _HANDSHAKE = "tls_handshake_timeout_ms"
 
 _Sections = Sequence[tuple[str, Mapping[str, Any]]]  # comment, settings
@@ -46,7 +49,10 @@ _QUIET: Mapping[str, Any] = {
 _LINK: Mapping[str, Any] = {
     "tx": {
         "lease": 2000,
-        "queue": {"congestion_control": {"block": {"wait_before_close": BLOCKED_US}}},
+        "queue": {
+            "size": {"data": QUEUED_BATCHES},
+            "congestion_control": {"block": {"wait_before_close": BLOCKED_US}},
+        },
     },
     "rx": {"max_message_size": ROUTER_MAX_BYTES},
 }

@@ -5,7 +5,8 @@ network names its routers; shared memory off, because it raised the 99th percent
 lease of 2 s, because a frozen peer is otherwise noticed after 9.5 s; no scouting delay, because a router
 that searches for no peer would still wait half a second before it answers; twice the largest message that we
 accept, because a peer could otherwise make us put together one of a gigabyte; many pending connections, and a
-long time for handshakes, because silent connections otherwise keep others out (security/zenoh_files).
+long time for handshakes, because silent connections otherwise keep others out (security/zenoh_files); a long
+queue, because an answer with samples otherwise fills it, and its end is lost.
 
 What is listened on must demand credentials where other machines reach it, unless `insecure` is set.
 """
@@ -33,6 +34,7 @@ from caesura_service.security import exposure
 from caesura_service.security.zenoh_files import (
     ACCEPT_PENDING,
     BLOCKED_US,
+    QUEUED_BATCHES,
     ROUTER_MAX_BYTES,
     with_handshake_timeout,
 )
@@ -50,6 +52,7 @@ SETTINGS: Mapping[str, Any] = {
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": 2000,
     "transport/link/rx/max_message_size": ROUTER_MAX_BYTES,
+    "transport/link/tx/queue/size/data": QUEUED_BATCHES,
     "transport/unicast/accept_pending": ACCEPT_PENDING,
     "queries_default_timeout": int(QUERY_TIMEOUT_S * 1000),
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},

@@ -82,7 +82,7 @@ def test_a_station_that_is_added_changes_the_routers_files_alone(made):
 
 def test_a_routers_file_of_an_earlier_release_is_written_anew_and_the_command_says_so(made):
     file, before = made / "router.json5", content(made)
-    setting = r',\s*"queue": \{.*?\}\s*\}\s*\}(?=\s*\},\s*"rx")'
+    setting = r',\s*"queue": \{.*?\}(?=\s*\},\s*"rx")'
     earlier = re.sub(setting, "", file.read_text(), flags=re.DOTALL)
     assert "wait_before_close" not in earlier
     file.write_text(earlier)

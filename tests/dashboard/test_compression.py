@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 import pytest
 from starlette.applications import Starlette
-from starlette.responses import FileResponse
+from starlette.responses import FileResponse, HTMLResponse
 from starlette.routing import Route
 
 from caesura_clients.dashboard.compression import FileCompression
@@ -74,3 +74,35 @@ def test_what_changes_is_handed_on(client, asked):
     answers = [client.get("/samples") for _ in range(2)]
     assert "content-encoding" not in answers[0].headers
     assert len(asked) == 2
+
+
+PAGE = """<link href="/assets/one.css"><script src="/samples/one.js"></script>
+<script type="importmap">{"imports": {"own/": "/assets/key/", "other": "/assets/other.js"}}</script>"""
+
+
+def test_the_files_of_a_page_are_compressed_before_the_application_has_started(asked, tmp_path):
+    """Those that it loads and its modules, of the paths that are compressed; not all of an import map."""
+    file = tmp_path / "one"
+    file.write_text(TEXT)
+
+    async def answer(request):
+        asked.append(request.url.path)
+        return HTMLResponse(PAGE) if request.url.path == "/page" else FileResponse(file)
+
+    inner = Starlette(routes=[Route("/{path:path}", answer)])
+    app = FileCompression(inner, ("/assets/",), prepared="/page", modules=[("own", "two.js")])
+    sent = []
+
+    async def send(message):
+        sent.append((message["type"], list(asked)))
+
+    async def receive():
+        return {"type": "lifespan.startup" if not sent else "lifespan.shutdown"}
+
+    ran(app({"type": "lifespan", "asgi": {"version": "3.0"}, "state": {}}, receive, send))
+    files = ["/assets/key/two.js", "/assets/one.css"]
+    assert sent[0] == ("lifespan.startup.complete", ["/page", *files])
+    answer_kept = Client(app).get("/assets/key/two.js")
+    assert answer_kept.text == TEXT
+    assert answer_kept.headers["content-encoding"] == "gzip"
+    assert asked == ["/page", *files]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import re
+from collections.abc import Iterable
+
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -10,20 +14,65 @@ LEVEL = 6  # of gzip: 9 takes twice as long for a hundredth less
 MOST_ANSWERS = 200  # that are kept: thrice the files that there are
 CONDITIONS = {"range", "if-none-match", "if-modified-since"}  # headers that ask for less than the file
 
+REQUEST: Scope = {  # of a browser on this machine
+    "http_version": "1.1",
+    "method": "GET",
+    "scheme": "http",
+    "query_string": b"",
+    "root_path": "",
+    "client": ("127.0.0.1", 0),
+    "server": ("127.0.0.1", 0),
+    "headers": [(b"host", b"127.0.0.1"), (b"accept-encoding", b"gzip, deflate, br, zstd")],
+}
+
+
+def _asked() -> Receive:
+    """A request without content, of a browser that does not leave."""
+    messages: list[Message] = [{"type": "http.request", "body": b"", "more_body": False}]
+
+    async def receive() -> Message:
+        if not messages:
+            await asyncio.Event().wait()
+        return messages.pop()
+
+    return receive
+
+
+async def _dropped(_message: Message) -> None:
+    """What is sent to no browser."""
+
 
 class FileCompression(GZipMiddleware):
     """Compresses what is loaded once and kept by the browser. paths: how their paths begin.
 
-    Each file is read and compressed once: an answer stays in memory until the process ends.
+    Each file is read and compressed once: an answer stays in memory until the process ends. prepared: a page;
+    it is built, and its files are compressed, before the application reports that it has started. modules:
+    further files of an import map, each by the name of its package and its path there.
     """
 
-    def __init__(self, app: ASGIApp, paths: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        paths: tuple[str, ...],
+        prepared: str | None = None,
+        modules: Iterable[tuple[str, str]] = (),
+    ) -> None:
         super().__init__(app, compresslevel=LEVEL)
         self._paths = paths
+        self._prepared, self._modules = prepared, tuple(modules)
         self._answers: dict[tuple[str, bool], list[Message]] = {}  # by path, and whether gzip is accepted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer compressed, or hand on."""
+        if scope["type"] == "lifespan" and self._prepared is not None:
+
+            async def send_prepared(message: Message) -> None:
+                if message["type"] == "lifespan.startup.complete":
+                    await self._prepare(scope)
+                await send(message)
+
+            await self.app(scope, receive, send_prepared)
+            return
         if scope["type"] != "http" or not scope["path"].startswith(self._paths):
             await self.app(scope, receive, send)
             return
@@ -39,6 +88,29 @@ class FileCompression(GZipMiddleware):
                 self._answers[key] = answer
         for message in answer:
             await send(dict(message))  # what stands around this adds headers
+
+    async def _prepare(self, started: Scope) -> None:
+        """Build the prepared page, and keep its files."""
+        page: list[bytes] = []
+
+        async def keep(message: Message) -> None:
+            page.append(message.get("body", b""))
+
+        def request(path: str) -> Scope:
+            return {**REQUEST, **started, "type": "http", "path": path, "raw_path": path.encode()}
+
+        assert self._prepared is not None
+        await self.app(request(self._prepared), _asked(), keep)
+        for path in sorted(self._files_of(b"".join(page).decode())):
+            await self(request(path), _asked(), _dropped)
+
+    def _files_of(self, page: str) -> set[str]:
+        """The paths of the files that a page loads, and of the modules; an import map names many more."""
+        named = set(re.findall(r"""(?:href=|src=|from )["'](/[^"'\s?]+)["']""", page))
+        for package, path in self._modules:
+            found = re.search(rf'"{re.escape(package)}/": ?"(/[^"]+)"', page)
+            named |= {found[1] + path} if found else set()
+        return {path for path in named if path.startswith(self._paths)}
 
     async def _read(self, scope: Scope, receive: Receive) -> list[Message]:
         """The messages of an answer, its body as one."""

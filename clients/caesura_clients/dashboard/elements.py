@@ -24,11 +24,11 @@ from caesura_clients.results import Update
 UNSEEN = 3  # payloads that a browser may be behind
 LAGS = 4096  # measured, of all browsers together
 
-WEB = Path(__file__).parent / "web"
+WEB, PACKAGE = Path(__file__).parent / "web", "caesura-dashboard"  # the modules, and their name in a browser
 lags: deque[float] = deque(maxlen=LAGS)  # [s] from sending a payload to its acknowledgement by the browser
 
 
-class LiveElement(Element, esm={"caesura-dashboard": str(WEB)}):
+class LiveElement(Element, esm={PACKAGE: str(WEB)}):
     """A component whose content the server sends. initial: shown before the connection is open."""
 
     def __init__(self, initial: dict[str, Any] | None = None) -> None:

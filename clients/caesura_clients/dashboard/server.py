@@ -18,7 +18,7 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
 from caesura_clients.dashboard.compression import FileCompression
 from caesura_clients.dashboard.datasets import MOST_SESSIONS, zipped_dataset
-from caesura_clients.dashboard.elements import WEB
+from caesura_clients.dashboard.elements import PACKAGE, WEB
 from caesura_clients.dashboard.pages import lists, missing, overview, recordings
 from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
@@ -35,6 +35,7 @@ DATASETS = "/datasets"
 PROGRAMS = "/programs"
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
+PREPARED = "/station/none"  # built before the dashboard is ready: it has everything that a session's page has
 LOOK_S = 0.02  # between two looks whether the socket is bound
 # A page that answers no ping for this long is dropped and loads itself again: what was typed into it is gone.
 # The 2 s of NiceGUI are a short pause of a tablet.
@@ -95,7 +96,10 @@ def serve(site: Site, address: Address) -> None:
 
 def run(address: Address) -> None:
     """Serve the pages that are declared, behind the guard, until the process is asked to end."""
-    app.add_middleware(FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"))
+    modules = [(PACKAGE, path.relative_to(WEB).as_posix()) for path in WEB.rglob("*.js")]
+    app.add_middleware(
+        FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"), prepared=PREPARED, modules=modules
+    )
     app.add_middleware(
         AccessMiddleware, names=address.known_as, password=address.password, proxies=address.proxies
     )

@@ -6,6 +6,7 @@ const TINT = 0.1; // at most, behind a signal
 const ROOM = 40; // pixels from changepoint to changepoint, below which their lines fade
 const FADED = 0.03; // of a line, too faint to be seen: an hour has thousands, in every panel
 const PATTERNED = 2, LETTERED = 12; // pixels of a segment, below which neither a pattern nor a letter can be read
+const FRAMED = 5; // pixels of a phase, below which its frame would cover its colour
 export const ROWS = { kinds: [24, 28], phases: [2, 20] }; // of the band: top and height
 export const BAND_HEIGHT = 54;
 
@@ -139,7 +140,7 @@ export function drawBand(context, area, state, ink) {
   spans(state.phases, area, (phase, x, width) => {
     block(context, ROWS.phases, x, width, KINDS[kindOfPhase(phase[2])].colour, 0.1 + 0.3 * phase[3], null);
     context.strokeStyle = ink.faint;
-    context.strokeRect(x + 0.5, ROWS.phases[0] + 0.5, Math.max(width - 1, 1), ROWS.phases[1] - 1);
+    if (width >= FRAMED) context.strokeRect(x + 0.5, ROWS.phases[0] + 0.5, Math.max(width - 1, 1), ROWS.phases[1] - 1);
     write(context, [`${phaseName(phase)}${phase[4] ? "" : " ~"}`, phase[6] || phase[2]], ROWS.phases, x, width, ink, false);
   });
   if (preview) frame(context, area, state.effect.span, ink);

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import httpx
 import pytest
 from starlette.applications import Starlette
@@ -80,7 +82,7 @@ PAGE = """<link href="/assets/one.css"><script src="/samples/one.js"></script>
 <script type="importmap">{"imports": {"own/": "/assets/key/", "other": "/assets/other.js"}}</script>"""
 
 
-def test_the_files_of_a_page_are_compressed_before_the_application_has_started(asked, tmp_path):
+def test_the_files_of_a_page_are_compressed_before_a_browser_asks(asked, tmp_path):
     """Those that it loads and its modules, of the paths that are compressed; not all of an import map."""
     file = tmp_path / "one"
     file.write_text(TEXT)
@@ -92,16 +94,21 @@ def test_the_files_of_a_page_are_compressed_before_the_application_has_started(a
     inner = Starlette(routes=[Route("/{path:path}", answer)])
     app = FileCompression(inner, ("/assets/",), prepared="/page", modules=[("own", "two.js")])
     sent = []
+    files = ["/assets/key/two.js", "/assets/one.css"]
 
     async def send(message):
         sent.append((message["type"], list(asked)))
 
     async def receive():
-        return {"type": "lifespan.startup" if not sent else "lifespan.shutdown"}
+        if not sent:
+            return {"type": "lifespan.startup"}
+        async with asyncio.timeout(30.0):
+            while asked != ["/page", *files]:
+                await asyncio.sleep(0.005)
+        return {"type": "lifespan.shutdown"}
 
     ran(app({"type": "lifespan", "asgi": {"version": "3.0"}, "state": {}}, receive, send))
-    files = ["/assets/key/two.js", "/assets/one.css"]
-    assert sent[0] == ("lifespan.startup.complete", ["/page", *files])
+    assert sent[0] == ("lifespan.startup.complete", [])
     answer_kept = Client(app).get("/assets/key/two.js")
     assert answer_kept.text == TEXT
     assert answer_kept.headers["content-encoding"] == "gzip"

@@ -11,6 +11,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LEVEL = 6  # of gzip: 9 takes twice as long for a hundredth less
+PREPARE_AFTER_S = 0.1  # of the start: a dashboard is ready first
 MOST_ANSWERS = 200  # that are kept: thrice the files that there are
 CONDITIONS = {"range", "if-none-match", "if-modified-since"}  # headers that ask for less than the file
 
@@ -46,8 +47,8 @@ class FileCompression(GZipMiddleware):
     """Compresses what is loaded once and kept by the browser. paths: how their paths begin.
 
     Each file is read and compressed once: an answer stays in memory until the process ends. prepared: a page;
-    it is built, and its files are compressed, before the application reports that it has started. modules:
-    further files of an import map, each by the name of its package and its path there.
+    it is built, and its files are compressed, as soon as the application has started, before a browser asks.
+    modules: further files of an import map, each by the name of its package and its path there.
     """
 
     def __init__(
@@ -65,13 +66,16 @@ class FileCompression(GZipMiddleware):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer compressed, or hand on."""
         if scope["type"] == "lifespan" and self._prepared is not None:
+            preparing: list[asyncio.Task[None]] = []
 
-            async def send_prepared(message: Message) -> None:
-                if message["type"] == "lifespan.startup.complete":
-                    await self._prepare(scope)
+            async def send_and_prepare(message: Message) -> None:
                 await send(message)
+                if message["type"] == "lifespan.startup.complete":
+                    preparing.append(asyncio.create_task(self._prepare(scope)))
 
-            await self.app(scope, receive, send_prepared)
+            await self.app(scope, receive, send_and_prepare)
+            for task in preparing:
+                task.cancel()
             return
         if scope["type"] != "http" or not scope["path"].startswith(self._paths):
             await self.app(scope, receive, send)
@@ -100,9 +104,11 @@ class FileCompression(GZipMiddleware):
             return {**REQUEST, **started, "type": "http", "path": path, "raw_path": path.encode()}
 
         assert self._prepared is not None
+        await asyncio.sleep(PREPARE_AFTER_S)
         await self.app(request(self._prepared), _asked(), keep)
         for path in sorted(self._files_of(b"".join(page).decode())):
             await self(request(path), _asked(), _dropped)
+            await asyncio.sleep(0)  # what a browser asks for comes first
 
     def _files_of(self, page: str) -> set[str]:
         """The paths of the files that a page loads, and of the modules; an import map names many more."""

@@ -35,7 +35,7 @@ DATASETS = "/datasets"
 PROGRAMS = "/programs"
 SAMPLES = "/samples"  # of sessions, for plots; the pages of sessions ask for them
 REFUSED = {"malformed": 400, "unknown_session": 404, "forbidden": 403}  # others: try again
-PREPARED = "/station/none"  # built before the dashboard is ready: it has everything that a session's page has
+PREPARED = "/station/none"  # built before a browser asks: it has everything that a session's page has
 LOOK_S = 0.02  # between two looks whether the socket is bound
 # A page that answers no ping for this long is dropped and loads itself again: what was typed into it is gone.
 # The 2 s of NiceGUI are a short pause of a tablet.

@@ -133,7 +133,7 @@ class AppPoses(NamedTuple):
 
 def _without_rests(app: App, begun: float, ended: float) -> tuple[float, float]:
     """When [s] a run followed the path of an app that it began and ended at some times."""
-    before_s, after_s = rests_of(app)
+    before_s, after_s = rests_of(app) if APP_KINDS[app.kind].presses else (0.0, 0.0)
     return begun + before_s, ended - after_s
 
 

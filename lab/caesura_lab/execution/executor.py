@@ -25,6 +25,7 @@ from caesura_lab.teacher.plan import Plan
 from caesura_lab.teacher.scenarios import Scenario
 from caesura_lab.teacher.sensor import Sensors
 from caesura_protocol.messages import App, Vector, WrenchSource
+from caesura_protocol.programs.app_times import run_times
 from caesura_protocol.programs.checks.findings import RefusedError
 from caesura_protocol.programs.gripping import within_gripper
 from caesura_protocol.programs.safety import DEFAULT, Safety
@@ -126,7 +127,10 @@ def _start_position(apps: Sequence[App], home: Vector) -> Vector:
 
 
 def _pause(app: App, following: App | None, safety: Safety) -> float:
-    return 0.0 if following is None else min(max(following.t0 - app.tn, 0.0), safety.pause_s)
+    """How long [s] the hand rested between two apps: from the end of one path to the begin of the next."""
+    if following is None:
+        return 0.0
+    return min(max(run_times(following)[0] - run_times(app)[1], 0.0), safety.pause_s)
 
 
 def _recording_of(trace: SimulationTrace, cell: SimulatedCell, robot: Robot) -> Recording:

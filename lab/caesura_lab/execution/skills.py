@@ -358,7 +358,8 @@ def target_pose(controller: SkillController, app: App) -> tuple[Array, Array]:
 
 
 def _seconds(app: App) -> float:
-    return app.tn - app.t0
+    """How long an app moves along its path; without one, how long it lasts."""
+    return app.tn - app.t0 if app.path is None else app.path.tn - app.path.start.t
 
 
 def _leaves_contact(following: App | None) -> TypeGuard[App]:
@@ -391,7 +392,7 @@ def _apply_force(controller: SkillController, app: App, following: App | None) -
     straight = size if slides else float(np.sqrt(max(size**2 - aside @ aside, 0.0)))
     depth = float(along @ (target - controller.setpoint.position))
     (before_s, after_s), (before_n, after_n) = rests_of(app), rest_newtons(app)
-    seconds = _seconds(app) - before_s - after_s
+    seconds = _seconds(app)
     lets_go_s = max(RELEASE_S - (following.t0 - app.tn), 0.0) if _leaves_contact(following) else 0.0
     if app.path is None:
         seconds = max(seconds - lets_go_s, 0.5 * seconds)

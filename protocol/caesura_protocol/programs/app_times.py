@@ -87,6 +87,17 @@ def rests_of(app: App) -> tuple[float, float]:
     return before_s, max(app.tn - app.t0 - before_s - (app.path.tn - app.path.start.t), 0.0)
 
 
+def run_times(app: App) -> tuple[float, float]:
+    """When [s] an app begins and ends where it is run: with its path and its rests in contact.
+
+    A path leads from observation to observation, and to where a contact was made.
+    """
+    if app.path is None:
+        return app.t0, app.tn
+    begun, ended = app.path.start.t, app.path.tn
+    return (begun, ended) if APP_KINDS[app.kind].has_target else (min(app.t0, begun), max(app.tn, ended))
+
+
 def rest_newtons(app: App) -> tuple[float, float]:
     """How hard [N] an app presses while it rests before its path, and after it; as on its path by default."""
     newtons = 0.0 if app.force is None else math.hypot(*app.force)

@@ -455,19 +455,26 @@ def test_a_program_is_begun_where_it_was_taught_to_begin(robot: Robot) -> None:
     assert done.recording.signals["pos"][0] == pytest.approx(begun, abs=1e-3)
 
 
-def passing(pause_s: float, speed_m_per_s: float = 0.1) -> RunResult:
-    """Two straight movements in a line, taught without a stop between them; a pause may be put there."""
+def in_a_line(pause_s: float, speed_m_per_s: float = 0.1, earlier_s: float = 0.0) -> tuple[App, ...]:
+    """Two straight movements in a line, taught without a stop between them; a pause may be put there.
+
+    earlier_s: by how much [s] their segments are shorter than their paths, at either end.
+    """
     x, y, z = begin = PRESSING.simulation().start
     middle, end = (x, y + 0.1, z), (x, y + 0.2, z)
     velocity = (0.0, speed_m_per_s, 0.0)
     first = path_from(begin, 0.0, 1.5, 0.1).model_copy(update={"end_velocity": velocity})
     second = path_from(middle, 1.5 + pause_s, 3.0 + pause_s, 0.1)
     second = second.model_copy(update={"start": second.start.model_copy(update={"velocity": velocity})})
-    apps = (
-        app("cartesian_motion", 0.0, 1.5, middle, path=first),
-        app("cartesian_motion", 1.5 + pause_s, 3.0 + pause_s, end, path=second),
+    return (
+        app("cartesian_motion", earlier_s, 1.5 - earlier_s, middle, path=first),
+        app("cartesian_motion", 1.5 + pause_s + earlier_s, 3.0 + pause_s - earlier_s, end, path=second),
     )
-    return executed(apps, PRESSING)
+
+
+def passing(pause_s: float, speed_m_per_s: float = 0.1) -> RunResult:
+    """The run of two movements `in_a_line`."""
+    return executed(in_a_line(pause_s, speed_m_per_s), PRESSING)
 
 
 def test_a_robot_goes_on_where_the_hand_did_and_stops_where_it_paused(robot: Robot) -> None:
@@ -481,3 +488,10 @@ def test_a_robot_goes_on_where_the_hand_did_and_stops_where_it_paused(robot: Rob
         assert least <= np.linalg.norm(places[1] - places[0]) / 0.04 <= most
     velocities = np.diff(robot.flange_poses(passing(0.0).trace.q[::10])[0], axis=0) / 0.01
     assert np.linalg.norm(np.diff(velocities, axis=0), axis=1).max() / 0.01 < 2.0  # [m/s²]: without a jolt
+
+
+def test_a_path_lasts_as_long_as_it_was_taught_though_its_segment_is_shorter(robot: Robot) -> None:
+    """A path leads from observation to observation: a hand took 1.5 s for what the robot did in 1.3 s."""
+    runs = [executed(in_a_line(0.3, earlier_s=earlier_s), PRESSING) for earlier_s in (0.0, 0.1)]
+    assert np.allclose(runs[1].spans, runs[0].spans)
+    assert runs[0].spans[0][1] - runs[0].spans[0][0] == pytest.approx(1.5)

@@ -27,7 +27,7 @@ from caesura_protocol.force_limit import LEAST_PRESS_N
 from caesura_protocol.messages import App, Contact, Gap, RestForce, Segment, Vector
 from caesura_protocol.screw_motion import exerted
 from caesura_protocol.upright import UP
-from caesura_service.program.contacts import ARRIVES_M, pushes_back
+from caesura_service.program.contacts import pushes_back
 from caesura_service.program.end_velocities import with_end_velocities
 from caesura_service.program.gaps import observed_share
 from caesura_service.program.paths import Paths
@@ -43,7 +43,13 @@ from caesura_service.program.program_segment import (
     observed,
 )
 from caesura_service.program.segment_interpretation import kept_steps
-from caesura_service.program.strokes import INSERTED_M, rest_force_n, stands, stroke_force
+from caesura_service.program.strokes import (
+    INSERTED_M,
+    only_touches,
+    rest_force_n,
+    stands,
+    stroke_force,
+)
 
 LEAST_CONTACT_N = 1.0  # the thesis' threshold between contact and free space
 SETTLES_S = 0.15  # after a turn, until the hand is still
@@ -203,13 +209,20 @@ class _Group:
     def fingers_moved(self) -> float | None:
         """When [s] the fingers had moved in a rest before a press: what is pressed was touched after that."""
         following = self.after[0][0] if self.after else None
-        if following is None or not following.touches or _arrives(following):
+        if following is None or not following.touches or following.arrives:
             return None
         if any(grip.is_near(following.t0, following.tn) for grip in self.grips):
             return None
         t0, tn = self.steps[0].segment.t0, self.steps[-1].segment.tn
         moved = [grip.t for grip in self.grips if t0 <= grip.t < tn - GRIP_SLACK_S]
         return max(moved) + OBSERVED_S if moved else None
+
+    @property
+    def only_touches(self) -> bool:
+        """Does it arrive at a contact that a stroke goes on in, without a press that lasts?"""
+        strokes = self.after[0] if self.after else ()
+        goes_on = bool(strokes) and _group_key(strokes[0]) == "sliding"
+        return goes_on and len(self.steps) == 1 and only_touches(self.steps[0], self.moment_at)
 
     def landed(self) -> float | None:
         """When [s] a stroke that begins in the air touches: the way there belongs to what came before it."""
@@ -278,8 +291,10 @@ def _contacts(group: _Group) -> Iterable[App]:
         gripping = _grip_app(grip, begun, ended, group.moment_at, confidence, indices)
         yield gripping.model_copy(update={"force_taught": _forces(hardest.force, None)["force_taught"]})
     first = group.steps[0]
-    if _arrives(first) and not mine:
+    if first.arrives and not mine:
         yield group.moving("move_to_contact", first, group.touched(first))
+        if group.only_touches:
+            return
     if not mine and length(hardest.force) >= LEAST_CONTACT_N:
         yield _press(group)
 
@@ -292,18 +307,12 @@ def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tu
     return list(pairwise([min(t0, grips[0].t), *between, max(tn, grips[-1].t)]))
 
 
-def _arrives(step: ProgramSegment) -> bool:
-    """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
-    segment = step.segment
-    return segment.kind == "sliding" and step.gives_way and step.pushed_in > ARRIVES_M
-
-
 def _meets(group: _Group) -> bool:
     """Does its last movement end at the contact that follows?"""
     contact = group.contact
     if contact is None:
         return False
-    return not _arrives(contact) or any(grip.is_near(contact.t0, contact.tn) for grip in group.grips)
+    return not contact.arrives or any(grip.is_near(contact.t0, contact.tn) for grip in group.grips)
 
 
 def _press(group: _Group) -> App:

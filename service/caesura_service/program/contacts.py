@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from caesura_protocol.messages import Vector
 from caesura_service.program.loads import hangs
 from caesura_service.program.program_segment import (
+    ARRIVES_M,
     PUSHES_BACK_N,
     UNLIKE_N,
     Context,
@@ -33,7 +34,6 @@ from caesura_service.program.sensor_bias import base_after
 from caesura_service.program.strokes import OUT_M, OUT_SHARE
 
 LASTING = 5  # observations over which a force is averaged
-ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 
 
 def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Context) -> ProgramSegment:

@@ -11,9 +11,10 @@ from itertools import takewhile
 
 import numpy as np
 
-from caesura_service.program.contacts import ARRIVES_M, pushes_back, touched_at
+from caesura_service.program.contacts import pushes_back, touched_at
 from caesura_service.program.program_segment import (
     ACROSS_M,
+    ARRIVES_M,
     Context,
     ProgramSegment,
     direction,

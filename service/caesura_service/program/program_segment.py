@@ -20,6 +20,7 @@ ROUNDED_S = 1e-6
 UNLIKE_N = 2.0 * TARED_BIAS_N  # by which two forces differ, whatever the bias did between them
 PUSHES_BACK_N = 3.0  # what is touched; below it is what a sensor makes up
 STOPS_SHARE = 0.2  # of the lesser of the peaks of speed on both sides, up to which a movement or a turn stops
+ARRIVES_M = 0.05  # nothing is pressed in so far: a movement that ends in a press without a pause
 ACROSS_M, ACROSS_SHARE = 0.015, 1.0  # a stroke along a surface is longer than this, and pushes nothing in
 GRIP_SLACK_S = 0.3  # a grip this close to a contact belongs to it
 KINDS = {
@@ -173,6 +174,11 @@ class ProgramSegment:
         along = direction(self.force)
         across = length(self.moved - along * float(along @ self.moved))
         return across < max(ACROSS_M, ACROSS_SHARE * abs(self.pushed_in))
+
+    @property
+    def arrives(self) -> bool:
+        """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
+        return self.segment.kind == "sliding" and self.gives_way and self.pushed_in > ARRIVES_M
 
 
 def joined_where(

@@ -23,6 +23,7 @@ from caesura_protocol.rotations import angle_between, matrix_of
 from caesura_protocol.screw_motion import exerted, stop_torque_nm, torque_about_axis
 from caesura_service.constants import HANDS_BREADTH_M, TURN_SHARE
 from caesura_service.program.program_segment import (
+    OBSERVED_S,
     PUSHES_BACK_N,
     ROUNDED_S,
     STOPS_SHARE,
@@ -115,7 +116,8 @@ def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[Progra
     ]
     for (rests, run), (_, following) in zip_longest(runs, runs[1:], fillvalue=(False, ())):
         last = joined[-1] if joined else None
-        pressed = last is not None and last.touches and not _is_stroke(last)
+        presses = last is not None and last.touches and not _is_stroke(last)
+        pressed = last is not None and presses and not only_touches(last, moment_at)
         ends = last is not None and not last.rests_after and _goes_on(last, run[0])
         leads = rests and _leads_to(run, following, moment_at)
         ends = ends and rests and last is not None and _belong(run, last, moment_at)
@@ -153,6 +155,14 @@ def stands(step: ProgramSegment) -> bool:
     segment = step.segment
     still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
     return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
+
+
+def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
+    """Is it a way down that ends in a contact, and presses for less than a rest with a force of its own?"""
+    if not step.arrives:
+        return False
+    pushes = np.count_nonzero(_felt([step], moment_at).n >= PUSHES_BACK_N)
+    return bool(OBSERVED_S * pushes < STROKE_REST_S - ROUNDED_S)
 
 
 def may_end_movement(step: ProgramSegment) -> bool:

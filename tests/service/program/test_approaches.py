@@ -72,6 +72,38 @@ def test_a_way_down_that_ends_in_a_press_is_one_move_to_contact() -> None:
     assert kinds(stroke) == ["move_to_contact", "apply_force"]
 
 
+@pytest.mark.parametrize(
+    ("touched_s", "presses"),
+    [(2.9, [(2, 3)]), (2.3, [(1, 2), (3,)])],
+    ids=["it touches at its end", "it presses for 0.7 s"],
+)
+def test_a_rest_after_a_way_down_into_a_contact_begins_the_stroke(
+    touched_s: float, presses: list[tuple[int, ...]]
+) -> None:
+    """Of five like strokes one was a press and a stroke: the way down to it was in contact as a whole."""
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 3.0, **held(9.0), **down),
+        segment("contact", 3.0, 3.6, **held(9.0)),
+        segment("sliding", 3.6, 5.0, **held(9.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=9.0 if t > touched_s else 0.0),
+    )
+    assert kinds(made)[:2] == ["cartesian_motion", "move_to_contact"]
+    assert [app.segments for app in made if app.kind == "apply_force"] == presses
+
+
+def test_a_way_down_that_goes_on_in_a_stroke_is_no_press() -> None:
+    down = {"position_start": (0.0, 0.0, 0.3), "position_end": (0.0, 0.0, 0.2)}
+    made = program(
+        segment("motion", 0.0, 2.0),
+        segment("sliding", 2.0, 3.0, **held(9.0), **down),
+        segment("sliding", 3.0, 5.0, **held(9.0), **ACROSS),
+        at=lambda t: drifted(t, pushed_n=9.0 if t > 2.9 else 0.0),
+    )
+    assert kinds(made) == ["cartesian_motion", "move_to_contact", "apply_force"]
+
+
 DOWN: dict[str, Any] = {"position_start": (0.0, 0.0, 0.4), "position_end": (0.0, 0.0, 0.21)}
 
 

@@ -227,7 +227,7 @@ class _Group:
     def landed(self) -> float | None:
         """When [s] a stroke that begins in the air touches: the way there belongs to what came before it."""
         first = self.steps[0]
-        if first.rests_before or first.approach or self.before is None or self.before.touches:
+        if first.rests_before or self.before is None or self.before.touches:
             return None
         t = self.touched(first).t
         return t if t < first.segment.tn - OBSERVED_S else None

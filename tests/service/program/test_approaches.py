@@ -41,7 +41,8 @@ def test_a_contact_was_made_where_its_rest_pushes_back_though_the_stroke_leans_t
     assert made[0].target == pytest.approx((2.05, 0.0, 0.2))
 
 
-def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> None:
+@pytest.mark.parametrize("ends", [False, True], ids=["a stroke", "with a short slide at its end"])
+def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on(ends: bool) -> None:
     """Its segment began on the way down: the path of a stroke began 9 mm above the surface."""
 
     def down_then_across(t: float) -> Moment:
@@ -57,8 +58,12 @@ def test_a_stroke_that_begins_in_the_air_has_its_path_from_the_touch_on() -> Non
         ProgramSegment(0, segment("motion", 0.0, 2.6), 1.0),
         ProgramSegment(1, segment("sliding", 2.6, 5.0, **held(8.0), **begun), 1.0),
     ]
+    if ends:
+        end = {"position_start": (0.2, 0.0, 0.1), "position_end": (0.2, 0.013, 0.1)}
+        steps.append(ProgramSegment(2, segment("sliding", 5.0, 5.4, **held(8.0), **end), 1.0))
     _, stroke = task_program(steps, (), down_then_across, paths=Paths(poses))
     assert stroke.path is not None
+    assert stroke.segments == ((1, 2) if ends else (1,))
     assert stroke.path.start.position == pytest.approx((0.0, 0.0, 0.1), abs=0.006)
     assert stroke.t0 == stroke.path.start.t == pytest.approx(3.05)
 

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, takewhile
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,7 @@ from caesura_service.program.program_segment import (
 from caesura_service.program.segment_interpretation import kept_steps
 from caesura_service.program.strokes import (
     INSERTED_M,
+    NOWHERE_M,
     only_touches,
     rest_force_n,
     stands,
@@ -246,7 +248,7 @@ class _End:
     """When [s] and where an app ends that does not end with its segment."""
 
     t: float
-    where: dict[str, object]
+    where: dict[str, Any]
 
 
 def _motions(group: _Group) -> Iterable[App]:
@@ -374,7 +376,14 @@ def _carries(group: _Group) -> Iterable[App]:
     sets_down = _meets(group)
     for step in group.steps:
         end = group.touch() if sets_down and step is group.steps[-1] else None
-        yield group.moving("hold" if step.segment.kind == "hold" else "transport", step, end, load)
+        yield group.moving("hold" if _holds_still(step, end) else "transport", step, end, load)
+
+
+def _holds_still(step: ProgramSegment, end: _End | None) -> bool:
+    """Is it a hold, which leads nowhere? Who holds a load above a contact may carry it there in the end."""
+    where = step.segment.position_end if end is None else end.where["target"]
+    way_m = math.dist(step.segment.position_start, where)
+    return step.segment.kind == "hold" and (end is None or step.segment.corrected or way_m < NOWHERE_M)
 
 
 _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
@@ -399,7 +408,7 @@ def _group_key(step: ProgramSegment) -> str:
     return "transport" if kind == "hold" else kind
 
 
-def _where(moment: Moment) -> dict[str, object]:
+def _where(moment: Moment) -> dict[str, Any]:
     return {"target": moment.position, "orientation": moment.orientation, "joints": moment.joints}
 
 

@@ -195,3 +195,25 @@ def test_a_rest_under_a_load_is_a_hold_where_the_fingers_hold_something() -> Non
     carry = segment("transport", 1.0, 2.0, load_kg=0.5, load_sd_kg=0.05)
     assert kinds(program(carry, rest, grips=(GRASP,)))[1:] == ["transport", "hold"]
     assert kinds(program(carry, rest)) == ["transport", "apply_force"]
+
+
+@pytest.mark.parametrize(("way_m", "becomes"), [(0.006, "hold"), (0.02, "transport")])
+def test_what_is_carried_to_a_contact_in_the_end_is_no_hold(way_m: float, becomes: str) -> None:
+    """A peg bounced, stood for 0.4 s, and was carried on by 13 mm: a hold had that way as its path."""
+    still = {"position_start": (0.0, 0.0, 0.2), "position_end": (0.0, 0.0, 0.2)}
+    load = {"load_kg": 0.4, "load_sd_kg": 0.02}
+
+    def at(t: float) -> Moment:
+        pushed_n = 9.0 if t > 4.5 else 0.0
+        place = (0.0, 0.0, 0.4 - 0.1 * t) if t < 2.0 else (way_m * float(t > 4.5), 0.0, 0.2)
+        return replace(moment_at(t), position=place, force=(0.0, 0.0, pushed_n - 4.0))
+
+    made = program(
+        segment("transport", 0.0, 2.0, **load, position_start=(0.0, 0.0, 0.4), position_end=(0.0, 0.0, 0.2)),
+        segment("hold", 2.0, 4.0, **load, **still),
+        segment("sliding", 4.0, 6.0, force_held=(0.0, 0.0, 5.0), position_start=(0.0, 0.0, 0.2),
+                position_end=(0.1, 0.0, 0.2)),
+        grips=(replace(GRASP, t=-1.0),),
+        at=at,
+    )  # fmt: skip
+    assert kinds(made) == ["grasp", "transport", becomes, "apply_force"]

@@ -14,6 +14,7 @@ from caesura_clients import describing
 from caesura_clients.bridge import BridgeSettings
 from caesura_clients.bridge.sources import Source
 from caesura_clients.bridge.standby import Standby
+from caesura_protocol.codec import decode, encode
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import BridgeStatus
 from caesura_protocol.programs.safety import CellSettings
@@ -43,7 +44,7 @@ class Robot(LiveSource):
 
 
 def broken() -> Iterator:
-    raise RuntimeError("libfranka: no connection")
+    raise RuntimeError("libfranka: no connection\n\x1b[2J")
 
 
 @contextmanager
@@ -86,6 +87,7 @@ def test_a_library_that_raises_is_a_lost_source_which_is_opened_again(monkeypatc
     with standing_by(MemoryNetwork(), open_source) as standby:
         eventually(lambda: "RuntimeError: libfranka: no connection" in (standby.status.problem or ""))
         assert standby.status.state == "failed"
+        assert decode(*encode(standby.status), BridgeStatus) == standby.status, "one line, whatever it was"
         works.set()
         eventually(lambda: standby.status.state == "ready")
 

@@ -10,6 +10,7 @@ import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from caesura_protocol.bounds import HEADER_BYTES, TEXT_BYTES
 from caesura_protocol.codec import MESSAGE_TYPES, decode, encode, encode_error, encoding_of
@@ -38,6 +39,7 @@ from caesura_protocol.messages import (
     Error,
     Gap,
     Message,
+    NamePhase,
     Open,
     PhaseOutline,
     Piece,
@@ -332,13 +334,33 @@ LONGEST = Description(
     note=1000 * WIDE,
     tags=tuple(63 * WIDE + chr(ord(WIDE) + number) for number in range(MAX_TAGS)),
 )
+REFERENCE = AppReference(kind="cartesian_motion", t0=0.125, tn=1.25, added=1 << 50)
 LONGEST_EDIT = ChangeApp(
-    app=AppReference(kind="cartesian_motion", t0=0.125, tn=1.25, added=1 << 50),
+    app=REFERENCE,
     name=64 * WIDE,
     note=1000 * WIDE,
     target=(0.1, 0.2, 0.3),
     as_taught=("name", "note", "target", "speed", "force_n", "tolerance_m", "gripper_width"),
 )
+
+
+@pytest.mark.parametrize("text", ["a\x1b[2Jb", "a\nb", "a\u202eb", "a\u061cb", "a\u00adb"], ids=ascii)
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda text: NamePhase(t=0.0, name=text),
+        lambda text: ChangeApp(app=REFERENCE, name=text),
+        lambda text: BridgeStatus(station="cell-1", bridge="b", state="ready", source=text),
+        lambda text: BridgeStatus(station="cell-1", bridge="b", state="ready", source="ur", problem=text),
+        lambda text: BridgeStatus(station="cell-1", bridge="b", state="ready", source="ur", outcome=text),
+    ],
+    ids=["phase", "app", "source", "problem", "outcome"],
+)
+def test_what_a_terminal_prints_is_one_line_without_a_control_character(
+    made: Callable[[str], Message], text: str
+):
+    with pytest.raises(ValidationError):
+        made(text)
 
 
 @pytest.mark.parametrize(

@@ -34,9 +34,11 @@ from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.source_feed import SourceFeed
 from caesura_clients.bridge.sources import Chunk, Mark, Source, button_pressed
 from caesura_protocol.codec import decode, encode, encode_error
-from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
+from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable, printable
 from caesura_protocol.keys import check_name, station_key
 from caesura_protocol.messages import (
+    MAX_SOURCE,
+    MAX_STATUS_TEXT,
     BridgeAck,
     BridgeControl,
     BridgeStatus,
@@ -108,7 +110,7 @@ class Standby:
             station=station,
             bridge=new_bridge_name(),
             state="failed",
-            source=source_name[:64],
+            source=printable(source_name, MAX_SOURCE),
             problem="the source is not open yet",
         )
 
@@ -140,7 +142,7 @@ class Standby:
                     raise
                 except Exception as error:  # of any library: the robot may come back
                     logger.debug("the source is lost", exc_info=True)
-                    self._change(state="failed", problem=f"the source is lost: {_words(error)}"[:1000])
+                    self._change(state="failed", problem=f"the source is lost: {_words(error)}")
                     self._over.wait(RECONNECT_S)
 
     def _wait_for_station(self) -> None:
@@ -197,7 +199,7 @@ class Standby:
         feed.end()
         if self._current is None:
             why = refusal.message if isinstance(refusal, ProtocolError) else str(refusal)
-            self._change(problem=f"the button was pressed, and nothing began: {why}"[:1000])
+            self._change(problem=f"the button was pressed, and nothing began: {why}")
 
     def _teach(self, one: _Demonstration, source: Source, feed: SourceFeed) -> None:
         """One session, from its opening to its acknowledged end."""
@@ -234,7 +236,7 @@ class Standby:
                 description=None,
                 problem="the source is lost" if feed.is_lost else None,
                 last_session=one.session if one.is_open else self.status.last_session,
-                outcome=outcome[:1000] if one.is_open else self.status.outcome,
+                outcome=outcome if one.is_open else self.status.outcome,
             )
             one.done.set()
 
@@ -283,7 +285,7 @@ class Standby:
             try:
                 ack = bridge.finish(success=one.success)
             except Unreachable as error:
-                self._change(problem=f"not stored yet: {error}"[:1000])
+                self._change(problem=f"not stored yet: {error}")
                 if self._over.is_set():
                     raise
             else:
@@ -440,6 +442,8 @@ class Standby:
     # --- status -----------------------------------------------------------------------------------------
 
     def _change(self, **changes: Any) -> None:
+        for name in {"problem", "outcome"} & changes.keys():
+            changes[name] = printable(changes[name] or "", MAX_STATUS_TEXT) or None
         with self._changing:
             self.status = self.status.model_copy(update=changes)
             self._put_status()

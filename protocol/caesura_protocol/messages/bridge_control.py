@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from caesura_protocol.messages.field_types import BridgeState, Count, Name
+from caesura_protocol.messages.field_types import LINE, BridgeState, Count, Name, StatusText
+from caesura_protocol.messages.limits import MAX_SOURCE
 from caesura_protocol.messages.message import Message
 from caesura_protocol.messages.sessions import Description
 
@@ -48,9 +49,9 @@ class BridgeStatus(Message):
     station: Name
     bridge: Name
     state: BridgeState
-    source: Annotated[str, Field(max_length=64)]  # its name, such as `franky`
+    source: Annotated[str, Field(max_length=MAX_SOURCE, pattern=LINE)]  # its name, such as `franky`
     session: Name | None = None  # that is being taught or stored
     description: Description | None = None  # with which that was started
-    problem: Annotated[str, Field(max_length=1000)] | None = None  # why it cannot be started or stored now
+    problem: StatusText | None = None  # why it cannot be started or stored now
     last_session: Name | None = None  # the one before
-    outcome: Annotated[str, Field(max_length=1000)] | None = None  # what became of the one before, in words
+    outcome: StatusText | None = None  # what became of the one before, in words

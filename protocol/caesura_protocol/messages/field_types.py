@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field
 
 from caesura_protocol.errors import ErrorCode
 from caesura_protocol.keys import NAME_PATTERN
-from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MOST_SPEED
+from caesura_protocol.messages.limits import LEAST_SPEED, MAX_COLUMNS, MAX_STATUS_TEXT, MOST_SPEED
 from caesura_protocol.upright import checked_up
 
 LengthUnit = Literal["m", "cm", "mm"]
@@ -21,7 +21,6 @@ Kind = Literal["motion", "contact", "transport", "steady", "hold", "sliding", "t
 Motion = Literal["motion", "steady"]
 Contact = Literal["free", "contact", "transport"]
 PhaseKind = Literal["free", "contact", "transport", "cycle"]  # cycle: free, and back where it began
-PhaseName = Annotated[str, Field(min_length=1, max_length=64)]  # of a phase, and of a group of apps
 Certainty = Literal["provisional", "final"]
 HintKind = Literal[
     "hand_in_wrench",
@@ -70,14 +69,16 @@ Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Newtons = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 ForceLimit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [N]
 Tolerance = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]  # [m] or [rad]
-UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+UNPRINTABLE = r"\u0000-\u001f\u007f-\u009f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 LINE = f"^[^{UNPRINTABLE}]+$"
 Author = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 TaskName = Annotated[str, Field(min_length=1, max_length=120, pattern=LINE)]
 Note = Annotated[str, Field(min_length=1, max_length=1000, pattern=LINE)]
 Tag = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
 HintText = Annotated[str, Field(min_length=1, max_length=200, pattern=LINE)]
+PhaseName = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]  # and of a group of apps
 AppLabel = Annotated[str, Field(min_length=1, max_length=64, pattern=LINE)]
+StatusText = Annotated[str, Field(min_length=1, max_length=MAX_STATUS_TEXT, pattern=LINE)]
 SpeedFactor = Annotated[float, Field(ge=LEAST_SPEED, le=MOST_SPEED)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 AppField = Literal[

@@ -22,4 +22,6 @@ MAX_TAUGHT_AGAIN = 300  # apps of a program that were taught again
 MAX_TAUGHT_AGAIN_HELD = 1000  # that its edits hold, also for undo; those that are undone do not count
 MAX_PART_BYTES = 1 << 19  # of the apps that one edit puts in the place of a part
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0  # factors of the taught speed that an app, or a program, may have
+MAX_STATUS_TEXT = 1000  # characters of what a bridge says of itself
+MAX_SOURCE = 64  # characters of the name of what it reads from
 MAX_HINTS = 64  # that a message lists

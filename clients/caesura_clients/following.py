@@ -3,6 +3,8 @@
 A lost last message shows no hole, so the snapshot of a session that has said nothing for `refresh_s` is asked
 for: once where it is closed, else again and again, ever less often.
 
+A station whose sessions begin faster than they can be asked for delays its own results and no other's.
+
 A session that the service twice does not report is dropped: the service was restarted without it. While no
 service is live, the last results stay. `events` yields both cases; `follow` yields the updates alone.
 """
@@ -17,7 +19,7 @@ from dataclasses import dataclass
 
 from caesura_clients.program_decoder import ProgramDecoder
 from caesura_clients.query import services, snapshots
-from caesura_clients.refresh_backoff import RefreshBackoff
+from caesura_clients.refresh_backoff import RefreshBackoff, TimeShares
 from caesura_clients.results import PUBLISHED, Published, SessionReader, Update
 from caesura_clients.service_liveliness import Change, LiveServices
 from caesura_protocol.codec import Encoded, decode, encoding_of
@@ -115,6 +117,7 @@ class _Follower:
         self._backoff: RefreshBackoff[tuple[str, str]] = RefreshBackoff(
             refresh_s
         )  # of sessions, and of all of them
+        self._shares: TimeShares[str] = TimeShares()  # of stations
         self._live_services = LiveServices()
         self._reassembler = Reassembler()
         self._programs: dict[str, ProgramDecoder] = {}  # by their keys
@@ -138,7 +141,7 @@ class _Follower:
             self._backoff.retry_after_silence(ALL)
             return
         self._backoff.remove(ALL)
-        yield from self._remove_missing(self._missing(known))
+        yield from self._remove_missing(set(self._readers) - _keys(known))
 
     def refresh_silent(self) -> Iterator[Event]:
         """Query sessions that were silent for a while; yields as `refresh`."""
@@ -146,12 +149,20 @@ class _Follower:
         if ALL in due or time.monotonic() - self._asked_all >= ALL_S:
             yield from self.refresh()
             return
-        for key in due:
-            known = self._ask(*key)
-            yield from self._restart(known or ())
+        for station in dict(due):
+            if self._shares.allows(station):
+                yield from self._refresh_station(station, {key for key in due if key[0] == station})
+
+    def _refresh_station(self, station: str, keys: set[tuple[str, str]]) -> Iterator[Event]:
+        """Query sessions of a station, all at once where there are several."""
+        (_, session), *others = sorted(keys)
+        with self._shares.charged(station):
+            known = self._ask(station, "*" if others else session)
+        yield from self._restart(known or ())
+        for key in keys:
             self._record_query(key, answered=known is not None)
-            if known == []:
-                yield from self._remove_missing({key})
+        if known is not None and (missing := keys - _keys(known)):
+            yield from self._remove_missing(missing, station)
 
     def receive(self, delivery: ReceivedSample) -> Iterator[Event]:
         """Apply what was published; yields the session if something in it is new."""
@@ -162,10 +173,13 @@ class _Follower:
         self._backoff.reset((message.station, message.session))
         reader = self._reader(message.station, message.session)
         before = reader.update
+        may_ask = self._shares.allows(message.station)  # if not, the next message asks, or its silence
         for _ in range(SNAPSHOT_ATTEMPTS):
-            if reader.receive(message) != "hole":
+            if reader.receive(message) != "hole" or not may_ask:
                 break
-            for snapshot in self._ask(message.station, message.session) or ():
+            with self._shares.charged(message.station):
+                found = self._ask(message.station, message.session)
+            for snapshot in found or ():
                 reader.restart(snapshot)
         if reader.update is not None and reader.update != before:
             yield reader.update
@@ -185,12 +199,14 @@ class _Follower:
         else:
             self._backoff.back_off(key)
 
-    def _remove_missing(self, missing: set[tuple[str, str]]) -> Iterator[SessionRemoved]:
-        """Remove sessions that a second, complete query does not return either."""
-        again = self._ask(complete=True) if missing else None
+    def _remove_missing(
+        self, missing: set[tuple[str, str]], station: str | None = None
+    ) -> Iterator[SessionRemoved]:
+        """Remove sessions, of a station, that a second, complete query does not return either."""
+        again = self._ask(station, complete=True) if missing else None
         if again is None or not self._is_served():
             return
-        for key in sorted(missing & self._missing(again)):
+        for key in sorted(missing - _keys(again)):
             del self._readers[key]
             self._backoff.remove(key)
             yield SessionRemoved(*key)
@@ -200,9 +216,6 @@ class _Follower:
             return bool(services(self._transport))
         except Unreachable:
             return False
-
-    def _missing(self, known: list[Snapshot]) -> set[tuple[str, str]]:
-        return set(self._readers) - {(one.status.station, one.status.session) for one in known}
 
     def _ask(
         self, station: str | None = None, session: str | None = None, *, complete: bool = False
@@ -234,6 +247,10 @@ class _Follower:
 
     def _reader(self, station: str, session: str) -> SessionReader:
         return self._readers.setdefault((station, session), SessionReader())
+
+
+def _keys(known: Iterable[Snapshot]) -> set[tuple[str, str]]:
+    return {(one.status.station, one.status.session) for one in known}
 
 
 @contextmanager

@@ -184,9 +184,9 @@ def samples(
     raise _not_found(transport, f"no samples of session {station}/{session}")
 
 
-def current_sessions(transport: Transport) -> dict[str, str]:
+def current_sessions(transport: Transport, station: str = "*") -> dict[str, str]:
     """The session that each station's program speaks of: the one that was opened last."""
-    programs = _query_all(transport, station_key("*", "program"), Program)
+    programs = _query_all(transport, station_key(station, "program"), Program)
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
     return {one.station: one.session for one in ranked}
 

@@ -1,4 +1,4 @@
-"""Decides when to query keys without messages: after a pause, then at increasing intervals.
+"""Decides when to query: keys without messages after a pause, then at increasing intervals, none too often.
 
 A key that is received again starts anew; a query without an answer is repeated after the first interval.
 """
@@ -6,12 +6,14 @@ A key that is received again starts anew; a query without an answer is repeated 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Generic, NamedTuple, TypeVar
 
 K = TypeVar("K")
 
 LONGEST_S = 60.0  # between two questions about the same
+SHARE = 0.125  # of a thread's time, at most, that queries of one key take
 
 
 class _Waiting(NamedTuple):
@@ -23,7 +25,7 @@ class RefreshBackoff(Generic[K]):
     """Query intervals of many keys."""
 
     def __init__(self, silence_s: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """patience_s: how long nothing may be received before a query."""
+        """silence_s: how long nothing may be received before a query."""
         self._silence_s = silence_s
         self._clock = clock
         self._waiting: dict[K, _Waiting] = {}
@@ -54,3 +56,26 @@ class RefreshBackoff(Generic[K]):
             return []
         self._next_check_s = now + self._silence_s / 4.0
         return [key for key, waiting in self._waiting.items() if waiting.due <= now]
+
+
+class TimeShares(Generic[K]):
+    """Whose queries may be made now, so that those of one key take a share of the thread's time at most."""
+
+    def __init__(self, share: float = SHARE, clock: Callable[[], float] = time.monotonic) -> None:
+        self._share, self._clock = share, clock
+        self._free: dict[K, float] = {}  # from when on [s] a key may be queried
+
+    def allows(self, key: K) -> bool:
+        """Whether the share of a key is not used up."""
+        return self._free.get(key, 0.0) <= self._clock()
+
+    @contextmanager
+    def charged(self, key: K) -> Iterator[None]:
+        """Count the time of a query."""
+        began = self._clock()
+        try:
+            yield
+        finally:
+            now = self._clock()
+            self._free = {one: free for one, free in self._free.items() if free > now}
+            self._free[key] = now + (now - began) * (1.0 / self._share - 1.0)

@@ -26,6 +26,7 @@ class Answering:
         self.answers: dict[str, Encoded] = {}
         self.refusals: dict[str, Encoded] = {}
         self.refused = 0  # questions
+        self.asked: list[str] = []  # their keys
         self.lost = 0  # answers that still come without their first reply
         self.is_silent = False  # are there no words where there is nothing?
         self._transport = transport
@@ -71,6 +72,7 @@ class Answering:
                     self._answer(question)
 
     def _answer(self, question: IncomingQuery) -> None:
+        self.asked.append(question.key)
         keys = [session_key(one.status.station, one.status.session, "snapshot") for one in self.snapshots]
         known = [(key, encode(one)) for key, one in zip(keys, self.snapshots, strict=True)]
         found = [(key, answer) for key, answer in known if intersect(question.key, key)]

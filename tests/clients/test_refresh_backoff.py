@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from caesura_clients.refresh_backoff import LONGEST_S, RefreshBackoff
+from caesura_clients.refresh_backoff import LONGEST_S, RefreshBackoff, TimeShares
 
 
 class Clock:
@@ -50,3 +50,17 @@ def test_what_was_received_is_waited_for_anew_and_who_has_ended_not_at_all():
     assert silence.due() == []
     clock.now = 3.5
     assert silence.due() == ["a"]
+
+
+def test_queries_of_one_key_take_a_share_of_the_time_and_hold_up_no_other():
+    clock = Clock()
+    shares: TimeShares[str] = TimeShares(0.2, clock)
+    spent_s = 0.0
+    while clock.now < 100.0:
+        if shares.allows("a"):
+            with shares.charged("a"):
+                clock.now += 0.5
+                spent_s += 0.5
+            assert shares.allows("b")
+        clock.now += 0.1
+    assert 0.15 * clock.now < spent_s <= 0.2 * clock.now

@@ -77,6 +77,24 @@ def test_two_sessions_of_a_station_that_grow_in_turn_are_known_until_one_is_over
     eventually(lambda: gateway.world.parallel == {})
 
 
+def test_a_station_that_opens_many_sessions_is_asked_for_its_program_once_a_second(memory, answering):
+    """Each asked for the programs of all stations: at 100 sessions a second a dashboard was 9 s behind."""
+    now, program = [100.0], station_key(station(), "program")
+    with NetworkFollower(memory.transport(), refresh_s=0.1, clock=lambda: now[0]) as gateway:
+        eventually(lambda: gateway.world.updates)
+        answering.snapshots = [snapshot(1, session=f"s{number}") for number in range(1, 31)]
+        for one in answering.snapshots:
+            answering.put(one.status)
+        eventually(lambda: len(gateway.world.updates) == 30)
+        assert answering.asked.count(program) == 1
+        assert station_key("*", "program") not in answering.asked
+        newest = example(Program).model_copy(update={"station": station(), "session": "s30"})
+        answering.answers[program] = encode(newest)
+        now[0] += 1.0
+        eventually(lambda: gateway.world.current == {station(): "s30"})
+        assert answering.asked.count(program) == 2
+
+
 def test_what_there_was_before_is_known(gateway):
     update = gateway.world.update(station())
     assert [one.kind for one in update.segments] == ["motion"]

@@ -2,7 +2,7 @@
 
   results   updates of every session, and what a station's program speaks of;
   arrivals  samples, thinned out into rings, and tokens of bridges and instances;
-  services  the status of every instance, once a second.
+  services  the status of every instance, once a second, and current sessions that are not known.
 
 `world` is immutable and replaced. A thread that cannot reach the network says so in `DashboardState.troubles`
 and tries again; nothing that it meets ends it.
@@ -10,10 +10,11 @@ and tries again; nothing that it meets ends it.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from typing import Any
@@ -66,7 +67,8 @@ class NetworkFollower(RepeatingThreads):
         self.began = clock()
         self._refresh_s = refresh_s
         self.world = DashboardState()
-        self._unsure = False  # has the service had no time to say which sessions are current?
+        self._unsure: dict[str, float] = {}  # when [s] to ask again which session of a station is current
+        self._asked: dict[str, float] = {}  # when [s] a station was asked for last
         self.received: dict[str, NewestSamples] = {}
         self._parallel = ParallelSessions()
         self._rings: dict[str, SignalRing] = {}
@@ -148,7 +150,8 @@ class NetworkFollower(RepeatingThreads):
             case SessionRemoved():
                 gone = (event.station, event.session)
                 kept = {key: one for key, one in self.world.updates.items() if key != gone}
-                self._change(updates=kept, closed=self.world.closed + 1, current=self._current())
+                self._change(updates=kept, closed=self.world.closed + 1)
+                self._look_up_current(event.station)
                 self._parallel.close(*gone)
                 self._count_bridges(event.station)
 
@@ -156,8 +159,8 @@ class NetworkFollower(RepeatingThreads):
         key = (update.station, update.session)
         known = self.world.updates
         self._change(updates={**known, key: update}, closed=self.world.closed + update.closed)
-        if key not in known or self._unsure:
-            self._change(current=self._current())
+        if key not in known:
+            self._look_up_current(update.station)
         self._parallel.take(update)
         self._count_bridges(update.station)
         if update.posterior is not None:
@@ -170,15 +173,29 @@ class NetworkFollower(RepeatingThreads):
             others = {name: sessions for name, sessions in known.items() if name != station}
             self._change(parallel={**others, station: both} if both else others)
 
-    def _current(self) -> Mapping[str, str]:
-        """The session of each station's program; the last known one where no service answers in time."""
+    def _look_up_current(self, station: str) -> None:
+        """Ask which session a station's program speaks of: at once, or later where it was asked just now.
+
+        A station that opens a hundred sessions a second costs no more than one that opens one.
+        """
+        due = self._asked.get(station, -math.inf) + POLL_S
+        if self.clock() < due:
+            self._unsure[station] = due
+        else:
+            self._ask_current(station)
+
+    def _ask_current(self, station: str) -> None:
+        """Keep what is known where no service answers in time, and ask again."""
+        self._asked[station] = self.clock()
+        self._unsure.pop(station, None)
         try:
-            found = current_sessions(self.transport)
+            found = current_sessions(self.transport, station)
         except (CaesuraError, ProtocolError):
-            self._unsure = True
-            return self.world.current
-        self._unsure = False
-        return found
+            self._unsure[station] = self.clock() + POLL_S
+            return
+        with self._changing:
+            others = {name: one for name, one in self.world.current.items() if name != station}
+            self.world = replace(self.world, current={**others, **found})
 
     def _keep_posterior(self, station: str, posterior: Posterior) -> None:
         with self._changing:
@@ -251,6 +268,8 @@ class NetworkFollower(RepeatingThreads):
             before, then = self.world.services, asked_at
             services, asked_at = tuple(service_status(self.transport)), self.clock()
             self._change(services=services, rates=rates(before, services, asked_at - then))
+            for station in [name for name, due in tuple(self._unsure.items()) if due <= self.clock()]:
+                self._ask_current(station)
             self._trouble("services")
             self._over.wait(POLL_S)
 

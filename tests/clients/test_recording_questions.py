@@ -211,10 +211,13 @@ def test_names_of_other_software_are_proposed(tmp_path: Path, header: str, expec
     assert set(guessed(read_layout(file)).columns) == expected
 
 
-def test_a_name_with_quotes_is_written_so_that_it_is_read(tmp_path: Path):
+@pytest.mark.parametrize("odd_mark", ["", "\x7f"], ids=ascii)
+def test_a_name_with_quotes_is_written_so_that_it_is_read(tmp_path: Path, odd_mark: str):
     file = tmp_path / "log.csv"
-    file.write_text('"the ""time""",x,y,z\n' + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(20)))
-    names = {"t": 'the "time"', "px": "x", "py": "y", "pz": "z"}
+    file.write_text(
+        f'"the ""time""{odd_mark}",x,y,z\n' + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(20))
+    )
+    names = {"t": f'the "time"{odd_mark}', "px": "x", "py": "y", "pz": "z"}
     (tmp_path / "log.toml").write_text(mapping_text(MappingAnswers(columns=names)))
     assert load_recording(file, mapping=tmp_path / "log.toml").t[-1] == 0.19
 

@@ -126,6 +126,15 @@ def test_samples_become_signals_and_an_age(gateway, memory):
     assert gateway.received["cell-7"].t == pytest.approx(0.499)
 
 
+def test_the_longest_silent_station_makes_room_for_the_signals_of_another(gateway, memory, monkeypatch):
+    """256 names with a batch each, and no station that came later had signals."""
+    monkeypatch.setattr("caesura_clients.dashboard.network_follower.STATIONS", 2)
+    for name in ("cell-7", "cell-8", "cell-9"):
+        memory.transport().put(station_key(name, "samples"), samples())
+        eventually(lambda name=name: name in gateway.received)
+    eventually(lambda: gateway.received.keys() == {"cell-8", "cell-9"})
+
+
 def test_batches_that_are_sent_again_are_no_newest_samples(gateway, memory):
     # A bridge sends batches again that the service cannot store. They looked like a demonstration going on.
     robot, key = memory.transport(), station_key("cell-7", "samples")

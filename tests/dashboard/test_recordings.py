@@ -11,7 +11,8 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -206,6 +207,40 @@ def test_a_bag_leaves_its_wrench_open_and_takes_the_answer(tmp_path: Path, capsy
         json.loads(capsys.readouterr().out)["mapping"]
         == 'wrench_source = "flange_sensor"\nhand_on_robot = "no"\n'
     )
+
+
+def test_recordings_are_looked_at_one_after_the_other(desk: RecordingDesk, monkeypatch):
+    """Each may take 4 GB: four at once took all that a machine has."""
+    at_once: list[int] = []
+    start, reading = desk._start, threading.Lock()
+
+    def counted(upload: str, job: Mapping[str, Any]) -> subprocess.Popen[str]:
+        at_once.append(1 if reading.acquire(blocking=False) else 2)
+        child = start(upload, job)
+        communicate = child.communicate
+
+        def done(*args: Any, **named: Any) -> tuple[str, str]:
+            said = communicate(*args, **named)
+            reading.release()
+            return said
+
+        child.communicate = done  # type: ignore[method-assign]
+        return child
+
+    monkeypatch.setattr(desk, "_start", counted)
+    for number in range(2):
+        sent(desk, f"u-{number}", "a.csv", CSV.encode())
+    with ThreadPoolExecutor(2) as threads:
+        looks = list(threads.map(desk.look, ("u-0", "u-1")))
+    assert at_once == [1, 1]
+    assert [look["name"] for look in looks] == ["a.csv", "a.csv"]
+
+
+def test_a_column_that_caesura_does_not_have_is_refused_by_name(desk: RecordingDesk):
+    sent(desk, "u-1", "a.csv", CSV.encode())
+    request = asked("u-1", answers={"columns": {"t": "time", "pq": "x"}})
+    with pytest.raises(EditRefused, match="pq: Caesura has no such column"):
+        desk.play(request, frozenset())
 
 
 def test_a_recording_that_is_read_is_not_read_again_written_or_removed(desk: RecordingDesk):

@@ -247,12 +247,17 @@ class NetworkFollower(RepeatingThreads):
         except ProtocolError:
             return
         if station not in self._rings and len(self._rings) >= STATIONS:
-            return
+            self._forget_longest_silent()
         newest, known = float(matrix[-1, 0]), self.received.get(station)
         was_sent_again = known is not None and known.session == batch.session and newest <= known.t
         if not was_sent_again:
             self.received[station] = NewestSamples(self.clock(), newest, batch.session)
         self._rings.setdefault(station, SignalRing()).receive(batch.session, batch.columns, batch.seq, matrix)
+
+    def _forget_longest_silent(self) -> None:
+        """Make room for the signals of a station: those of another one are in the journal."""
+        longest = min(self._rings, key=lambda name: self.received[name].at)
+        del self._rings[longest], self.received[longest]
 
     def _take_bridge_status(self, station: str, delivery: ReceivedSample) -> None:
         status = decode(delivery.payload, delivery.encoding, BridgeStatus)

@@ -44,6 +44,7 @@ OPEN_S = 20.0  # until a service has opened the session
 STALL_S = 30.0  # without an acknowledged sample
 TICK_S = 0.2
 MEMORY = 4 << 30  # [bytes] of addresses: a file of a few megabytes can unfold to all that a machine has
+UNHURRIED = 19  # of `nice`: pages and the service come first
 SHOWN_ROWS = 3  # of a csv
 BAGS = (".db3",)  # beside a directory, and an MCAP of ROS 2
 Job = Mapping[str, Any]
@@ -221,4 +222,5 @@ def run(job: Job) -> int:
 
 
 if __name__ == "__main__":
+    os.nice(UNHURRIED)
     sys.exit(run(json.load(sys.stdin)))

@@ -23,6 +23,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.upload_folder import UploadFolder, remove_abandoned
+from caesura_protocol.errors import printable
+from caesura_protocol.formats.foreign_csv import SIGNAL_OF_COLUMN
 from caesura_protocol.messages import ForceFrame, HandOnRobot, Name, WrenchSource
 from caesura_protocol.upright import parse_up, up_text
 from caesura_protocol.validation_words import first_finding
@@ -48,12 +50,19 @@ def _checked_up(text: str) -> str:
     return up_text(parse_up(text))
 
 
+def _checked_columns(columns: dict[str, str]) -> dict[str, str]:
+    """Caesura's columns alone are mapped to. Raises ValueError."""
+    if unknown := sorted(columns.keys() - SIGNAL_OF_COLUMN.keys()):
+        raise ValueError(f"{printable(unknown[0])}: Caesura has no such column")
+    return columns
+
+
 class Answers(BaseModel):
     """What an operator answers about a recording; empty where a question does not arise."""
 
     model_config = ConfigDict(extra="forbid")
 
-    columns: dict[Text, Text] = Field(default={}, max_length=40)
+    columns: Annotated[dict[Text, Text], AfterValidator(_checked_columns)] = Field(default={}, max_length=40)
     delimiter: Annotated[str, StringConstraints(min_length=1, max_length=1)] = ","
     decimal: Literal[".", ","] = "."
     units: dict[Text, Text] = Field(default={}, max_length=10)
@@ -103,6 +112,7 @@ class RecordingDesk:
         remove_abandoned()
         self._folder = UploadFolder()
         self._lock = threading.Lock()
+        self._looking = threading.Lock()
         self._held: dict[str, int] = {}  # bytes by upload, the oldest first
         self._children: dict[str, subprocess.Popen[str] | None] = {}  # None: is about to start
         self._plays: dict[str, Playback] = {}
@@ -188,8 +198,9 @@ class RecordingDesk:
         file = self._recording_of(upload)
         self._reserve(upload, UPLOADS)
         try:
-            child = self._start(upload, {"do": "look", "file": str(file)})
-            said, _ = child.communicate(timeout=LOOK_S)
+            with self._looking:  # one after the other: each may take all the memory that one is given
+                child = self._start(upload, {"do": "look", "file": str(file)})
+                said, _ = child.communicate(timeout=LOOK_S)
         except subprocess.TimeoutExpired:
             child.kill()
             child.communicate()

@@ -78,5 +78,5 @@ def _unit(signal: str, answers: MappingAnswers) -> str | None:
 
 
 def _quoted(text: object) -> str:
-    """A TOML string: those of JSON are among them."""
-    return json.dumps(str(text), ensure_ascii=False)
+    """A TOML string: those of JSON are among them, but for one character that TOML has escaped."""
+    return json.dumps(str(text), ensure_ascii=False).replace("\x7f", "\\u007f")

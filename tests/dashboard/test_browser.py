@@ -93,7 +93,8 @@ def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, newcomer: Visi
         assert newcomer.barriers(*rules) == []
     assert newcomer.hosts == {"127.0.0.1"}, "something is fetched from outside"
     assert newcomer.received_bytes() < MEGABYTE
-    page.emulate_media(color_scheme="light")
+    newcomer.theme = "light"
+    page.emulate_media(color_scheme=newcomer.theme)
     tab_reaches_everything_and_shows_where_it_is(page)
     sizes = newcomer.type_sizes()
     assert set(sizes) <= TYPE, sizes

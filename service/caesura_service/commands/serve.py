@@ -97,7 +97,8 @@ def serve(
         float, typer.Option(min=0.0, help="A session is kept so long after it was last touched.")
     ] = JournalSettings.age_s / DAY_S,
     journal_gb: Annotated[
-        float, typer.Option(min=0.0, help="Past this size closed sessions go, oldest first.")
+        float,
+        typer.Option(min=0.01, help="Past this size closed sessions go; open ones of a station take half."),
     ] = JournalSettings.size_bytes / GB,
     metrics: Annotated[
         str | None,

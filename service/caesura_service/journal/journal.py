@@ -41,6 +41,15 @@ class JournalFullError(JournalError):
     """Its disk has no room left, or no more than is kept for deletions."""
 
 
+class JournalShareError(JournalError):
+    """The open sessions of a station have taken their share of the journal."""
+
+    def __init__(self, why: str, taken: int, limit: int) -> None:
+        """taken, limit: [bytes]."""
+        super().__init__(why)
+        self.taken, self.limit = taken, limit
+
+
 class JournalBusyError(JournalError):
     """Another process has the journal."""
 
@@ -120,7 +129,8 @@ class Journal(Protocol):
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record; it is on disk soon, or on return with `now`.
 
-        Raises JournalError, and has not appended it then.
+        Raises JournalError, and has not appended it then; JournalShareError at the share of the station's
+        open sessions, which a close always passes.
         """
 
     def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:

@@ -6,27 +6,37 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 from itertools import islice
 
-from caesura_protocol.codec import decode, encoding_of
-from caesura_protocol.messages import Close, Describe, Edit, EditProgram, JournalReport, SampleBatch
+from caesura_protocol.codec import decode, encode, encoding_of
+from caesura_protocol.messages import (
+    Close,
+    Describe,
+    Edit,
+    EditProgram,
+    Error,
+    JournalReport,
+    Open,
+    SampleBatch,
+)
 from caesura_service.journal.edits import AppliedEdit
 from caesura_service.journal.journal import (
     Copy,
     EncodedBatch,
-    JournalError,
+    JournalShareError,
     Key,
     Outcome,
     Record,
     StoredOutcome,
 )
+from caesura_service.journal.open_sessions import ENDING_BYTES
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
-_OVERHEAD_BYTES = 1000  # of a record beside its samples
+_OVERHEAD_BYTES = 1000  # of a record beside its content
 
 
 class MemoryJournal:
     """Records in lists, one a session. Over its capacity the station with most loses its oldest session.
 
-    Where that is the one in hand, it gets no further batches; it can still be closed.
+    Where that is the one in hand, it gets no further batches and changes; it can still be closed.
     """
 
     def __init__(self, capacity_bytes: int = CAPACITY_BYTES) -> None:
@@ -39,29 +49,33 @@ class MemoryJournal:
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record, and make room for it; its own session is never deleted.
 
-        Raises JournalError where there is no room for a batch.
+        Raises JournalShareError where there is no room; a close always passes, and what a session may need
+        to end passes for ENDING_BYTES more.
         """
-        key = (record.station, record.session)
-        self._make_room(key, _size(record), needed=isinstance(record.message, SampleBatch))
+        key, size = (record.station, record.session), _size(record)
+        if not isinstance(record.message, Close):
+            self._make_room(key, size, ENDING_BYTES * isinstance(record.message, Open | Error))
         self._records.setdefault(key, []).append(record)
-        self._sizes[key] = self._sizes.get(key, 0) + _size(record)
+        self._sizes[key] = self._sizes.get(key, 0) + size
 
     def append_batch(self, station: str, session: str, at: float, batch: EncodedBatch) -> None:
         """Append a batch as `append` does."""
         message = decode(batch.payload, encoding_of(SampleBatch), SampleBatch)
         self.append(Record(station, session, at, message))
 
-    def _make_room(self, key: Key, size: int, *, needed: bool) -> None:
-        while (sizes := self._station_sizes(key, size)).total() > self.capacity_bytes:
+    def _make_room(self, key: Key, size: int, spare: int) -> None:
+        """Delete sessions until a record fits. spare: [bytes] more that it may take."""
+        while (total := (sizes := self._station_sizes(key, size)).total()) > self.capacity_bytes:
             most = max(sizes, key=sizes.__getitem__)
             oldest = next((known for known in self._sizes if known[0] == most and known != key), None)
             if oldest is not None:
                 self.delete(*oldest)
-            elif needed:
-                raise JournalError(
+            elif total > self.capacity_bytes + spare:
+                why = (
                     f"the journal in memory is full of {'/'.join(key)}, it holds {self.capacity_bytes} "
                     "bytes: close the session, and serve with --journal DIR"
                 )
+                raise JournalShareError(why, sizes[most], self.capacity_bytes)
             else:
                 return
 
@@ -173,5 +187,6 @@ def _is_closed(records: list[Record]) -> bool:
 
 
 def _size(record: Record) -> int:
-    samples = record.message.samples if isinstance(record.message, SampleBatch) else b""
-    return len(samples) + _OVERHEAD_BYTES
+    message = record.message
+    content = message.samples if isinstance(message, SampleBatch) else encode(message).payload
+    return len(content) + _OVERHEAD_BYTES

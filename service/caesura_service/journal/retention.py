@@ -1,16 +1,16 @@
 """Retention: which closed sessions are deleted, by age, size and number.
 
-Stations share its size fairly. Past it, the station that takes most loses its oldest closed session, so one
-that takes no more than its part loses nothing to another; and the open sessions of one station, which are
-never dropped, take half of it at most. The number of sessions of a station is bounded too, because a look for
-what has to go takes a time for each.
+Stations share its size fairly. A station's part is the size to which the largest stations have to shrink so
+that all of them fit. Past the size, the largest station over its part loses its oldest closed sessions; one
+within its part loses nothing to another. Open sessions are never dropped for their size: `open_sessions`
+bounds them. The number of sessions of a station is bounded too, because a look for what has to go takes a
+time for each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 DAY_S = 86400.0
@@ -27,11 +27,6 @@ class JournalSettings:
     size_bytes: int = 10 * GB  # of all sessions
     sessions: int = 20_000  # of a station
 
-    @cached_property
-    def open_bytes(self) -> int:
-        """That the open sessions of one station may take, so that none takes the place of all."""
-        return max(self.size_bytes // 2, self.waiting_bytes)
-
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if value < 0:
@@ -43,7 +38,6 @@ class StationUsage(NamedTuple):
 
     station: str
     size: int  # [bytes]
-    open_size: int  # [bytes] of those that are open
     sessions: int
     closed: int  # of these
     touched: float  # [s] the session that was not written to for longest
@@ -59,21 +53,40 @@ class Excess(NamedTuple):
 
 
 def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:
-    """Return what to delete next: of a station with too many sessions, or of the largest station.
+    """Return what to delete next: of a station with too many sessions, or of the largest over its part.
 
-    Of the largest no more than brings it to the size of the next one.
+    Of the largest no more than brings it to the size of the next one, or to its part.
     """
     many = max(usages, key=lambda one: one.sessions, default=None)
     if many is not None and many.closed and many.sessions > settings.sessions:
         why = f"the oldest closed one of {many.sessions} of the station, kept are {settings.sessions}"
         return Excess(many.station, 0, many.sessions - settings.sessions, why)
-    size = sum(one.size for one in usages)
-    largest = sorted((one for one in usages if one.closed), key=lambda one: -one.size)[:2]
-    if size <= settings.size_bytes or not largest:
+    size, part = sum(one.size for one in usages), part_of(usages, settings)
+    if part is None:
         return None
-    most, rest = largest[0], largest[1].size if largest[1:] else 0
+    largest = sorted((one for one in usages if one.closed and one.size > part), key=lambda one: -one.size)
+    if not largest:
+        return None
+    most, rest = largest[0], largest[1].size if largest[1:] else part
     why = (
         f"the oldest closed one of the station that takes most, {most.size / GB:.3g} GB of "
         f"{size / GB:.3g}, kept are {settings.size_bytes / GB:g}"
     )
     return Excess(most.station, min(size - settings.size_bytes, max(most.size - rest, 1)), 0, why)
+
+
+def part_of(usages: Sequence[StationUsage], settings: JournalSettings) -> int | None:
+    """Return the part of a station [bytes]: if none took more, all would fit. None where they do."""
+    left = settings.size_bytes
+    sizes = sorted(one.size for one in usages)
+    for number, size in enumerate(sizes):
+        stations = len(sizes) - number
+        if size * stations > left:
+            return left // stations
+        left -= size
+    return None
+
+
+def open_part(usages: Sequence[StationUsage], settings: JournalSettings) -> int | None:
+    """Return the part of a station where the journal is too large and no session is to be deleted."""
+    return None if excess(usages, settings) else part_of(usages, settings)

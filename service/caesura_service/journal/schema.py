@@ -120,8 +120,9 @@ SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
 # What each station takes: summed up by SQLite, without the interpreter, because there may be many sessions.
 SELECT_USAGE = """
-SELECT station, sum(size), sum(iif(closed, 0, size)), count(*), sum(closed != 0), min(touched)
+SELECT station, sum(size), count(*), sum(closed != 0), min(touched)
 FROM sessions WHERE station != '' GROUP BY station"""
+SELECT_OPEN = "SELECT station, session, size FROM sessions WHERE station != '' AND NOT closed"
 SELECT_OLD = """
 SELECT station, session, touched FROM sessions
 WHERE station != '' AND touched < ? ORDER BY closed = 0, touched LIMIT ?"""

@@ -3,7 +3,7 @@
 `sqlite_writer` writes it. Here it is opened, read and kept within its limits.
 
 Closed sessions stay until they are too old or too much, oldest first. Open ones are never dropped for
-their size, and for their age only once they were not written to for so long.
+their size (`open_sessions` bounds it), and for their age only once they were not written to for so long.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, closing, suppress
 from itertools import accumulate
@@ -40,7 +39,13 @@ from caesura_service.journal.journal import (
     StoredOutcome,
 )
 from caesura_service.journal.peer_journals import open_for_reading
-from caesura_service.journal.retention import DAY_S, JournalSettings, StationUsage, excess
+from caesura_service.journal.retention import (
+    DAY_S,
+    JournalSettings,
+    StationUsage,
+    excess,
+    open_part,
+)
 from caesura_service.journal.rows import (
     SessionRow,
     Stored,
@@ -63,6 +68,7 @@ from caesura_service.journal.schema import (
     SELECT_KEYS,
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
+    SELECT_OPEN,
     SELECT_OUTCOME,
     SELECT_OUTCOMES,
     SELECT_ROWS,
@@ -245,6 +251,7 @@ class SqliteJournal(SqliteWriter):
         self._known.discard(row.key)
         with self._guard:
             self._outcomes.pop(row.key, None)
+            self._open_sessions.close(row.key)
         logger.error("journal %s: %s; the session is set aside as %s/%s", self.path, why, row.station, aside)
         return str(aside)
 
@@ -267,6 +274,7 @@ class SqliteJournal(SqliteWriter):
             with self._guard:
                 for key in keys:
                     self._outcomes.pop(key, None)
+                    self._open_sessions.close(key)
                 self._waiting = [row for row in self._waiting if row.key not in keys]
                 self._waiting_bytes = sum(row.size for row in self._waiting)
         self._known -= keys
@@ -380,11 +388,16 @@ class SqliteJournal(SqliteWriter):
                     self._quarantine(row, f"the entry of {'/'.join(row.key)} is damaged")
 
     def _read_usage(self) -> list[StationUsage]:
-        """Return the usage of each station."""
+        """Return the usage of each station on disk, and count the open sessions anew."""
         with self._writing, map_sqlite_errors(self.path):
             usages = [StationUsage(*row) for row in self._database.execute(SELECT_USAGE)]
+            open_sizes = {
+                (station, session): size for station, session, size in self._database.execute(SELECT_OPEN)
+            }
+            part = open_part(usages, self.settings)
+            with self._guard:  # while this thread holds the database, what waits is not on disk
+                self._open_sessions.renew(open_sizes, self._waiting, part)
         self._size = sum(usage.size for usage in usages)
-        self._open_bytes = Counter({usage.station: usage.open_size for usage in usages if usage.open_size})
         return usages
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import sqlite3
 import threading
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -31,8 +30,9 @@ from caesura_service.journal.journal import (
     Outcome,
     Record,
 )
+from caesura_service.journal.open_sessions import OpenSessions
 from caesura_service.journal.reserve import SIZE, Reserve
-from caesura_service.journal.retention import GB, JournalSettings
+from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.row_writer import portions, write_rows
 from caesura_service.journal.rows import (
     RecordRow,
@@ -40,6 +40,7 @@ from caesura_service.journal.rows import (
     row_of,
 )
 from caesura_service.journal.schema import (
+    CLOSE,
     INSERT_EPOCH,
     INSERT_OUTCOME,
     INSERT_OVERVIEW,
@@ -75,8 +76,7 @@ class SqliteWriter:
         self._guard = threading.Lock()  # of what waits; never held while the disk works
         self._writing = threading.RLock()  # of the database
         self._error: JournalError | None = None
-        # [bytes] of each station's open sessions, since the last look
-        self._open_bytes: Counter[str] = Counter()
+        self._open_sessions = OpenSessions()
         self._known: set[Key] = set()  # sessions, at the last look and since
         self._reserve = Reserve(path)
         self._makes_room = False  # do deletions go on, which on a full disk come before what waits?
@@ -86,7 +86,8 @@ class SqliteWriter:
     def append(self, record: Record, *, now: bool = False) -> None:
         """Append a record.
 
-        Raises JournalError where earlier records could not be written, or at its station's limit for batches.
+        Raises JournalError where earlier records could not be written; JournalShareError at the share of its
+        station's open sessions.
         """
         self._append_row(row_of(record), now=now)
 
@@ -172,8 +173,7 @@ class SqliteWriter:
                     self._database.execute(INSERT_OVERVIEW, row)
 
     def _append_row(self, row: RecordRow, *, now: bool = False) -> None:
-        if row.seq is not None:
-            self._check_station_share(row.station)
+        self._open_sessions.check(row, self.settings.size_bytes, self.path)
         if now or not self.settings.commit_s:
             self._append_now(row)
         else:
@@ -193,15 +193,7 @@ class SqliteWriter:
                 )
             self._waiting.append(row)
             self._waiting_bytes += size
-            self._open_bytes[row.station] += size
-
-    def _check_station_share(self, station: str) -> None:
-        taken, limit = self._open_bytes[station], self.settings.open_bytes
-        if taken >= limit:
-            raise JournalError(
-                f"journal {self.path}: open sessions of station {station} take {taken / GB:.3g} GB, those of "
-                f"one station may take {limit / GB:.3g}: close them, or raise --journal-gb"
-            )
+            self._open_sessions.add(row)
 
     def _append_now(self, row: RecordRow) -> None:
         """Append a row and write it to disk; on an error it is removed again."""
@@ -215,6 +207,7 @@ class SqliteWriter:
                         return  # it was written, and a later one was not
                     self._waiting = [waiting for waiting in self._waiting if waiting is not row]
                     self._waiting_bytes -= row.size
+                    self._open_sessions.remove(row)
                 raise
 
     def _write_outcome(self, key: Key, outcome: Outcome) -> None:
@@ -264,6 +257,9 @@ class SqliteWriter:
             del self._waiting[: len(rows)]
             self._waiting_bytes -= size
             self._known |= keys
+            for row in rows:
+                if row.encoding == CLOSE:
+                    self._open_sessions.close(row.key)
 
     def _succeed(self) -> None:
         with self._guard:

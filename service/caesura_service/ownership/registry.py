@@ -35,7 +35,14 @@ from caesura_protocol.messages import (
     SampleBatch,
 )
 from caesura_service.cooperative_scheduler import Slices
-from caesura_service.journal import AppliedProgramEdit, Journal, JournalError, Key, PeerJournals
+from caesura_service.journal import (
+    AppliedProgramEdit,
+    Journal,
+    JournalError,
+    JournalShareError,
+    Key,
+    PeerJournals,
+)
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
@@ -485,6 +492,8 @@ class _JournalErrorsAs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if isinstance(error, JournalShareError):
+            raise ProtocolError(self._code, str(error), value=error.taken, limit=error.limit) from error
         if isinstance(error, JournalError):
             raise ProtocolError(self._code, str(error)) from error
 

@@ -12,10 +12,11 @@ from caesura_service.journal.journal import Key
 from caesura_service.journal.schema import transaction
 
 BATCH = 400  # records, some milliseconds
+SESSIONS = 16  # of few records, in one portion: a station opens and closes hundreds a second
 
 # Their station is empty, so that no query by name finds them; listings skip them.
 MARK_DELETED = "UPDATE sessions SET station = '', session = id WHERE station = ? AND session = ?"
-SELECT_DELETED = "SELECT id FROM sessions WHERE station = '' LIMIT 1"
+SELECT_DELETED = f"SELECT id FROM sessions WHERE station = '' LIMIT {SESSIONS}"
 DELETE_SOME = "DELETE FROM records WHERE place IN (SELECT place FROM records WHERE session_id = ? LIMIT ?)"
 DELETE_SESSION = "DELETE FROM sessions WHERE id = ?"
 
@@ -27,10 +28,14 @@ def mark_deleted(database: sqlite3.Connection, key: Key) -> None:
 
 def delete_batch(database: sqlite3.Connection) -> bool:
     """Delete the next records of hidden sessions, in a transaction; return whether more may be left."""
-    found = database.execute(SELECT_DELETED).fetchone()
-    if found is None:
+    found = database.execute(SELECT_DELETED).fetchall()
+    if not found:
         return False
+    left = BATCH
     with transaction(database):
-        if database.execute(DELETE_SOME, (*found, BATCH)).rowcount < BATCH:
-            database.execute(DELETE_SESSION, found)
+        for session in found:
+            left -= database.execute(DELETE_SOME, (*session, left)).rowcount
+            if not left:
+                break
+            database.execute(DELETE_SESSION, session)
     return True

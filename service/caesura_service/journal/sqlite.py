@@ -86,7 +86,7 @@ from caesura_service.journal.wal import log_integrity_error
 logger = logging.getLogger(__name__)
 
 PATIENCE = 10  # times that tidying may be put off
-DROPS = 32  # sessions at one look
+DROPS = 512  # sessions at one look, some milliseconds: more than a station opens and closes in between
 LONG_LOOK_S, LOOKS_SHARE = 0.02, 0.02  # a look that takes longer [s] is followed by a pause: its share
 
 

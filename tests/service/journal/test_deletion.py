@@ -11,7 +11,7 @@ import pytest
 
 from caesura_protocol.codec import encode, pack_samples
 from caesura_service.journal import JournalError, JournalSettings, Record, SqliteJournal
-from caesura_service.journal.deletion import BATCH, SELECT_DELETED, delete_batch, mark_deleted
+from caesura_service.journal.deletion import BATCH, SELECT_DELETED, SESSIONS, delete_batch, mark_deleted
 from caesura_service.journal.schema import open_database
 from caesura_service.journal.sqlite import PATIENCE
 from harness.journals import not_written
@@ -129,6 +129,23 @@ def test_a_portion_is_all_that_a_writer_waits_for(path):
             left.append(count(path, "records"))
     assert left == [2 * BATCH, BATCH, 0, 0]
     assert count(path, "sessions") == 0
+
+
+def test_a_portion_has_several_sessions_of_few_records(path):
+    """It had one: a station that opened and closed sessions made the file grow without bound."""
+    names = [f"s{number}" for number in range(SESSIONS + 3)]
+    with SqliteJournal(path) as journal:
+        taught(journal, BATCH + 1, "long")
+        for name in names:
+            taught(journal, 2, name)
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        for name in names:
+            mark_deleted(database, (STATION, name))
+        left = []
+        while delete_batch(database):
+            left.append(count(path, "sessions"))
+        assert left == [4, 1]
+        assert count(path, "records") == BATCH + 1
 
 
 def test_a_deletion_takes_little_of_the_room_that_it_frees(path):

@@ -249,6 +249,18 @@ def test_past_the_size_a_station_with_open_sessions_alone_gets_no_more_than_its_
             assert set(journal.enforce_retention(3.0)) == {("hostile", "s1")}
 
 
+def test_a_look_deletes_more_sessions_than_a_station_closes_until_the_next_one(path):
+    """A look deleted 32. With a budget of 500 commands a second, a station closes 250."""
+    with SqliteJournal(path) as journal:
+        for number in range(300):
+            for message in (opening(f"s{number}"), closing(-1, f"s{number}")):
+                journal.append(Record("hostile", f"s{number}", float(number), message))
+        journal.commit()
+        journal.settings = replace(journal.settings, size_bytes=0)
+        with not_written(journal):
+            assert len(journal.enforce_retention(1000.0)) == 300
+
+
 def test_a_hostile_open_session_costs_other_stations_nothing_and_can_be_closed(path):
     """Its descriptions grew without bound, and the closed sessions of every other station went."""
 

@@ -173,7 +173,8 @@ class SqliteWriter:
                     self._database.execute(INSERT_OVERVIEW, row)
 
     def _append_row(self, row: RecordRow, *, now: bool = False) -> None:
-        self._open_sessions.check(row, self.settings.size_bytes, self.path)
+        with self._guard:
+            self._open_sessions.check(row, self.settings.size_bytes, self.path)
         if now or not self.settings.commit_s:
             self._append_now(row)
         else:

@@ -61,8 +61,11 @@ def _set(name: str) -> Callable[[App, Any], dict[str, Any]]:
     return lambda _, value: {name: value}
 
 
+#: Fields on which no other one depends, and which depend on none.
+SIMPLE_FIELDS = frozenset(("name", "note", "target_name", "speed", "gripper_width"))
+
 SETTERS: Mapping[str, Callable[[App, Any], dict[str, Any]]] = {
-    **{name: _set(name) for name in ("name", "note", "target_name", "speed", "gripper_width")},
+    **{name: _set(name) for name in SIMPLE_FIELDS},
     "target": _set_target,
     "force_n": _set_force,
     "tolerance_m": _set_tolerance,

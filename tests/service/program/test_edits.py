@@ -28,7 +28,7 @@ from caesura_protocol.messages import (
 )
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.limits import refuse_beyond_limits
-from caesura_service.program import edits as edits_module
+from caesura_service.program import edit_draft
 from caesura_service.program.edit_log import EditLog, log_of
 from caesura_service.program.edits import apply, check_applies, with_edits
 from harness.programs import app, pick_and_place, press, pressed_harder_before
@@ -361,9 +361,9 @@ def test_an_edit_is_compared_with_apps_of_its_time_alone(monkeypatch):
     first, *_ = taught()
     many = [first.model_copy(update={"t0": float(i), "tn": i + 1.0}) for i in range(300)]
     compared: list[App] = []
-    likeness = edits_module._likeness
+    common = edit_draft.common_share
     monkeypatch.setattr(
-        edits_module, "_likeness", lambda wanted, app: compared.append(app) or likeness(wanted, app)
+        edit_draft, "common_share", lambda wanted, app: compared.append(app) or common(wanted, app)
     )
     moved = [AppReference(kind=one.kind, t0=one.t0 + 0.2, tn=one.tn + 0.2) for one in many[:100]]
     made = edited(many, *(ChangeApp(app=one, name="reach") for one in moved))

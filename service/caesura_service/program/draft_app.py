@@ -1,0 +1,86 @@
+"""An app while a program is edited: as it was inferred or added, and what edits have set since."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+from caesura_protocol.messages import App, AppChange, AppField, AppReference, ChangedField, ProgramEdit
+from caesura_protocol.programs.app_times import is_taught_again
+from caesura_service.program.app_fields import FIELDS, SETTERS, SIMPLE_FIELDS
+
+SLACK_S = 0.15  # by which the time of an app is widened at both ends before two are compared
+
+AppKey = tuple[object, ...]
+
+
+class DraftApp:
+    """An app as it was inferred or added, and what was set since: values by field, and marks. Immutable."""
+
+    def __init__(
+        self,
+        inferred: App,
+        key: AppKey | None = None,
+        values: Mapping[AppField, Any] = MappingProxyType({}),
+        marks: tuple[AppChange, ...] = (),
+    ) -> None:
+        """key: `key_of` the inferred app, where it is known."""
+        self.inferred = inferred
+        self.key = key_of(inferred) if key is None else key
+        self.values = values
+        self.marks = marks
+
+    @cached_property
+    def app(self) -> App:
+        """The app with its edits; the inferred one itself without any."""
+        if not self.marks:
+            return self.inferred
+        app, simple = self.inferred, dict[str, Any]()
+        for name in FIELDS:
+            if name in SIMPLE_FIELDS and name in self.values:
+                simple[name] = self.values[name]
+            elif name in self.values:
+                app = app.model_copy(update=SETTERS[name](app, self.values[name]))
+        marks = {mark.field: mark for mark in (*app.changes, *self.marks)}
+        return app.model_copy(update={**simple, "changes": tuple(marks.values())})
+
+    def marked(self, edit: ProgramEdit, field: ChangedField, inferred: Any = None) -> DraftApp:
+        """With a mark of the last edit of a field."""
+        mark = AppChange(field=field, author=edit.author, edit=edit.number, inferred=inferred)
+        marks = (*(one for one in self.marks if one.field != field), mark)
+        return DraftApp(self.inferred, self.key, self.values, marks)
+
+    def without(self, fields: Collection[str]) -> DraftApp:
+        """Without the edits of some fields."""
+        if not fields:
+            return self
+        values = {name: value for name, value in self.values.items() if name not in fields}
+        marks = tuple(mark for mark in self.marks if mark.field not in fields)
+        return DraftApp(self.inferred, self.key, values, marks)
+
+    def with_values(self, given: Mapping[AppField, Any]) -> DraftApp:
+        """With other values of some fields."""
+        return DraftApp(self.inferred, self.key, {**self.values, **given}, self.marks)
+
+
+def key_of(app: App) -> AppKey:
+    """What distinguishes an app from others: one edit may have put several in place."""
+    if app.added is None:
+        return (app.kind, app.t0)
+    return (app.added, app.kind, app.t0) if is_taught_again(app) else (app.added,)
+
+
+def keys_meant(wanted: AppReference) -> tuple[AppKey, ...]:
+    """The keys of an app that a reference surely means."""
+    if wanted.added is None:
+        return ((wanted.kind, wanted.t0),)
+    return (wanted.added,), (wanted.added, wanted.kind, wanted.t0)
+
+
+def common_share(wanted: AppReference, app: App) -> float:
+    """The share of the time of two apps together that is common to both."""
+    t0, tn = max(wanted.t0, app.t0), min(wanted.tn, app.tn)
+    first, last = min(wanted.t0, app.t0), max(wanted.tn, app.tn)
+    return max(0.0, tn - t0 + 2 * SLACK_S) / (last - first + 2 * SLACK_S)

@@ -3,6 +3,7 @@
 from caesura_protocol.reproduced_path import TOLERANCE_M, TOLERANCE_RAD
 from caesura_service.program.builder import task_program
 from caesura_service.program.contacts import may_press_in
+from caesura_service.program.draft_cache import DraftCache
 from caesura_service.program.edit_log import EditLog, log_of
 from caesura_service.program.edits import at_edit, check_applies, with_edits
 from caesura_service.program.gaps import Gaps, observed_share
@@ -25,6 +26,7 @@ __all__ = [
     "GRIP_SLACK_S",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
+    "DraftCache",
     "EditLog",
     "Gaps",
     "GripperAction",

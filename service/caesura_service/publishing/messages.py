@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from caesura_protocol.messages import MAX_GAPS, Program
 from caesura_service.program import EditLog
+from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner, Publish
 from caesura_service.publishing.session_state import (
     SessionCounters,
@@ -62,6 +63,7 @@ def initial_state(station: str, session: str, owner: Owner, preset: str, view: P
         last_seq=silent,
         program_header=header,
         apps=view.apps,
+        edited_programs=EditedPrograms(),
     )
 
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from operator import is_
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
@@ -26,13 +24,13 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_service.program import EditLog, at_edit, with_edits
+from caesura_service.program import EditLog
+from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.lifecycle import Lifecycle
-from caesura_service.segmentation.encoded_log import packed, since
+from caesura_service.segmentation.encoded_log import since
 from caesura_service.segmentation.view import PipelineView
 
-EDITED = 16  # programs with edits that are kept, at a few megabytes each at most
 Stream = Literal["status", "changepoints", "segments", "posterior", "hints"]
 
 
@@ -67,6 +65,7 @@ class SessionState(NamedTuple):
     last_seq: Mapping[Stream, int]  # of each stream; -1 before its first message
     program_header: Program  # the task program without its apps
     apps: Sequence[App]  # of the task program
+    edited_programs: EditedPrograms  # what was made last of header, apps and edits; no part of the state
     revision: int = 0  # edits so far
     undoable: bool = False
     redoable: bool = False
@@ -175,30 +174,8 @@ def program_of(state: SessionState) -> Program:
     """Make the task program message with its edits; its apps stay encoded as they are stored."""
     if not state.program_edits.revision:
         return inferred_program_of(state)
-    return _edited_program(_Inferred(state))
-
-
-class _Inferred:
-    """What a program with edits is made of; equal to another where it is made of the same objects."""
-
-    def __init__(self, state: SessionState) -> None:
-        self.program = inferred_program_of(state)
-        self.log = state.program_edits
-        # Held, so that no other object gets such an id.
-        self._made_of = state.program_header, state.apps, state.program_edits
-
-    def __hash__(self) -> int:
-        return hash(tuple(map(id, self._made_of)))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Inferred) and all(map(is_, self._made_of, other._made_of))
-
-
-@lru_cache(EDITED)
-def _edited_program(inferred: _Inferred) -> Program:
-    """Apply the edits once a version: that costs 0.1 s for 1200 apps, and every query asks for it."""
-    edited = with_edits(inferred.program, inferred.log)
-    return edited.model_copy(update={"apps": packed(App, edited.apps)})
+    inferred, log = inferred_program_of(state), state.program_edits
+    return state.edited_programs.edited(state.program_header, inferred, log)
 
 
 def inferred_program_of(state: SessionState) -> Program:
@@ -210,7 +187,13 @@ def inferred_program_of(state: SessionState) -> Program:
 
 def program_at_edit(state: SessionState, number: int) -> Program:
     """Make the version of the program that has the edits that count, up to a number; 0 for none."""
-    return at_edit(inferred_program_of(state), state.program_edits, number)
+    inferred, log = inferred_program_of(state), state.program_edits
+    return state.edited_programs.edited(state.program_header, inferred, log, number)
+
+
+def check_program_edit(state: SessionState, log: EditLog) -> None:
+    """Check that the last edit of a log applies to the program of now. Raises ProtocolError `conflict`."""
+    state.edited_programs.check_applies(inferred_program_of(state), log)
 
 
 def snapshot_of(state: SessionState, program: Program | None = None) -> Snapshot:

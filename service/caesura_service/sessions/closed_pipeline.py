@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import App, Change, Changepoint, Phase, Segment, Snapshot
 from caesura_service.program import log_of
+from caesura_service.publishing.edited_programs import EditedPrograms
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionCounters, SessionState, Stream
 from caesura_service.segmentation.corrections import ResolvedEdit
@@ -121,6 +122,7 @@ def state_from_snapshot(snapshot: Snapshot, owner: Owner) -> SessionState:
         last_seq=last_seq,
         program_header=snapshot.program.model_copy(update=header),
         apps=view.apps,
+        edited_programs=EditedPrograms(),
         revision=status.revision,
         undoable=status.undoable,
         redoable=status.redoable,

@@ -29,7 +29,6 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_service.journal import AppliedEdit, AppliedProgramEdit
-from caesura_service.program import check_applies
 from caesura_service.publishing import messages
 from caesura_service.publishing.effect import effect_of
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
@@ -37,7 +36,7 @@ from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next
 from caesura_service.publishing.session_state import (
     SessionCounters,
     SessionState,
-    inferred_program_of,
+    check_program_edit,
     observed_until_s,
     program_of,
 )
@@ -256,7 +255,7 @@ class PipelineHost:
         """Check that an edit applies to the program of now. Raises ProtocolError. at: time of day [s]."""
         log = self.state.program_edits.after(command, at, replacing_apps(command))
         if not isinstance(command.action, Undo | Redo):
-            check_applies(inferred_program_of(self.state), log)
+            check_program_edit(self.state, log)
 
     def edit_program(self, command: EditProgram, at: float) -> Publish:
         """Take an edit of the program into its log, and publish the program. at: time of day [s].

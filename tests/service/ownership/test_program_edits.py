@@ -34,7 +34,7 @@ from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.program import EditLog
-from caesura_service.publishing import session_state
+from caesura_service.publishing import edited_programs
 from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of
 from harness.sessions import NAME, STATION, answer, batch, batches, closing, opening, published
@@ -236,13 +236,13 @@ def test_another_instance_takes_the_edits_over_and_continues_them(tmp_path: Path
 
 def test_edits_are_applied_once_a_version_and_not_at_every_question(tmp_path: Path, monkeypatch):
     applied: list[int] = []
-    with_edits = session_state.with_edits
+    with_edits = edited_programs.with_edits
 
-    def counted(program: Program, log: EditLog) -> Program:
+    def counted(program: Program, log: EditLog, *more: Any) -> Program:
         applied.append(log.revision)
-        return with_edits(program, log)
+        return with_edits(program, log, *more)
 
-    monkeypatch.setattr(session_state, "with_edits", counted)
+    monkeypatch.setattr(edited_programs, "with_edits", counted)
     with registry_on(tmp_path / "a.sqlite") as registry:
         taught(registry)
         program(registry)

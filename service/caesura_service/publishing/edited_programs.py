@@ -1,0 +1,101 @@
+"""Makes a session's program with its edits, and earlier versions of it; what was made last is kept.
+
+Rules
+- The worker gives way to other stations after each edit and app. Any thread may ask.
+- What is kept belongs to the state of its session. It is emptied where SESSIONS others were used since.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from operator import is_
+from threading import Lock
+from typing import NamedTuple
+
+from caesura_protocol.messages import App, Program
+from caesura_service.cooperative_scheduler import give_way
+from caesura_service.program import DraftCache, EditLog, at_edit, check_applies, with_edits
+from caesura_service.segmentation.encoded_log import packed
+
+NEWEST = 3  # programs of a session that are kept, at a few megabytes each at most
+SESSIONS = 8  # whose edited programs are kept
+
+
+class _Made(NamedTuple):
+    """A program, and the objects that it is made of: held, so that no others get their ids."""
+
+    inferred: tuple[object, ...]
+    log: EditLog
+    number: int | None
+    program: Program
+
+    def is_of(self, inferred: tuple[object, ...], log: EditLog, number: int | None) -> bool:
+        return all(map(is_, self.inferred, inferred)) and self.log is log and self.number == number
+
+
+class EditedPrograms:
+    """The programs of one session with its edits."""
+
+    def __init__(self) -> None:
+        self._drafts = DraftCache()
+        self._made: tuple[_Made, ...] = ()  # the last one asked for first
+
+    def edited(self, header: Program, inferred: Program, log: EditLog, number: int | None = None) -> Program:
+        """The program with these edits, once for each version; its apps are encoded.
+
+        header: what `inferred` was made of, with its apps; number: of the last edit that counts.
+        """
+        _recently_used.add(self)
+        made_of = (header, inferred.apps)
+        found = next((one for one in self._made if one.is_of(made_of, log, number)), None)
+        made = found or _Made(made_of, log, number, self._program(inferred, log, number))
+        self._made = (made, *(one for one in self._made if one is not made))[:NEWEST]
+        return made.program
+
+    def check_applies(self, inferred: Program, log: EditLog) -> None:
+        """Check that the last edit of a log applies. Raises ProtocolError `conflict`."""
+        _recently_used.add(self)
+        check_applies(inferred, log, self._drafts, give_way)
+
+    def clear(self) -> None:
+        """Keep nothing of what was made."""
+        self._drafts, self._made = DraftCache(), ()
+
+    def _program(self, inferred: Program, log: EditLog, number: int | None) -> Program:
+        if number is None:
+            made = with_edits(inferred, log, self._drafts, give_way)
+        else:
+            made = at_edit(inferred, log, number, self._drafts, give_way)
+        return made.model_copy(update={"apps": packed(App, _in_slices(made.apps))})
+
+    def __eq__(self, other: object) -> bool:
+        """It is no part of a state, whose results do not depend on it."""
+        return isinstance(other, EditedPrograms)
+
+    def __hash__(self) -> int:
+        return hash(EditedPrograms)
+
+
+def _in_slices(apps: Iterable[App]) -> Iterator[App]:
+    for app in apps:
+        yield app
+        give_way()
+
+
+class _RecentlyUsed:
+    """Bounds how many sessions keep what was made of their edits."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._sessions: dict[int, EditedPrograms] = {}  # by their ids, the last one used last
+
+    def add(self, used: EditedPrograms) -> None:
+        """Count one as used now; empty the one that was not for longest."""
+        with self._lock:
+            self._sessions.pop(id(used), None)
+            self._sessions[id(used)] = used
+            if len(self._sessions) > SESSIONS:
+                self._sessions.pop(next(iter(self._sessions))).clear()
+
+
+_recently_used = _RecentlyUsed()

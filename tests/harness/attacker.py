@@ -3,8 +3,10 @@
 `dense`: batches of 1000 samples that span a minute each, as fast as they go. `edits`: a session of an hour,
 and 200 edits of it a second, each with the revision that the one before it will have made. `queries`: such a
 session, and 1900 queries for its program a second. `tokens`: its token is declared and undeclared as fast as
-it goes. `messages`: heartbeats; `commands`: closes of a session that is not there. Prints `ready` as soon as
-its session is there; the attack lasts until it is ended, and it prints what it has counted then.
+it goes. `messages`: heartbeats; `commands`: closes of a session that is not there. `program_edits`: a session
+of a minute, whose program has as many edits but one as it may have, and edits that do not apply, four at a
+time. Prints `ready` as soon as its session is there; the attack lasts until it is ended. Then it prints what
+it has counted.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import zenoh
@@ -25,13 +28,19 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_replay_parameters, station_key
 from caesura_protocol.messages import (
     MAX_BATCH_SAMPLES,
+    MAX_PROGRAM_EDITS,
     Ack,
+    AppReference,
+    ChangeApp,
     Close,
     Control,
     Edit,
+    EditProgram,
     Heartbeat,
     Insert,
+    InsertApp,
     Open,
+    Program,
     SampleBatch,
 )
 from harness.demonstrations import taught
@@ -44,6 +53,8 @@ HOUR_S = 3420.0
 EDITS_PER_S = 200.0
 QUERIES_PER_S = 1900.0
 MESSAGES_PER_S, COMMANDS_PER_S = 20_000.0, 5_000.0
+PROGRAM_EDITS_PER_S, IN_FLIGHT = 1000.0, 4
+MINUTE_S, OFF_S = 60.0, 0.05
 PATIENCE_S = 60.0
 SHORT = Open(session=SESSION, columns=("t", "px", "py", "pz"), wrench_source="none")
 
@@ -128,6 +139,59 @@ def edits(peer: Peer, done: Counter[str]) -> None:
     """An hour is edited."""
     hour(peer)
     again_and_again(Storm(peer, done).edit, EDITS_PER_S)
+
+
+def program_edits(peer: Peer, done: Counter[str]) -> None:
+    """A program that has all edits but one is edited; each edit is refused, for its app is not there."""
+    minute(peer)
+    program = peer.ask(station_key(STATION, "program"), Program)[station_key(STATION, "program")]
+    for action in costly_edits(program):
+        edit = EditProgram(session=SESSION, revision=done["made"], author="attacker", action=action)
+        until_accepted(partial(peer.control, *encode(Control(command=edit)), STATION))
+        done["made"] += 1
+    gone = ChangeApp(app=AppReference(kind="hold", t0=-5.0, tn=1e9), note="gone")
+    refused = EditProgram(session=SESSION, revision=done["made"], author="attacker", action=gone)
+    payload, encoding = encode(Control(command=refused))
+    turns = threading.Semaphore(IN_FLIGHT)
+
+    def count(reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            done[decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding)).code] += 1
+        turns.release()
+
+    def ask() -> None:
+        turns.acquire(timeout=PATIENCE_S)
+        done["put"] += 1
+        key, counted = station_key(STATION, "control"), zenoh.handlers.Callback(count, indirect=False)
+        peer.network.get(key, counted, payload=payload, encoding=encoding, timeout=PATIENCE_S)
+
+    print("ready", flush=True)
+    again_and_again(ask, PROGRAM_EDITS_PER_S)
+
+
+def minute(peer: Peer) -> None:
+    """A minute is taught, and its session is closed."""
+    whole = taught(9, MINUTE_S)
+    columns, rows = whole.columns, whole.matrix()
+    opening = Open(session=SESSION, columns=columns, wrench_source="flange_sensor")
+    until_accepted(lambda: peer.command(opening, STATION))
+    parts = np.array_split(rows, -(-len(rows) // MAX_BATCH_SAMPLES))
+    for seq, part in enumerate(parts):
+        peer.send(pack_samples(part, columns, session=SESSION, epoch=0, seq=seq), STATION)
+    closing = Close(session=SESSION, last_seq=len(parts) - 1)
+    until_accepted(lambda: peer.command(closing, STATION))
+
+
+def costly_edits(program: Program) -> Iterator[InsertApp]:
+    """All edits but one that a program may have: apps of ten minutes behind one app.
+
+    The last third of them names it by a time that is near: it may be any app of about that time.
+    """
+    app = next(one for one in program.apps if one.kind in ("cartesian_motion", "move_to_contact"))
+    for number in range(MAX_PROGRAM_EDITS - 1):
+        off_s = OFF_S if number > MAX_PROGRAM_EDITS * 2 // 3 else 0.0
+        near = AppReference(kind=app.kind, t0=app.t0 + off_s, tn=app.tn + off_s)
+        yield InsertApp(after=near, kind="cartesian_motion", seconds=600.0, target=(0.4, 0.0, 0.3))
 
 
 def queries(peer: Peer, done: Counter[str]) -> None:
@@ -248,6 +312,7 @@ WAYS = {
     "tokens": tokens,
     "messages": messages,
     "commands": commands,
+    "program_edits": program_edits,
 }
 
 

@@ -18,6 +18,7 @@ from caesura_service.program.edit_draft import EditDraft
 
 STEP = 64  # edits between two drafts that are remembered
 NEWEST = 3  # drafts: after the last edit, after one that is refused, and of another version
+AT_ONCE = 64  # apps that are read before others have their turn
 PROGRAMS = 2  # inferred programs: of now, and with a correction that is looked at
 
 
@@ -68,7 +69,7 @@ class DraftCache:
         """
         limits = _limits(corrections)
         found = next((one for one in self._programs if one.is_of(apps, force_limit_n, limits)), None)
-        program = found or _Drafts(apps, EditDraft(apps, force_limit_n, limits))
+        program = found or _Drafts(apps, EditDraft(_read(apps, pause), force_limit_n, limits))
         used = program.longest(edits)
         made = used if len(used.edits) == len(edits) else used.copy()
         steps: dict[int, EditDraft] = {}
@@ -89,6 +90,15 @@ class DraftCache:
             if not one.is_of(program.apps, program.bare.force_limit_n, program.bare.limits)
         )
         self._programs = (program, *others)[:PROGRAMS]
+
+
+def _read(apps: Sequence[App], pause: Callable[[], None]) -> list[App]:
+    """All apps, a few at a time: they may be decoded for it."""
+    read: list[App] = []
+    for first in range(0, len(apps), AT_ONCE):
+        read += apps[first : first + AT_ONCE]
+        pause()
+    return read
 
 
 def _begins(some: Sequence[ProgramEdit], edits: Sequence[ProgramEdit]) -> bool:

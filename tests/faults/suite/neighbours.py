@@ -32,6 +32,7 @@ LASTS = 0.9  # of the demonstrations
 LEAST: Mapping[str, Mapping[str, int]] = {
     "dense": {"put": 4000, "observations": 5000},
     "edits": {"put": 2000, "accepted": 1, "overloaded": 1000},
+    "program_edits": {"made": 499, "put": 2000, "conflict": 1000},
     "queries": {"put": 20000, "answered": 100},
     "tokens": {"put": 50000},
     "messages": {"put": 100_000},

@@ -56,6 +56,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("silent-connections", connections.silent_connections),
     Fault("dense-station", partial(neighbours.hostile_station, "dense")),
     Fault("edit-storm", partial(neighbours.hostile_station, "edits")),
+    Fault("program-edit-storm", partial(neighbours.hostile_station, "program_edits")),
     Fault("message-flood", partial(neighbours.hostile_station, "messages")),
     Fault("message-flood-routed", partial(neighbours.hostile_station, "messages", behind_router=True)),
     Fault("command-flood", partial(neighbours.hostile_station, "commands")),

@@ -18,7 +18,7 @@ from caesura_service.program import DraftCache, EditLog, at_edit, check_applies,
 from caesura_service.segmentation.encoded_log import packed
 
 NEWEST = 3  # programs of a session that are kept, at a few megabytes each at most
-SESSIONS = 8  # whose edited programs are kept
+SESSIONS = 4  # whose edited programs are kept: a garbage collection takes 7 ms for each of an hour
 
 
 class _Made(NamedTuple):

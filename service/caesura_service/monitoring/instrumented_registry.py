@@ -8,13 +8,13 @@ from functools import partial
 from typing import Any
 
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import Command, Heartbeat, SampleBatch
+from caesura_protocol.messages import Command, Heartbeat, Refusal, SampleBatch
 from caesura_service.monitoring.registry_calls import Change, RegistryCall, changes_between
 from caesura_service.monitoring.session_event_logger import SessionEventLogger
 from caesura_service.monitoring.station_counters import StationCounterSet
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Incoming, Output, ReplayEnded
-from caesura_service.publishing.session_state import SessionCounters, SessionState
+from caesura_service.publishing.session_state import SessionState
 from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.session import Session
 
@@ -27,6 +27,8 @@ class InstrumentedRegistry(Registry):
         self._monotonic = monotonic
         self.station_counters = StationCounterSet(monotonic())
         self._event_logger = SessionEventLogger(monotonic)
+        # Of the calls that are under way: while one gives way, others begin and end.
+        self._refusals: dict[str | None, list[Refusal | None]] = {}
         # Each session at its last count: reading it in between does not change the count.
         self._last_states: dict[Session, SessionState] = {}
 
@@ -43,11 +45,11 @@ class InstrumentedRegistry(Registry):
             return self._instrumented(
                 station, message, partial(super().handle_samples, station, message, now)
             )
-        before, counters, began = self._last_state(session), self.counters, self._monotonic()
+        before, began = self._last_state(session), self._monotonic()
         outputs = super().handle_samples(station, message, now)
         if (
             session.last_published_state is before
-            and self.counters is counters
+            and station not in self._refusals
             and not outputs
             and isinstance(message, SampleBatch)
         ):
@@ -56,7 +58,7 @@ class InstrumentedRegistry(Registry):
             return outputs  # as nearly always: it changes nothing but how many there are
         after = self._update_last_state(session)
         changes = (Change(before, after),) if after is not before else ()
-        self._record(station, message, changes, outputs, counters, began)
+        self._record(station, message, changes, outputs, began)
         return outputs
 
     def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
@@ -64,13 +66,13 @@ class InstrumentedRegistry(Registry):
         session = self._find_session(station, block.session)
         if session is None:
             return 0, []
-        before, counters, began = self._last_state(session), self.counters, self._monotonic()
+        before, began = self._last_state(session), self._monotonic()
         count, outputs = super().handle_together(station, block, now)
         if count:
             after = self._update_last_state(session)
             changes = (Change(before, after),) if after is not before else ()
             message = block.layout.message
-            self._record(station, message, changes, outputs, counters, began, batches=count)
+            self._record(station, message, changes, outputs, began, batches=count)
         return count, outputs
 
     def make_due_program(self, station: str, session: str) -> list[Output]:
@@ -97,10 +99,10 @@ class InstrumentedRegistry(Registry):
         self, station: str | None, message: Incoming | None, act: Callable[[], list[Output]]
     ) -> list[Output]:
         before = {session.name: self._last_state(session) for session in self._sessions(station)}
-        counters, began = self.counters, self._monotonic()
+        began = self._monotonic()
         outputs = act()
         after = {session.name: self._update_last_state(session) for session in self._sessions(station)}
-        self._record(station, message, changes_between(before, after), outputs, counters, began)
+        self._record(station, message, changes_between(before, after), outputs, began)
         return outputs
 
     def _record(
@@ -109,18 +111,20 @@ class InstrumentedRegistry(Registry):
         message: Incoming | None,
         changes: Sequence[Change],
         outputs: list[Output],
-        counters: SessionCounters,
         began: float,
         *,
         batches: int = 1,
     ) -> None:
-        """Count and log a call. counters: before the call; began: its start [s]; batches: processed in it."""
-        now, same = self._monotonic(), self.counters is counters
-        refused = 0 if same else _rejections(self.counters) - _rejections(counters)
-        refusal = None if same else self.counters.last_refusal
-        call = RegistryCall(station, message, changes, outputs, refused, refusal, now - began, batches)
+        """Count and log a call. began: its start [s]; batches: processed in it."""
+        now, refusals = self._monotonic(), self._refusals.pop(station, ())
+        refusal = refusals[-1] if refusals else None
+        call = RegistryCall(station, message, changes, outputs, len(refusals), refusal, now - began, batches)
         self.station_counters.count_call(call, self.index.sessions, now)
         self._event_logger.log_call(call)
+
+    def _count_refused(self, station: str | None, error: ProtocolError) -> None:
+        super()._count_refused(station, error)
+        self._refusals.setdefault(station, []).append(self.counters.last_refusal)
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
         return self.index.sessions.get(station or "", ())
@@ -137,7 +141,3 @@ class InstrumentedRegistry(Registry):
     def _update_last_state(self, session: Session) -> SessionState:
         state = self._last_states[session] = session.last_published_state
         return state
-
-
-def _rejections(counters: SessionCounters) -> int:
-    return sum(counters.refused.values())

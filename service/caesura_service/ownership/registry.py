@@ -198,7 +198,7 @@ class Registry:
             # A refusal of these concerns the editor and not the session's bridge.
             if isinstance(command, Edit | Preview | Describe | EditProgram):
                 if not isinstance(command, Preview):  # a question, which people may ask in vain
-                    self.counters = self.counters.with_refusal(error)
+                    self._count_refused(station, error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
 
@@ -255,7 +255,7 @@ class Registry:
         """Count the rejected batches among the outputs; close the session at its limit of observations."""
         for output in outputs:
             if isinstance(output, BatchRejected):
-                self.counters = self.counters.with_refusal(output.error)
+                self._count_refused(station, output.error)
         if session.last_published_state.view.observations >= self._limits.observations and session.is_open:
             outputs = [*outputs, *self._close_at_limit(station, session, now)]
         return outputs
@@ -419,9 +419,12 @@ class Registry:
         return stored or program_of(self._require_session(station, name).state)
 
     def _count_rejection(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
-        self.counters = self.counters.with_refusal(error)
+        self._count_refused(station, error)
         session = self._find_session(station, name) or self._newest_session(station, error)
         return self._track_throttled(session, session.reject(error)) if session else []
+
+    def _count_refused(self, _station: str | None, error: ProtocolError) -> None:
+        self.counters = self.counters.with_refusal(error)
 
     def _track_throttled(self, session: Session, outputs: list[Output]) -> list[Output]:
         """Return the outputs of a session; remember it where its status is throttled."""

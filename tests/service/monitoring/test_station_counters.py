@@ -174,6 +174,27 @@ def test_a_hostile_sender_is_logged_once_and_then_by_number(caplog):
     ]
 
 
+def test_a_refusal_while_another_call_gives_way_is_its_own_stations(caplog):
+    """A log said that an honest station was refused, with the words of another."""
+
+    class GivingWay(FakePipeline):
+        def push(self, samples: NDArray[np.float64]) -> bool:
+            registry.reject("hostile", ProtocolError("malformed", "rubbish"))
+            return super().push(samples)
+
+    def make(opening: Open, default_preset: str) -> Pipeline:
+        fake = make_fake_pipeline(opening, default_preset)
+        return GivingWay(fake.preset, fake.wrench)
+
+    clock = Clock()
+    registry = watched(clock, factory=make)
+    registry.handle_command(STATION, opening(), 0.0)
+    clock.now += 5.0
+    registry.handle_samples(STATION, batch(0), 0.0)
+    assert [line for line in lines(caplog) if "refused" in line] == ["hostile refused: malformed: rubbish"]
+    assert registry.station_counters.of_station[STATION].received_s == 105.0
+
+
 def test_a_bridge_that_does_not_answer_is_logged(caplog):
     registry = taught(watched(), 3)
     registry.handle_samples(STATION, heartbeat(5), 1.0)

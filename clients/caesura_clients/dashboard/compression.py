@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware.gzip import GZipMiddleware
@@ -66,16 +67,16 @@ class FileCompression(GZipMiddleware):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer compressed, or hand on."""
         if scope["type"] == "lifespan" and self._prepared is not None:
-            preparing: list[asyncio.Task[None]] = []
+            over, preparing = asyncio.Event(), list[asyncio.Task[None]]()
 
             async def send_and_prepare(message: Message) -> None:
                 await send(message)
                 if message["type"] == "lifespan.startup.complete":
-                    preparing.append(asyncio.create_task(self._prepare(scope)))
+                    preparing.append(asyncio.create_task(self._prepare(scope, over)))
 
             await self.app(scope, receive, send_and_prepare)
-            for task in preparing:
-                task.cancel()
+            over.set()
+            await asyncio.gather(*preparing, return_exceptions=True)  # a file that is being read is closed
             return
         if scope["type"] != "http" or not scope["path"].startswith(self._paths):
             await self.app(scope, receive, send)
@@ -93,8 +94,8 @@ class FileCompression(GZipMiddleware):
         for message in answer:
             await send(dict(message))  # what stands around this adds headers
 
-    async def _prepare(self, started: Scope) -> None:
-        """Build the prepared page, and keep its files."""
+    async def _prepare(self, started: Scope, over: asyncio.Event) -> None:
+        """Build the prepared page, and keep its files. over: is set when the application ends."""
         page: list[bytes] = []
 
         async def keep(message: Message) -> None:
@@ -104,11 +105,15 @@ class FileCompression(GZipMiddleware):
             return {**REQUEST, **started, "type": "http", "path": path, "raw_path": path.encode()}
 
         assert self._prepared is not None
-        await asyncio.sleep(PREPARE_AFTER_S)
-        await self.app(request(self._prepared), _asked(), keep)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(over.wait(), PREPARE_AFTER_S)
+        if not over.is_set():
+            await self.app(request(self._prepared), _asked(), keep)
         for path in sorted(self._files_of(b"".join(page).decode())):
-            await self(request(path), _asked(), _dropped)
             await asyncio.sleep(0)  # what a browser asks for comes first
+            if over.is_set():
+                return
+            await self(request(path), _asked(), _dropped)
 
     def _files_of(self, page: str) -> set[str]:
         """The paths of the files that a page loads, and of the modules; an import map names many more."""

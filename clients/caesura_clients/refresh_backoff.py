@@ -14,6 +14,7 @@ K = TypeVar("K")
 
 LONGEST_S = 60.0  # between two questions about the same
 SHARE = 0.125  # of a thread's time, at most, that queries of one key take
+LONGEST_PAUSE_S = 0.5  # after a query: one that no service answered in time is no fault of its key
 
 
 class _Waiting(NamedTuple):
@@ -78,4 +79,4 @@ class TimeShares(Generic[K]):
         finally:
             now = self._clock()
             self._free = {one: free for one, free in self._free.items() if free > now}
-            self._free[key] = now + (now - began) * (1.0 / self._share - 1.0)
+            self._free[key] = now + min((now - began) * (1.0 / self._share - 1.0), LONGEST_PAUSE_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from caesura_clients.refresh_backoff import LONGEST_S, RefreshBackoff, TimeShares
+from caesura_clients.refresh_backoff import LONGEST_PAUSE_S, LONGEST_S, RefreshBackoff, TimeShares
 
 
 class Clock:
@@ -59,8 +59,18 @@ def test_queries_of_one_key_take_a_share_of_the_time_and_hold_up_no_other():
     while clock.now < 100.0:
         if shares.allows("a"):
             with shares.charged("a"):
-                clock.now += 0.5
-                spent_s += 0.5
+                clock.now += 0.1
+                spent_s += 0.1
             assert shares.allows("b")
-        clock.now += 0.1
+        clock.now += 0.02
     assert 0.15 * clock.now < spent_s <= 0.2 * clock.now
+
+
+def test_a_query_that_no_service_answered_does_not_keep_its_key_waiting():
+    clock = Clock()
+    shares: TimeShares[str] = TimeShares(0.2, clock)
+    with shares.charged("a"):
+        clock.now += 6.0
+    assert not shares.allows("a")
+    clock.now += LONGEST_PAUSE_S
+    assert shares.allows("a")

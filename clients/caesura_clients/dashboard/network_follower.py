@@ -67,7 +67,7 @@ class NetworkFollower(RepeatingThreads):
         self.began = clock()
         self._refresh_s = refresh_s
         self.world = DashboardState()
-        self._unsure: dict[str, float] = {}  # when [s] to ask again which session of a station is current
+        self._unsure: set[str] = set()  # stations to ask again for, which session of each is current
         self._asked: dict[str, float] = {}  # when [s] a station was asked for last
         self.received: dict[str, NewestSamples] = {}
         self._parallel = ParallelSessions()
@@ -178,20 +178,22 @@ class NetworkFollower(RepeatingThreads):
 
         A station that opens a hundred sessions a second costs no more than one that opens one.
         """
-        due = self._asked.get(station, -math.inf) + POLL_S
-        if self.clock() < due:
-            self._unsure[station] = due
-        else:
+        if self._may_ask(station):
             self._ask_current(station)
+        else:
+            self._unsure.add(station)
+
+    def _may_ask(self, station: str) -> bool:
+        return self.clock() >= self._asked.get(station, -math.inf) + POLL_S
 
     def _ask_current(self, station: str) -> None:
         """Keep what is known where no service answers in time, and ask again."""
         self._asked[station] = self.clock()
-        self._unsure.pop(station, None)
+        self._unsure.discard(station)
         try:
             found = current_sessions(self.transport, station)
         except (CaesuraError, ProtocolError):
-            self._unsure[station] = self.clock() + POLL_S
+            self._unsure.add(station)
             return
         with self._changing:
             others = {name: one for name, one in self.world.current.items() if name != station}
@@ -273,7 +275,7 @@ class NetworkFollower(RepeatingThreads):
             before, then = self.world.services, asked_at
             services, asked_at = tuple(service_status(self.transport)), self.clock()
             self._change(services=services, rates=rates(before, services, asked_at - then))
-            for station in [name for name, due in tuple(self._unsure.items()) if due <= self.clock()]:
+            for station in filter(self._may_ask, tuple(self._unsure)):
                 self._ask_current(station)
             self._trouble("services")
             self._over.wait(POLL_S)

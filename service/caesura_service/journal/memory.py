@@ -12,9 +12,7 @@ from caesura_protocol.messages import (
     Describe,
     Edit,
     EditProgram,
-    Error,
     JournalReport,
-    Open,
     SampleBatch,
 )
 from caesura_service.journal.edits import AppliedEdit
@@ -27,7 +25,7 @@ from caesura_service.journal.journal import (
     Record,
     StoredOutcome,
 )
-from caesura_service.journal.open_sessions import ENDING_BYTES
+from caesura_service.journal.open_sessions import ENDING, ENDING_BYTES
 
 CAPACITY_BYTES = 1 << 29  # nearly an hour and a half of one station at 1 kHz, 13 columns in single precision
 _OVERHEAD_BYTES = 1000  # of a record beside its content
@@ -54,7 +52,7 @@ class MemoryJournal:
         """
         key, size = (record.station, record.session), _size(record)
         if not isinstance(record.message, Close):
-            self._make_room(key, size, ENDING_BYTES * isinstance(record.message, Open | Error))
+            self._make_room(key, size, ENDING_BYTES * isinstance(record.message, ENDING))
         self._records.setdefault(key, []).append(record)
         self._sizes[key] = self._sizes.get(key, 0) + size
 

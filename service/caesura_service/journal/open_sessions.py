@@ -21,8 +21,9 @@ from caesura_service.journal.retention import GB
 from caesura_service.journal.rows import RecordRow
 from caesura_service.journal.schema import CLOSE
 
-ENDING_BYTES = 1 << 20  # of a station past its share, for records that a session may need to end
-_ENDING = frozenset({encoding_of(Open), encoding_of(Error)})
+ENDING = (Open, Error)  # that a session may need to end: it is resumed, or a loss is declared
+ENDING_BYTES = 1 << 20  # of a station past its share, for these
+_ENDING_ENCODINGS = frozenset(map(encoding_of, ENDING))
 
 
 class OpenSessions:
@@ -68,7 +69,7 @@ class OpenSessions:
         """
         if row.encoding == CLOSE or not self._counts(row):
             return
-        is_ending = row.encoding in _ENDING
+        is_ending = row.encoding in _ENDING_ENCODINGS
         if is_ending and row.key not in self._sizes:
             return  # a new session, of which there are few: one more closes the oldest
         taken = self._of_station[row.station]
@@ -84,7 +85,7 @@ class OpenSessions:
 
     def _counts(self, row: RecordRow) -> bool:
         """Whether a row is of an open session: a closed one gets no batch, opening or loss."""
-        return row.seq is not None or row.encoding in _ENDING or row.key in self._sizes
+        return row.seq is not None or row.encoding in _ENDING_ENCODINGS or row.key in self._sizes
 
     def _add(self, key: Key, size: int) -> None:
         self._sizes[key] = self._sizes.get(key, 0) + size

@@ -259,11 +259,11 @@ def test_what_should_be_looked_at_is_a_warning_and_no_error(robot: Robot) -> Non
     assert report.passed
     said = [str(one) for one in report.warnings if one.index is not None]
     assert said[0] == "warning: app 2 (apply force): was not observed at 3.00–3.20 s: look at what it does"
-    assert said[1].startswith("warning: app 3 (move): confidence 0.30 is below 0.5")
+    assert said[1].startswith("warning: app 3 (move): confidence 30 % is below 50 %")
 
 
 def test_a_confidence_that_reads_as_the_least_is_not_named(robot: Robot) -> None:
-    """Of 0.498 it said "confidence 0.50 is below 0.5"."""
+    """Of 0.498 it said "confidence 50 % is below 50 %"."""
     assert check(changed(press(), 2, confidence=0.498), cell("dispenser"), robot=robot).warnings == ()
     assert len(check(changed(press(), 2, confidence=0.494), cell("dispenser"), robot=robot).warnings) == 1
 

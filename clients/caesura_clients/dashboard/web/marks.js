@@ -151,8 +151,8 @@ export function drawBand(context, area, state, ink) {
     const words = preview && name === "kinds" ? "preview" : name;
     if (state[name === "kinds" ? "segments" : "phases"].length) context.fillText(words, area.left - 3, top + height / 2);
   }
-  const whole = { ...area, top: ROWS.phases[0], bottom: BAND_HEIGHT };
-  before(context, whole, state, ink, 1);
+  veil(context, { ...area, top: ROWS.phases[0], bottom: ROWS.kinds[0] }, state, ink); // no changepoint through a phase's name
+  before(context, { ...area, top: ROWS.kinds[0], bottom: BAND_HEIGHT }, state, ink, 1);
   for (const [t, , , , , corrected] of within(state.changepoints, { from: area.from, to: Math.min(area.to, state.shownEnd) }, 0)) {
     if (corrected || t === state.selected) diamond(context, area.x(t), ROWS.kinds[0], t === state.selected ? ink.accent : ink.text);
   }

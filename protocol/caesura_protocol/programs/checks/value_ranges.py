@@ -113,7 +113,8 @@ def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
             )
             yield Finding("error", index, app.kind, reason, what.value, limit)
     if reads_above(safety.least_confidence, app.confidence, 2):
-        reason = f"confidence {app.confidence:.2f} is below {safety.least_confidence:g}: look at it first"
+        percent, least = 100.0 * app.confidence, 100.0 * safety.least_confidence
+        reason = f"confidence {percent:.0f} % is below {least:g} %: look at it first"
         yield Finding("warning", index, app.kind, reason, app.confidence, safety.least_confidence)
 
 

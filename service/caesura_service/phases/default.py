@@ -2,7 +2,9 @@
 
 Durations, and how often a phase ends or is interrupted, were counted on the segments that are found in the
 development people's wiping, peeling, screwing, pouring, contour and peg tasks (seeds 1 to 6), and rounded. A
-cycle is rare; it is long, and its end is near its beginning.
+cycle is rare; it is long, and its end is near its beginning. Once they have come round, two wipes of a rim in
+`icsc` and the circles of these people retrace all of their way, and peels 0.88 and more. A whole recording of
+`delft` retraces at most 0.22.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ FREE = PhaseKind(
     interrupted=0.02,
     resumed=0.5,
     repeats=0.0,
+    retraces=False,
     bounds=0.9,
     moving=0.65,
     step_m=0.12,
@@ -34,6 +37,7 @@ CONTACT = PhaseKind(
     interrupted=0.13,
     resumed=0.45,
     repeats=0.8,
+    retraces=False,
     bounds=0.05,
     moving=0.5,
     step_m=0.12,
@@ -49,6 +53,7 @@ TRANSPORT = PhaseKind(
     interrupted=0.07,
     resumed=0.6,
     repeats=0.0,
+    retraces=False,
     bounds=0.05,
     moving=0.75,
     step_m=0.12,
@@ -64,6 +69,7 @@ CYCLE = PhaseKind(
     interrupted=0.02,
     resumed=0.5,
     repeats=0.0,
+    retraces=True,
     bounds=0.02,
     moving=0.6,
     step_m=0.05,

@@ -10,7 +10,9 @@ segment of a phase of kind k emits
 - whether it moves, and how far, normal on each axis (`moving`, `step_m`): a cycle ends where it began.
   A rest between two phases in one contact state, such as a reach and a circle, belongs to the first,
 - where a phase is resumed after an interruption: near an end of one of its strokes with probability
-  `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together.
+  `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together,
+- how much of its way goes over the way of its phase again (`retracing`). A cycle does so, once it has come
+  round; another movement in the air does so by chance.
 
 A segment's own state is uncertain, too: its likelihood is that of its class and of the runner-up, less a
 share for models that are only nearly right (`Parameters.wrong`). Class probabilities contain the prior
@@ -33,6 +35,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.messages import PhaseKind as Name
 from caesura_protocol.messages import Segment
+from caesura_service.phases.retracing import APART, PIECE_M, Retraced, Way, retraced
 
 Array = NDArray[np.float64]
 
@@ -71,8 +74,9 @@ class PhaseKind:
     own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt.
     moving: one of its segments is a movement; step_m [m]: standard deviation an axis of how far it leads.
     ends, interrupted: what follows one of its own segments. resumed: an interruption is over. repeats: a
-    phase is resumed at an end of an earlier stroke. bounds: a demonstration begins, and ends, in this kind.
-    weight: how often it follows another, relative to other kinds.
+    phase is resumed at an end of an earlier stroke. retraces: it goes over its way again and again.
+    bounds: a demonstration begins, and ends, in this kind. weight: how often it follows another, relative to
+    other kinds.
     """
 
     name: Name
@@ -84,6 +88,7 @@ class PhaseKind:
     interrupted: float
     resumed: float
     repeats: float
+    retraces: bool
     bounds: float
     moving: float
     step_m: float
@@ -97,7 +102,9 @@ class Parameters:
     wrong: of a segment's class probabilities, the share that is spread evenly. priors: prior weight of each
     contact state in these probabilities. cut: the share of segments that are pieces, of any length. last:
     the share that ends a demonstration. near_m, far_m [m]: standard deviation a axis of where a stroke is
-    repeated, and of where the tool goes else. memory: segments of a phase that its next one may repeat.
+    repeated, and of where the tool goes else. again, by_chance: how much of its way a cycle retraces, and
+    another movement; ways of `retracing.APART` times near_m do so independently. memory: segments of a phase
+    that its next one may repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
@@ -107,6 +114,8 @@ class Parameters:
     last: float = 0.0
     near_m: float = 0.04
     far_m: float = 0.20
+    again: float = 0.9
+    by_chance: float = 0.05
     memory: int = 10
 
 
@@ -114,7 +123,7 @@ class SegmentFeatures(NamedTuple):
     """What the model sees of a segment.
 
     likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet. moves:
-    it is a movement, not a rest.
+    it is a movement, not a rest. way, retraced: of a movement, and what it retraces.
     """
 
     likelihood: Array
@@ -123,6 +132,8 @@ class SegmentFeatures(NamedTuple):
     end: Array
     grows: bool
     moves: bool
+    way: Way
+    retraced: Retraced
 
     @property
     def state(self) -> int:
@@ -130,8 +141,19 @@ class SegmentFeatures(NamedTuple):
         return int(self.likelihood.argmax())
 
 
-def seen(segment: Segment, parameters: Parameters, *, grows: bool) -> SegmentFeatures:
-    """Return what the model sees of a segment."""
+def seen(
+    segment: Segment,
+    parameters: Parameters,
+    way: Way,
+    before: Sequence[SegmentFeatures],
+    *,
+    grows: bool,
+) -> SegmentFeatures:
+    """Return what the model sees of a segment.
+
+    before: the segments before it, the last one last.
+    """
+    earlier = [(one.way, one.retraced) for one in before]
     return SegmentFeatures(
         likelihood=_likelihood(segment, parameters),
         seconds=max(segment.tn - segment.t0, LEAST_S),
@@ -139,6 +161,8 @@ def seen(segment: Segment, parameters: Parameters, *, grows: bool) -> SegmentFea
         end=np.array(segment.position_end),
         grows=grows,
         moves=segment.motion == "motion",
+        way=way,
+        retraced=retraced(way, earlier, parameters.near_m, parameters.memory),
     )
 
 
@@ -205,9 +229,10 @@ class Chain:
         self.resuming, self.states = np.nonzero(self.resumes.T), np.arange(self.kind.size)
         self._states = np.array([[one.own, one.aside] for one in parameters.kinds])
         self._own_state = own_state.tolist()
+        self._retraces = np.array([one.retraces for one in parameters.kinds])[self.kind] & (self.aside == 0)
 
     def emission(self, segment: SegmentFeatures) -> Array:
-        """(states,) density of a segment's contact state and duration, over the highest; at least LEAST."""
+        """(states,) density of what a segment is like, over the highest; at least LEAST."""
         share = np.log(self._states @ segment.likelihood)
         seconds = [
             [
@@ -217,9 +242,18 @@ class Chain:
             for one in self.parameters.kinds
         ]
         steps = [[_log_step(one, segment)] for one in self.parameters.kinds]
-        each = share + seconds + steps
-        each = np.maximum(np.exp(each - each.max()), LEAST)
-        found: Array = each[self.kind, self.aside]
+        each = (share + seconds + steps)[self.kind, self.aside]
+        if segment.state == 0:  # what goes over its way again in contact is one phase without being a cycle
+            each += self._retraces * self._log_retraced(segment.retraced)[self.age - 1]
+        found: Array = np.maximum(np.exp(each - each.max()), LEAST)
+        return found
+
+    def _log_retraced(self, of_segment: Retraced) -> Array:
+        """(memory,) log weight of a cycle by what a segment retraces, and does not, by the phase's age."""
+        share, chance = self.parameters.again, self.parameters.by_chance
+        again, astray = math.log(share / chance), math.log((1.0 - share) / (1.0 - chance))
+        pieces = APART * self.parameters.near_m / PIECE_M  # that are retraced together
+        found: Array = (again * of_segment.again + astray * of_segment.astray) / pieces
         return found
 
     def _log_lasts(self, duration: LogNormal, end: float, segment: SegmentFeatures) -> float:

@@ -7,7 +7,7 @@ states that are left agree on it; nothing that comes later changes it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from caesura_protocol.messages import Certainty, Phase, PhaseKind, Segment
@@ -22,6 +22,11 @@ from caesura_service.phases.posterior import (
     posterior,
     settled,
 )
+from caesura_service.phases.retracing import NO_WAY, Way, way_of
+
+PlacesBetween = Callable[[float, float], Array]
+
+WAY_S = 60.0  # of a segment, its end, whose way is looked at
 
 
 class _PhaseRun(NamedTuple):
@@ -46,10 +51,13 @@ class _CachedStep(NamedTuple):
 
 
 class PhaseTracker:
-    """Groups the segments of one demonstration."""
+    """Groups the segments of one demonstration.
 
-    def __init__(self, chain: Chain) -> None:
-        self._chain = chain
+    places_between: where it led through (n, 3) [m], from one time to another [s].
+    """
+
+    def __init__(self, chain: Chain, places_between: PlacesBetween) -> None:
+        self._chain, self._places_between = chain, places_between
         self._first = 0  # the segment of the first step that is kept
         self._settled = 0  # segments that have settled
         self._kept: list[_CachedStep] = []  # settled segments from `_first` on
@@ -116,11 +124,16 @@ class PhaseTracker:
 
     def _step(self, segment: Segment, before: Sequence[_CachedStep], *, grows: bool) -> _CachedStep:
         parameters = self._chain.parameters
-        shown = seen(segment, parameters, grows=grows)
+        earlier = [*self._before, *(one.seen for one in before)][-parameters.memory :]
+        shown = seen(segment, parameters, self._way_of(segment), earlier, grows=grows)
         if not before:
             return _CachedStep(segment, shown, first_step(self._chain, shown))
-        earlier = [*self._before, *(one.seen for one in before)][-parameters.memory :]
         return _CachedStep(segment, shown, next_step(self._chain, before[-1].step, shown, earlier))
+
+    def _way_of(self, segment: Segment) -> Way:
+        if segment.motion != "motion":
+            return NO_WAY
+        return way_of(self._places_between(max(segment.t0, segment.tn - WAY_S), segment.tn))
 
     def _groups(
         self, looked: Sequence[_CachedStep], states: Sequence[int], sure: Sequence[Array]

@@ -328,7 +328,8 @@ class SegmentationPipeline:
             torque=layout.has_torque,
         )
         self._boundary_coach = BoundaryCoach()
-        self._phases, self._decided_phases = PhaseTracker(PHASES), EncodedMessageLog(Phase)
+        self._phases = PhaseTracker(PHASES, lambda t0, tn: self._history.poses(t0, tn)[1][:, :3])
+        self._decided_phases = EncodedMessageLog(Phase)
 
     def _signal_coach(self, *, tared: bool) -> SignalCoach:
         """Make what gives hints on signals; the force is judged where it is declared to be without a hand."""

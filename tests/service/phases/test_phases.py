@@ -13,6 +13,8 @@ from caesura_service.changepoint.default import DEFAULT
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.phases.model import CONTACT_STATES, PIECE_S, SegmentFeatures, seen
 from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior
+from caesura_service.phases.retracing import way_of
+from caesura_service.phases.tracker import PlacesBetween
 
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
 CONTACT_OF = {"cycle": "free"}  # contact state of a phase kind, where it is not the kind's name
@@ -49,8 +51,21 @@ def wiping() -> list[Segment]:
     return demonstration(("free", 1.5, LEFT), *strokes, *lift, *strokes, *away)
 
 
-def grouped(segments: list[Segment], *, finished: bool = True, chain: Chain = CHAIN) -> list[Phase]:
-    decided, rest = PhaseTracker(chain).look(segments, finished=finished)
+def straight(segments: list[Segment]) -> PlacesBetween:
+    """Where a demonstration leads through whose segments are straight lines."""
+    t = [one.t0 for one in segments] + [segments[-1].tn]
+    ends = np.array([one.position_start for one in segments] + [segments[-1].position_end])
+    return lambda t0, tn: np.stack([np.interp(np.linspace(t0, tn, 30), t, axis) for axis in ends.T], axis=1)
+
+
+def grouped(
+    segments: list[Segment],
+    *,
+    finished: bool = True,
+    chain: Chain = CHAIN,
+    places: PlacesBetween | None = None,
+) -> list[Phase]:
+    decided, rest = PhaseTracker(chain, places or straight(segments)).look(segments, finished=finished)
     return [*decided, *rest]
 
 
@@ -113,6 +128,11 @@ def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, par
         over = parameters.last * kind.bounds * (1.0 - kind.resumed if aside else kind.ends)
         lasts += over * (1.0 - lasts) if one.grows and not one.moves else 0.0
         total *= float(np.dot(classes, one.likelihood)) * lasts
+        total *= (
+            1.0
+            if aside
+            else gone_over(segments[max(start, i + 1 - parameters.memory) : i + 1], kind, parameters)
+        )
         moving = kind.moving
         total *= moving * normal(one.end - one.start, np.zeros(3), kind.step_m) if one.moves else 1 - moving
     last, last_aside, _ = grouping[-1]
@@ -129,6 +149,31 @@ def resumed(phase: list[SegmentFeatures], one: SegmentFeatures, kind, parameters
     anywhere = normal(one.start, strokes[-1].end, parameters.far_m)
     near = [normal(one.start, place, parameters.near_m) for s in strokes for place in (s.start, s.end)]
     return 1.0 - kind.repeats + kind.repeats * float(np.mean(near)) / anywhere
+
+
+def gone_over(phase: list[SegmentFeatures], kind, parameters) -> float:
+    """Density of what the last segment of a phase goes over again, over that of any other movement."""
+    if not kind.retraces or int(phase[-1].likelihood.argmax()) != 0:
+        return 1.0
+    pieces = [
+        (i, middle, step)
+        for i, one in enumerate(phase)
+        for middle, step in zip(one.way.middles, one.way.steps, strict=True)
+    ]
+    weight, closed = 1.0, False
+    for number, (i, middle, step) in enumerate(pieces):
+        again = any(
+            math.dist(middle, there) < parameters.near_m
+            and math.degrees(math.acos(np.clip(step @ other / math.hypot(*step) / math.hypot(*other), -1, 1)))
+            < 45.0
+            and 0.02 * (number - earlier) > 3.0 * parameters.near_m
+            for earlier, (_, there, other) in enumerate(pieces[:number])
+        )
+        closed |= again
+        if i == len(phase) - 1 and closed:
+            as_cycle, as_other = parameters.again, parameters.by_chance
+            weight *= as_cycle / as_other if again else (1.0 - as_cycle) / (1.0 - as_other)
+    return weight ** (0.02 / (3.0 * parameters.near_m))
 
 
 @cache
@@ -152,7 +197,10 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
         one.model_copy(update={"motion": "steady"}) if i in (5, 7) else one for i, one in enumerate(wiping())
     ]
     for segments in (every[:4], every[2:6], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
-        shown = [seen(one, parameters, grows=not ended and one is segments[-1]) for one in segments]
+        places, shown = straight(segments), []
+        for one in segments:
+            grows = not ended and one is segments[-1]
+            shown.append(seen(one, parameters, way_of(places(one.t0, one.tn)), shown, grows=grows))
         steps = [first_step(chain, shown[0])]
         for i in range(1, len(shown)):
             steps.append(next_step(chain, steps[-1], shown[i], shown[:i]))
@@ -219,6 +267,49 @@ def test_circles_in_free_space_are_a_phase_of_their_own() -> None:
     )
     assert [(one.kind, one.first_segment) for one in grouped(circles)][:2] == [("free", 0), ("cycle", 1)]
     assert grouped(circles)[-1].kind == "free"
+
+
+RADIUS_M, ROUND_S = 0.08, 2.0
+
+
+def on_a_circle(t: np.ndarray, first_s: float, last_s: float) -> np.ndarray:
+    """(n, 3) [m] rounds between two times [s]; straight there from a metre away, and straight back."""
+    angle = 2.0 * np.pi * (np.clip(t, first_s, last_s) - first_s) / ROUND_S
+    away = np.clip(first_s - t, 0.0, None) + np.clip(t - last_s, 0.0, None)
+    x, y = 0.4 + RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle)
+    return np.stack([x, y, 0.1 + 0.5 * away], axis=1)
+
+
+@pytest.mark.parametrize("borders", [(2.0, 10.0), (2.0, 3.2, 8.4, 9.3, 10.0), (2.0, 2.7, 3.1, 4.4, 10.0)])
+def test_what_goes_over_a_cycle_again_is_part_of_it(borders: tuple[float, ...]) -> None:
+    """Four rounds between a reach and a retract are one phase, wherever the segments are cut."""
+
+    def places(t0: float, tn: float) -> np.ndarray:
+        return on_a_circle(np.linspace(t0, tn, max(round(10.0 * (tn - t0)), 1) + 1), borders[0], borders[-1])
+
+    edges = [0.0, *borders, 12.0]
+    segments = [
+        segment(t0, tn - t0, "free", tuple(places(t0, tn)[0]), tuple(places(t0, tn)[-1]))
+        for t0, tn in pairwise(edges)
+    ]
+    phases = grouped(segments, places=places)
+    assert [(one.kind, one.t0) for one in phases] == [("free", 0.0), ("cycle", 2.0), ("free", 10.0)]
+
+
+def test_strokes_to_and_fro_once_are_no_cycle() -> None:
+    """A way back leads over the way there, and is not that way again."""
+    fro = demonstration(("free", 1.5, LEFT), ("free", 1.5, RIGHT), ("free", 1.5, LEFT), ("free", 1.5, AWAY))
+    assert [one.kind for one in grouped(fro)] == ["free"]
+
+
+def test_a_stroke_does_not_go_over_itself() -> None:
+    """Its pieces lie near each other, in one direction; so do those of two that follow each other."""
+    whole = demonstration(("free", 3.0, RIGHT), ("free", 3.0, (0.4, 0.6, 0.1)))
+    places, before = straight(whole), []
+    for one in whole:
+        before.append(seen(one, PARAMETERS, way_of(places(one.t0, one.tn)), before, grows=False))
+    assert [len(one.way.middles) for one in before] == [14, 19]
+    assert all(one.retraced.again.sum() == one.retraced.astray.sum() == 0.0 for one in before)
 
 
 def test_a_rest_belongs_to_the_phase_before_it() -> None:
@@ -292,7 +383,7 @@ def session(rounds: int) -> list[Segment]:
 
 def test_final_phases_stay_and_looks_do_not_matter() -> None:
     segments = session(8)
-    looked, once = PhaseTracker(CHAIN), PhaseTracker(CHAIN)
+    looked, once = PhaseTracker(CHAIN, straight(segments)), PhaseTracker(CHAIN, straight(segments))
     final: list[Phase] = []
     for count in range(1, len(segments) + 1):
         settled = max(count - 2, looked.settled)
@@ -313,7 +404,7 @@ def test_final_phases_stay_and_looks_do_not_matter() -> None:
 
 def test_what_is_kept_does_not_grow() -> None:
     segments = session(60)
-    tracker = PhaseTracker(CHAIN)
+    tracker = PhaseTracker(CHAIN, straight(segments))
     for count in range(1, len(segments) + 1):
         look(tracker, segments[:count], count - 1)
         assert len(tracker._kept) <= 16
@@ -322,7 +413,7 @@ def test_what_is_kept_does_not_grow() -> None:
 def test_one_long_phase_is_kept_as_briefly() -> None:
     strokes = [("contact", 1.2, RIGHT if i % 2 else LEFT) for i in range(300)]
     segments = demonstration(("free", 1.5, LEFT), *strokes)
-    tracker = PhaseTracker(CHAIN)
+    tracker = PhaseTracker(CHAIN, straight(segments))
     for count in range(1, len(segments) + 1):
         _, rest = look(tracker, segments[:count], count - 1)
         assert len(tracker._kept) <= 16

@@ -1,0 +1,80 @@
+"""How far a movement goes over the way of its phase again.
+
+A way is cut into pieces of `PIECE_M`. A piece is retraced where an earlier piece of the phase lies nearby, in
+the same direction, and the way between the two is longer than they are apart: a stroke does not retrace
+itself, and a way back does not retrace the way there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PIECE_M = 0.02
+MOST_PIECES, MOST_EARLIER = 150, 300  # of a segment, its last ones; of those before it that are looked at
+SAME_DIRECTION = math.cos(math.radians(45.0))
+APART = 3.0  # times how near it comes to an earlier piece: how much longer the way between the two is
+
+
+class Way(NamedTuple):
+    """Pieces of the way of a segment: their middles [m] and steps [m] (n, 3)."""
+
+    middles: Array
+    steps: Array
+
+
+class Retraced(NamedTuple):
+    """Pieces of a segment, (memory,) by how many segments its phase has, this one included.
+
+    again: those that are retraced; astray: those that are not, although the phase has retraced its way
+    before.
+    """
+
+    again: Array
+    astray: Array
+
+
+NO_WAY = Way(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def way_of(places: Array) -> Way:
+    """The way through places (m, 3) [m]; no pieces where it is shorter than one."""
+    ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+    borders = PIECE_M * np.arange(int(ends[-1] / PIECE_M) + 1)[-MOST_PIECES - 1 :]
+    at = np.stack([np.interp(borders, ends, axis) for axis in places.T], axis=1)
+    return Way(0.5 * (at[1:] + at[:-1]), np.diff(at, axis=0))
+
+
+def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, memory: int) -> Retraced:
+    """What a segment retraces of the segments before it, the last one last, and of itself."""
+    own = np.arange(len(way.middles))
+    found = _follows(way, way, own[:, None] - own, near_m)
+    again, astray, looked = np.zeros(memory), np.zeros(memory), 0
+    has_closed, between = False, 0
+    for age in range(memory):
+        if 0 < age <= len(before) and looked < MOST_EARLIER:
+            other = before[-age][0]
+            count = len(other.middles)
+            found |= _follows(way, other, own[:, None] + between + count - np.arange(count), near_m)
+            between, looked = between + count, looked + count
+            has_closed = any(before[-1 - i][1].again[age - 1 - i] > 0.0 for i in range(age))
+        again[age] = found.sum()
+        closed = np.ones_like(found) if has_closed else np.logical_or.accumulate(found)
+        astray[age] = (closed & ~found).sum()
+    return Retraced(again, astray)
+
+
+def _follows(way: Way, other: Way, pieces_between: NDArray[np.int64], near_m: float) -> NDArray[np.bool_]:
+    """(n,) whether each piece goes over one of another way; pieces_between: (n, m) from that to this."""
+    apart = way.middles[:, None] - other.middles
+    near = np.vecdot(apart, apart) < near_m**2
+    lengths = np.linalg.norm(way.steps, axis=1)[:, None] * np.linalg.norm(other.steps, axis=1)
+    along = way.steps @ other.steps.T > SAME_DIRECTION * lengths
+    result: NDArray[np.bool_] = (near & along & (PIECE_M * pieces_between > APART * near_m)).any(axis=1)
+    return result

@@ -96,7 +96,7 @@ class Registry:
         self._throttled: set[Session] = set()  # whose next status about refusals waits
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
         self.index = SessionIndex({})
-        self.stored = StoredSessions(journal, lambda: self.index)
+        self.stored = StoredSessions(journal, lambda: self.index, self.ownership.serves)
         self.counters = SessionCounters()
 
     # --- whose stations are whose -----------------------------------------------------------------------
@@ -316,8 +316,7 @@ class Registry:
         return self._journal.report()
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
-        if station not in self._stations and len(self._stations) >= self._limits.stations:
-            raise ProtocolError("overloaded", "too many stations", value=station, limit=self._limits.stations)
+        self._check_has_room(station)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         with _AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
@@ -330,8 +329,42 @@ class Registry:
             outputs = session.begin(now)
         self._stations.setdefault(station, {})[command.session] = session
         outputs = [*self._make_room(station, now), *outputs]
+        self._release_ended_stations()
         self._update_index()
         return outputs
+
+    def _check_has_room(self, station: str) -> None:
+        """Raise ProtocolError `overloaded` for a new station where no other can be released for it."""
+        most = self._limits.stations
+        if station in self._stations or len(self._stations) < most or self._ended_stations():
+            return
+        why = f"{most} stations have an open session: close one of them, and try again"
+        raise ProtocolError("overloaded", why, value=station, limit=most)
+
+    def _ended_stations(self) -> list[str]:
+        """Return the stations without an open session or work, by the opening of their last session."""
+        ended = [
+            station
+            for station, sessions in self._stations.items()
+            if not any(session.is_open for session in sessions.values())
+            and not self.slices.is_under_way(station)
+            and not self.ownership.in_takeover(station)
+            and not self._rebuilder.is_rebuilding_of(station)
+        ]
+        return sorted(ended, key=self._last_opened)
+
+    def _last_opened(self, station: str) -> float:
+        return max((session.state.opened or 0.0 for session in self._stations[station].values()), default=0.0)
+
+    def _release_ended_stations(self) -> None:
+        """Release the sessions of stations beyond the limit, which stay in the journal."""
+        excess = len(self._stations) - self._limits.stations
+        for station in self._ended_stations()[:excess] if excess > 0 else ():
+            sessions = self._stations.pop(station)
+            self._throttled.difference_update(sessions.values())
+            self.ownership.release(station)
+            for name in sessions:
+                self._journal.release(station, name)
 
     def _reopen(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
         """Open a session that a journal has and memory does not: take it over again where it is open.

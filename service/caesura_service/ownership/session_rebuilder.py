@@ -30,6 +30,10 @@ class SessionRebuilder:
         """Whether a rebuild is under way."""
         return bool(self._under_way)
 
+    def is_rebuilding_of(self, station: str) -> bool:
+        """Whether a rebuild of a station's session is under way."""
+        return any(key[0] == station for key in self._under_way)
+
     def request(self, station: str, session: Session, owner: Owner) -> ProtocolError:
         """Start or continue a rebuild; return the answer to the editing client.
 

@@ -61,6 +61,10 @@ class StationOwnership:
         """Return the stations that are being taken over; any thread may ask."""
         return tuple(self._taking_over)
 
+    def serves(self, station: str) -> bool:
+        """Whether messages of the station are accepted now; any thread may ask."""
+        return self.rejection_reason(station) is None
+
     def rejection_reason(self, station: str) -> str | None:
         """Return why messages of the station are rejected now; None where they are accepted."""
         if self.served is not None and station not in self.served:

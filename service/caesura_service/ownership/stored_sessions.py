@@ -1,6 +1,6 @@
 """Sessions that ended and are no longer held: their outcomes, read from the journal page by page.
 
-An instance answers for the stations that it holds, from its own journal. A session whose outcome was not
+An instance answers for the stations that it serves, from its own journal. A session whose outcome was not
 written, or only in another instance's journal, is not listed, and does not fill a page.
 """
 
@@ -11,6 +11,7 @@ from itertools import islice
 
 from caesura_protocol.keys import StoredPage
 from caesura_protocol.messages import Program, Snapshot
+from caesura_service.cooperative_scheduler import give_way
 from caesura_service.journal import Journal, Key
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.program import at_edit, log_of, with_edits
@@ -21,14 +22,16 @@ PAGE_BYTES = 1 << 26  # of the records of a page's sessions, beyond the first
 class StoredSessions:
     """Any thread may call it."""
 
-    def __init__(self, journal: Journal, index: Callable[[], SessionIndex]) -> None:
-        """index: the sessions of this instance."""
-        self._journal, self._index = journal, index
+    def __init__(
+        self, journal: Journal, index: Callable[[], SessionIndex], serves: Callable[[str], bool]
+    ) -> None:
+        """index: the sessions of this instance; serves: whether a station is this instance's now."""
+        self._journal, self._index, self._serves = journal, index, serves
 
     def answers_for(self, station: str, session: str) -> bool:
         """Whether the station is this instance's, and the session is not held. Any thread may ask."""
-        held = self._index().sessions.get(station)
-        return bool(held) and all(one.name != session for one in held or ())
+        held = self._index().sessions.get(station, ())
+        return self._serves(station) and all(one.name != session for one in held)
 
     def page(self, matches: Callable[[Key], bool], wanted: StoredPage) -> Iterator[Snapshot]:
         """The outcomes of a page, the newest session first; at most PAGE_BYTES. Raises JournalError."""
@@ -51,5 +54,8 @@ class StoredSessions:
 def _edited(snapshot: Snapshot, number: int | None = None) -> Snapshot:
     """An outcome has the inferred program and a list of edits; here they are applied, up to a number."""
     inferred, log = snapshot.program, log_of(snapshot.program)
-    program = with_edits(inferred, log) if number is None else at_edit(inferred, log, number)
+    if number is None:
+        program = with_edits(inferred, log, pause=give_way)
+    else:
+        program = at_edit(inferred, log, number, pause=give_way)
     return snapshot.model_copy(update={"program": program})

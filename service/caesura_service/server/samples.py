@@ -2,7 +2,7 @@
 
 Reading a long session takes seconds, once. Neither the worker nor other queries wait for it: stations take
 turns, in slices. What waits has a bound; past it a query is refused as `overloaded`. An instance answers for
-the sessions that it holds, as for snapshots, and for stored ones of the same stations.
+the sessions that it holds, as for snapshots, and for stored ones of the stations that it serves.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import SLICE_S, Owned
 from caesura_service.journal import JournalError, Key
 from caesura_service.ownership.session_index import SessionIndex
+from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.publishing.events import Owner
 from caesura_service.publishing.session_state import SessionState
 from caesura_service.server.background_thread import BackgroundThread
@@ -47,10 +48,10 @@ class SampleServer(BackgroundThread):
         reader: SampleReader,
         index: Callable[[], SessionIndex],
         owner: Owner,
-        in_takeover: Callable[[str], bool],
+        ownership: StationOwnership,
     ) -> None:
-        """index: the sessions of this instance; in_takeover: whether a station is being taken over."""
-        self._owner, self._in_takeover = owner, in_takeover
+        """index: the sessions of this instance; ownership: its stations."""
+        self._owner, self._ownership = owner, ownership
         self._reader, self._index, self._clock = reader, index, time.monotonic
         self._open: set[Key] = set()  # at the last look
         self._ended: set[Key] = set()  # since they were open; their overviews are not made yet
@@ -120,7 +121,7 @@ class SampleServer(BackgroundThread):
             raise
         if owned is None:
             with query:
-                if self._in_takeover(station):
+                if self._ownership.in_takeover(station):
                     reply_in_takeover(query, station, self._owner.instance)
                 else:
                     reply_nothing(query, self._owner.instance)  # another instance may have it
@@ -143,11 +144,10 @@ class SampleServer(BackgroundThread):
 
     def _owned(self, station: str, session: str) -> Owned | None:
         """The session, held or stored, where its station is this instance's. Raises JournalError."""
-        of_station = self._index().sessions.get(station, ())
-        for held in of_station:
+        for held in self._index().sessions.get(station, ()):
             if held.state.session == session:
                 return _owned(held.state)
-        if of_station and self._reader.has(station, session):
+        if self._ownership.serves(station) and self._reader.has(station, session):
             return Owned(station, session, self._owner.instance, self._owner.epoch, is_open=False)
         return None
 

@@ -99,7 +99,7 @@ class ZenohServer:
         self._queries = QueryServer(
             registry, self._queue, self.status, self.budgets, self._stored.take, owner.instance
         )
-        self._samples = SampleServer(samples, lambda: registry.index, owner, registry.ownership.in_takeover)
+        self._samples = SampleServer(samples, lambda: registry.index, owner, registry.ownership)
         self._collector = BatchCollector(
             registry.awaited, self._enqueue_samples, self._enqueue_batches, clock
         )

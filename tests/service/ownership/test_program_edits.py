@@ -30,6 +30,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
+from caesura_service.cooperative_scheduler import Slices
 from caesura_service.journal import JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.stored_sessions import StoredSessions
@@ -287,13 +288,28 @@ def test_a_session_that_is_no_longer_held_has_its_edits(tmp_path: Path):
         before = program(registry)
     newer: Any = SimpleNamespace(sessions={STATION: [SimpleNamespace(name="newer")]})
     with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:
-        stored = StoredSessions(journal, lambda: newer)
+        stored = StoredSessions(journal, lambda: newer, lambda _station: True)
         (found,) = stored.page(lambda _: True, StoredPage())
         (first,) = stored.page(lambda _: True, StoredPage(edits=0))
         (second,) = stored.page(lambda _: True, StoredPage(edits=1))
     assert (found.program.apps, found.program.edits) == (tuple(before.apps), before.edits)
     assert (first.program.edits, first.program.edit_revision) == ((), 0)
     assert first.program.apps != found.program.apps == second.program.apps
+
+
+def test_the_edits_of_a_session_that_is_no_longer_held_give_way_to_other_stations(tmp_path: Path):
+    with registry_on(tmp_path / "a.sqlite") as registry:
+        taught(registry, closed=True)
+        assert isinstance(edit(registry, RENAMED), Ack)
+        before = program(registry)
+    newer: Any = SimpleNamespace(sessions={})
+    slices, found = Slices(slice_s=0.0), list[Program | None]()
+    with SqliteJournal(tmp_path / "a.sqlite", JournalSettings()) as journal:
+        stored = StoredSessions(journal, lambda: newer, lambda _station: True)
+        assert not slices.begin("a", lambda: found.append(stored.program(STATION, NAME))), "in one piece"
+        slices.finish("a")
+    assert found[0] is not None
+    assert (found[0].apps, found[0].edits) == (tuple(before.apps), before.edits)
 
 
 # --- a part that was taught again -------------------------------------------------------------------------

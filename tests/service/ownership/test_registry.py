@@ -172,11 +172,25 @@ def test_closed_sessions_stay_to_be_asked_for_until_there_are_too_many():
     assert [name for _, name in journal.sessions()] == ["s2", "s3", "s4"]
 
 
-def test_one_station_too_many_is_overloaded():
+def test_one_station_too_many_is_overloaded_where_each_has_an_open_session():
     registry = opened(new_registry(limits=Limits(stations=1)), STATION, "s1")
     refusal = answer(registry.handle_command(OTHER, opening(), 0.0))
     assert isinstance(refusal, ProtocolError)
     assert (refusal.code, refusal.limit) == ("overloaded", 1)
+    assert names(registry, STATION) == ["s1"]
+
+
+def test_one_station_too_many_takes_the_place_of_the_one_that_ended_and_was_opened_longest_ago():
+    """256 names that were used once kept every further station out, for as long as the journal had them."""
+    registry = new_registry(limits=Limits(stations=3))
+    for now, station in enumerate(["open", "ended", "older", "ended"]):
+        registry.handle_command(station, opening(f"s{now}"), float(now))
+        if station != "open":
+            registry.handle_command(station, closing(-1, f"s{now}"), float(now))
+    assert isinstance(answer(registry.handle_command(OTHER, opening(), 4.0)), Ack)
+    assert list(registry.index.sessions) == ["open", "ended", OTHER]
+    assert isinstance(answer(registry.handle_command("older", opening("again"), 5.0)), Ack)
+    assert list(registry.index.sessions) == ["open", OTHER, "older"]
 
 
 def test_a_station_whose_sessions_are_all_forgotten_counts_no_longer(tmp_path):

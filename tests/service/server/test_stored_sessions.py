@@ -25,8 +25,11 @@ from caesura_service.journal import SqliteJournal
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from caesura_service.server.memory_network import in_memory
+from caesura_service.sessions.limits import Limits
 from harness.journals import ended, taught, written
+from harness.peer import MemoryPeer
 from harness.processes import DEADLINE_S, eventually
+from harness.sessions import batches, opening
 
 TAUGHT = 36  # sessions; the service holds the last 16 of a station
 NAMES = [f"s{i:02d}" for i in range(TAUGHT)]
@@ -86,11 +89,30 @@ def test_the_dashboard_lists_them_page_by_page_and_opens_one_by_its_name(caesura
         assert {row["session"] for row in sessions(follower.world)} == set(NAMES)
 
 
+def test_a_station_that_made_room_for_another_is_stored_and_taught_again(tmp_path: Path):
+    network = MemoryNetwork()
+    config = ServiceConfig(instance="test-1", preset="fake", journal=tmp_path, limits=Limits(stations=1))
+    running = Service(config, pipeline_factory=make_fake_pipeline, join=in_memory(network))
+    with running, MemoryPeer(network) as peer:
+        caesura = Caesura(network.transport())
+        for station in ("cell-1", "cell-2"):
+            peer.command(opening("s1"), station)
+            for one in batches(9):
+                peer.send(one, station)
+            peer.until_closed(8, station)
+            assert [one.station for one in caesura.sessions()] == [station]
+        eventually(lambda: len(query.stored_snapshots(caesura.transport, "cell-1")) == 1)
+        found = query.samples(caesura.transport, "cell-1", "s1", SampleRange(0.0, 2.0, 1000))
+        assert found.counts[0] == 180
+        peer.command(opening("s2"), "cell-1")
+        assert [(one.station, one.session) for one in caesura.sessions()] == [("cell-1", "s2")]
+
+
 def test_a_page_waits_for_no_write_of_the_journal(tmp_path: Path):
     for name in ("s1", "s2"):
         written(tmp_path, taught(1.0), session=name, closed=ended("motion", t=1.0, session=name))
     with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal, ThreadPoolExecutor(1) as reader:
-        stored = StoredSessions(journal, lambda: INDEX)
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
         with journal._writing:
             page = reader.submit(lambda: list(stored.page(lambda _key: True, StoredPage())))
             assert names(page.result(DEADLINE_S)) == ["s2", "s1"]
@@ -102,7 +124,7 @@ def test_sessions_without_an_outcome_do_not_fill_a_page(tmp_path: Path):
         result = ended("motion", t=1.0, session=name) if i in {0, 3} else None
         written(tmp_path, taught(1.0), session=name, closed=result)
     with SqliteJournal(tmp_path / "caesura-1.sqlite") as journal:
-        stored = StoredSessions(journal, lambda: INDEX)
+        stored = StoredSessions(journal, lambda: INDEX, lambda _station: True)
         pages = [names([*stored.page(lambda _key: True, StoredPage(1, skip))]) for skip in range(3)]
         assert pages == [["s3"], ["s0"], []]
         with closing(sqlite3.connect(journal.path)) as file, file:

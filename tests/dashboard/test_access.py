@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware, Attempt
 from caesura_clients.dashboard.proxies import Proxies
 from caesura_protocol.errors import CaesuraError
 from dashboard.conftest import ran
+from harness.processes import DEADLINE_S
 
 PASSWORD = "correct horse"
 
@@ -105,6 +107,22 @@ def test_the_password_opens_it_and_another_does_not(locked):
     assert (status, headers["location"]) == (303, "/")
     assert "HttpOnly; SameSite=Strict" in headers["set-cookie"]
     assert ask(locked, "/system", cookie=headers["set-cookie"].partition(";")[0])[2] == b"inside"
+
+
+def test_a_login_that_does_not_come_to_its_end_is_ended(locked, monkeypatch):
+    monkeypatch.setattr(access, "BODY_S", 0.01)
+    sent: list[dict[str, Any]] = []
+
+    async def receive():
+        await asyncio.Event().wait()
+
+    async def send(event):
+        sent.append(event)
+
+    headers = [(b"host", b"127.0.0.1:8080")]
+    scope = {"type": "http", "method": "POST", "path": "/login", "client": ("::1", 1), "headers": headers}
+    ran(asyncio.wait_for(locked(scope, receive, send), DEADLINE_S))
+    assert sent[0]["status"] == 408
 
 
 class Clock:

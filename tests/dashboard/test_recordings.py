@@ -32,6 +32,7 @@ from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME
 from dashboard.conftest import ran
 from harness.demonstrations import guided
+from harness.processes import eventually
 
 CSV = "time,x,y,z\n" + "\n".join(f"{i / 100},0.1,0.2,0.3" for i in range(50))
 
@@ -253,6 +254,17 @@ def test_a_recording_that_is_read_is_not_read_again_written_or_removed(desk: Rec
         desk.play(asked("u-1"), frozenset())
     desk.drop("u-1")
     assert path.exists()
+
+
+def test_a_recording_that_is_read_without_an_end_is_given_up(desk: RecordingDesk, monkeypatch):
+    """Two of them kept every further recording from being played until the dashboard was started again."""
+    monkeypatch.setattr(recordings, "LOOK_S", 0.01)
+    rows = "\n".join(f"{i / 1000},0.1,0.2,0.3" for i in range(400_000))
+    sent(desk, "u-1", "long.csv", f"t,px,py,pz\n{rows}\n".encode())
+    desk.play(asked("u-1"), frozenset())
+    eventually(lambda: bool(desk.plays[0].error))
+    assert desk.plays[0].error == "long.csv: not read after 0.01 s."
+    assert not desk._children
 
 
 def test_two_that_are_asked_for_at_once_do_not_exceed_the_number_of_plays(desk: RecordingDesk, monkeypatch):

@@ -14,6 +14,7 @@ read on the way.
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import ipaddress
 import math
@@ -42,6 +43,7 @@ WRONG_PER_S = 4.0  # and how soon further ones may be
 PEERS = 1024  # addresses that wait; beyond, the one whose wait ends first is forgotten
 IPV6_PREFIX = 64  # what one network gives to one subscriber counts as one address
 FORM_BYTES = 4096
+BODY_S = 10.0  # for a form to come, which would otherwise hold its connection without an end
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data:; font-src 'self' data:; frame-ancestors 'none'; form-action 'self'; base-uri 'self'"
@@ -153,7 +155,13 @@ class AccessMiddleware:
         if scope["method"] != "POST":
             await _answer(scope, send, 200, _LOGIN.format(said=""), html=True)
             return
-        given = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
+        try:
+            body = await asyncio.wait_for(_body(receive), BODY_S)
+        except TimeoutError:
+            said = "The password did not come in time."
+            await _answer(scope, send, 408, _LOGIN.format(said=said), (b"connection", b"close"), html=True)
+            return
+        given = parse_qs(body.decode("utf-8", "replace")).get("password", [""])[0]
         peer = _peer(scope)
         wait_s = self._attempts.wait_s(peer)
         if wait_s:

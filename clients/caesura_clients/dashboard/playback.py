@@ -12,11 +12,12 @@ from __future__ import annotations
 import json
 import os
 import resource
+import signal
 import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, get_args
 
@@ -151,7 +152,8 @@ def is_bag(path: Path) -> bool:
 
 def play(job: Job) -> dict[str, Any]:
     """Play a recording to the service as a session. Raises CaesuraError or ProtocolError."""
-    source, up = source_of(job), job["answers"].get("up")
+    with _ended_after(job["read_s"]):
+        source, up = source_of(job), job["answers"].get("up")
     setting = CellSettings(robot=job["answers"].get("robot"), up=None if up is None else parse_up(up))
     of = int(source.recording.t.size)
     config = None if job["config"] is None else Path(job["config"])
@@ -186,6 +188,16 @@ NEEDED = (
     "where access rules hold, the dashboard needs a bridge's credentials of this station: "
     "`caesura dashboard --bridge-config`"
 )
+
+
+@contextmanager
+def _ended_after(seconds: float) -> Iterator[None]:
+    """End the process, by SIGALRM, where the context lasts longer: it holds one of a few places."""
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _watch(source: CountedSource, of: int, over: threading.Event) -> None:

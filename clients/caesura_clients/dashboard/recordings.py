@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -35,7 +36,7 @@ FILES = 64  # of a rosbag2's directory
 UPLOADS = 4  # recordings that are held; the oldest that is not played goes
 PLAYS = 2  # at a time
 PLAYED = 12  # that a page lists
-LOOK_S = 120.0
+LOOK_S = 120.0  # for reading a recording
 BUSY = "This recording is being read: wait until that is over."
 MODULE = "caesura_clients.dashboard.playback"
 SUFFIXES = (".npz", ".csv", ".mcap", ".db3")
@@ -204,7 +205,7 @@ class RecordingDesk:
         except subprocess.TimeoutExpired:
             child.kill()
             child.communicate()
-            raise EditRefused(f"{file.name}: not read after {LOOK_S:g} s.") from None
+            raise EditRefused(_not_read(file.name)) from None
         finally:
             self._ended(upload)
         answer = _last_line(said)
@@ -228,6 +229,7 @@ class RecordingDesk:
         description = {"task": wanted.task or None, "operator": wanted.operator or None}
         job = {
             "do": "play",
+            "read_s": LOOK_S,
             "file": str(file),
             "answers": wanted.answers.model_dump(),
             "description": description,
@@ -295,7 +297,9 @@ class RecordingDesk:
         if now.done:  # what was refused can be answered anew
             self.drop(now.upload)
         elif not now.error:
-            now = replace(now, error="The process that played it has ended.")
+            is_late = child.returncode == -signal.SIGALRM
+            why = _not_read(now.name) if is_late else "The process that played it has ended."
+            now = replace(now, error=why)
         self._keep(now)
 
     def _keep(self, one: Playback) -> None:
@@ -308,6 +312,10 @@ class RecordingDesk:
         """An error of the command line for a page: without its folder, and options as fields."""
         words = error.replace(f"{self._folder.path / upload}/", "")
         return re.sub(r"--([a-z]+(?:-[a-z]+)+)", lambda option: option[1].replace("-", " "), words)
+
+
+def _not_read(name: str) -> str:
+    return f"{name}: not read after {LOOK_S:g} s."
 
 
 def _last_line(said: str) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.proxies import Proxies
 from caesura_clients.dashboard.signals import as_bytes
+from caesura_clients.dashboard.silent_connections import BoundedProtocol
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters
 from caesura_protocol.programs.document import document
@@ -120,6 +121,7 @@ def run(address: Address) -> None:
         message_history_length=0,
         reconnect_timeout=5.0,
         proxy_headers=False,  # uvicorn trusts all of this machine: see Proxies
+        http=BoundedProtocol,
     )
 
 

@@ -130,6 +130,10 @@ class Service:
         """Where samples are read: all journals of the directory, or the one in memory."""
         return JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent, self._file)
 
+    def check_link(self) -> None:
+        """Raise NetworkError where only a new process gets a link to the router again."""
+        self._edge.check_link()
+
     def status(self) -> ServiceStatus:
         """How it is doing."""
         return self._edge.status()
@@ -142,14 +146,17 @@ def run_service(
     over: threading.Event,
     pipeline_factory: PipelineFactory | None = None,
 ) -> None:
-    """Run until it is `over` (see `stopping`), then leave cleanly. `ready` is called once it can be found."""
+    """Run until it is `over` (see `stopping`), then leave cleanly. `ready` is called once it can be found.
+
+    Raises NetworkError where it cannot join, or the router keeps it out later on.
+    """
     return_large_blocks()
     try:
         with Service(config, pipeline_factory=pipeline_factory, stop=over) as service:
             gc.freeze()  # what is loaded by now stays: looking through it again would hold up every station
             ready(service)
-            while not over.wait(_WAKE_S):
-                pass  # a signal that another thread took does not wake this one
+            while not over.wait(_WAKE_S):  # a signal that another thread took does not wake this one
+                service.check_link()
     except NetworkError:
         if not over.is_set():
             raise

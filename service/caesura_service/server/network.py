@@ -122,16 +122,31 @@ def join(settings: NetworkSettings, stop: threading.Event) -> tuple[ZenohNetwork
     return ZenohNetwork(session), endpoints[0].partition("#")[0]
 
 
-def _join_as_client(
-    config: zenoh.Config, router: str, settings: NetworkSettings, stop: threading.Event
-) -> zenoh.Session:
-    own = {
+def lets_in(settings: NetworkSettings) -> bool:
+    """Whether the router lets another session in now: one attempt. settings: of a client."""
+    config = _config(settings.config_file)
+    _insert(config, _as_client(settings.connect or DEFAULT_ENDPOINT))
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError:
+        return False
+    session.close()  # type: ignore[no-untyped-call]
+    return True
+
+
+def _as_client(router: str) -> Mapping[str, Any]:
+    return {
         "mode": "client",
         "connect/endpoints": [router],
         "connect/timeout_ms": ATTEMPT_MS,
         "connect/exit_on_failure": True,
     }
-    _insert(config, own)
+
+
+def _join_as_client(
+    config: zenoh.Config, router: str, settings: NetworkSettings, stop: threading.Event
+) -> zenoh.Session:
+    _insert(config, _as_client(router))
     if not exposure.is_local(router) and exposure.presented_credentials(router, _reader(config)) == "nothing":
         logger.warning("%s is another machine, and no certificate or password is shown to it", router)
     return _connect(config, router, settings, stop)

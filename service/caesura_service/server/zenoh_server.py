@@ -41,16 +41,17 @@ from caesura_service.server.inbound import (
 from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
-from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join
+from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, too_many_waiting
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
+from caesura_service.server.router_link import RouterLink
 from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.stored import StoredServer
-from caesura_service.server.transport import Incoming, Network
+from caesura_service.server.transport import Incoming, Network, NetworkError
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
 from caesura_service.sessions.batch_block import BatchBlock
@@ -82,7 +83,7 @@ class ZenohServer:
         """
         # Once entered, the real one, with its port.
         self.endpoint = network.connect or network.listen or DEFAULT_ENDPOINT
-        self.is_linked = True  # to its router, once it has joined
+        self._link = RouterLink(partial(lets_in, network))  # once it has joined
         self._registry = registry
         self._owner = owner
         self._settings = network
@@ -146,6 +147,19 @@ class ZenohServer:
     ) -> None:
         self._stack.close()
 
+    @property
+    def is_linked(self) -> bool:
+        """Whether there is a link to the router that it has joined."""
+        return self._link.is_up
+
+    def check_link(self) -> None:
+        """Raise NetworkError where the router keeps this instance out, and lets others in."""
+        if self._link.is_kept_out():
+            raise NetworkError(
+                f"{self.endpoint} lets other sessions in and keeps this one out: another client has its "
+                "Zenoh id, or an old link hangs; a new process has another id"
+            )
+
     def status(self) -> ServiceStatus:
         """Return the status of this instance; any thread may call it."""
         states = self._registry.index.all_states()
@@ -193,7 +207,7 @@ class ZenohServer:
         self._queue.put_unbounded(Watching())
 
     def _handle_link(self, up: bool) -> None:
-        self.is_linked = up
+        self._link.report(up)
         self._queue.put_unbounded(RouterLinkChanged(up))
 
     def _handle_command(self, query: IncomingQuery) -> None:

@@ -428,6 +428,7 @@ def examples() -> dict[str, Message]:
             journal=journal,
             time=1767225600.25,
             budgets=(budgets,),
+            queries=budgets.queries,
         ),
         RecordedSamples(
             station="cell-1",

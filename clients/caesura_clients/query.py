@@ -90,7 +90,11 @@ def snapshots(
     """
     newest: dict[tuple[str, str], Snapshot] = {}
     asked, parameters = session_key(station, session, "snapshot"), INFERRED_PROGRAM if inferred else ""
-    for snapshot in _query_all(transport, asked, Snapshot, complete=complete, parameters=parameters):
+
+    def ask() -> list[Snapshot]:
+        return _query_all(transport, asked, Snapshot, complete=complete, parameters=parameters)
+
+    for snapshot in _of_stations(transport, station, ask):
         key = (snapshot.status.station, snapshot.status.session)
         if key not in newest or _rank(snapshot) > _rank(newest[key]):
             newest[key] = snapshot
@@ -106,7 +110,11 @@ def stored_snapshots(
     """
     page = stored_parameters(StoredPage(skip=skip))
     key = session_key(station, session, "snapshot")
-    found = _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+
+    def ask() -> list[Snapshot]:
+        return _query_all(transport, key, Snapshot, parameters=page, timeout_s=SAMPLES_TIMEOUT_S)
+
+    found = _of_stations(transport, station, ask)
     return sorted(found, key=lambda one: one.status.opened or 0.0, reverse=True)
 
 
@@ -186,7 +194,8 @@ def samples(
 
 def current_sessions(transport: Transport, station: str = "*") -> dict[str, str]:
     """The session that each station's program speaks of: the one that was opened last."""
-    programs = _query_all(transport, station_key(station, "program"), Program)
+    key = station_key(station, "program")
+    programs = _of_stations(transport, station, lambda: _query_all(transport, key, Program))
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
     return {one.station: one.session for one in ranked}
 
@@ -461,10 +470,36 @@ def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Foun
     )
 
 
+def _of_stations(transport: Transport, station: str, ask: Callable[[], list[M]]) -> list[M]:
+    """Return what `ask` finds of a station, or of all for `*`, whose queries have a budget of their own.
+
+    Raises ProtocolError `overloaded` where it is not answered because that budget is used up.
+    """
+    if station != "*":
+        return ask()
+    try:
+        return ask()
+    except AccessDenied:
+        before = _held_back(transport, station)
+        try:
+            return ask()
+        except AccessDenied:
+            if (held := _held_back(transport, station)) == before:
+                raise
+    raise ProtocolError(
+        "overloaded",
+        f"the service holds back queries that name no station, {held} since it started: look for a script "
+        "that asks in a loop, and try again",
+        value=held,
+    )
+
+
 def _held_back(transport: Transport, station: str) -> int:
-    """How many queries of a station the service has held back; 0 where it states none."""
+    """How many queries of a station, or for `*` without one, were held back; 0 where that is not stated."""
     with suppress(AccessDenied):
         stated = _query_all(transport, service_key("*", "status"), ServiceStatus)
+        if station == "*":
+            return sum(status.queries.refused for status in stated if status.queries is not None)
         budgets = (one.queries for status in stated for one in status.budgets if one.station == station)
         return sum(budget.refused for budget in budgets if budget is not None)
     return 0

@@ -12,6 +12,7 @@ from caesura_clients.query import (
     samples,
     services,
     sessions,
+    stored_snapshots,
 )
 from caesura_protocol.codec import encode, encode_error
 from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, ProtocolError, Unreachable
@@ -139,6 +140,32 @@ def test_a_session_whose_queries_are_held_back_is_not_called_absent(caesura, ser
     expected = pytest.raises(ProtocolError, match="holds back queries of station cell-1, 15 since it started")
     with expected if dropped > QUERY_ATTEMPTS else nullcontext():
         assert caesura.snapshot("cell-1", known.status.session) == known
+
+
+def test_where_queries_that_name_no_station_are_held_back_they_are_not_forbidden(
+    caesura, service, monkeypatch
+):
+    """Beside a script that asked about all stations in a loop, `sessions` said that it was forbidden."""
+    monkeypatch.setattr("caesura_clients.query.RETRY_S", 0.0)
+    status, query, held = example(ServiceStatus), caesura.transport.query, []
+
+    def dropping(asked, *arguments, **options):
+        if "/*/" in asked and "/service/" not in asked:
+            held.append(asked)
+            budget = Budget(per_s=1, at_once=1, used=1, refused=len(held))
+            stated = status.model_copy(update={"queries": budget})
+            service.answers[service_key(status.instance, "status")] = encode(stated)
+            return QueryReplies((), ())
+        return query(asked, *arguments, **options)
+
+    monkeypatch.setattr(caesura.transport, "query", dropping)
+    for ask in (
+        caesura.sessions,
+        lambda: current_sessions(caesura.transport),
+        lambda: stored_snapshots(caesura.transport),
+    ):
+        with pytest.raises(ProtocolError, match=r"holds back queries that name no station, [1-9]"):
+            ask()
 
 
 def test_a_lost_answer_with_samples_is_not_waited_for_as_long_as_a_slow_one(caesura, service, monkeypatch):

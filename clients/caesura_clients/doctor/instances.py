@@ -158,6 +158,10 @@ def _check_budgets(status: ServiceStatus) -> Iterator[CheckResult]:
         found = f"{status.instance}: {' · '.join(budgets_in_words(one))}"
         remedy = "this station alone is held back: look for a bridge or a script that sends in a loop"
         yield CheckResult("warn", "budget", found, remedy, one.station)
+    if status.queries is not None and status.queries.refused:
+        found = f"{status.instance}: queries that name no station were held back: {status.queries.refused}"
+        remedy = "readers of all stations wait: look for a script that asks in a loop"
+        yield CheckResult("warn", "budget", found, remedy)
     if status.budgets and not held:
         busiest = status.budgets[0]
         used = " · ".join(budgets_in_words(busiest, least=0.0))

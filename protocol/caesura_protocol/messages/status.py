@@ -137,3 +137,4 @@ class ServiceStatus(Message):
     time: Seconds | None = None  # [s] of day (UTC) there, at publishing; None from an older instance
     # Of the stations that come nearest to a limit, or that were refused something, fullest first.
     budgets: Annotated[tuple[StationBudgets, ...], Field(max_length=MAX_BUDGETS, fail_fast=True)] = ()
+    queries: Budget | None = None  # that name no station, of any reader; None from an older instance

@@ -112,14 +112,14 @@ class Budgets:
 
     def budgets_of(self, station: str) -> StationBudgets:
         """Return the budgets of one station, as of now."""
-        refused, used = self._refused.get(station, {}), self._used(station)
+        used = self._used(station)
         return StationBudgets(
-            station=station,
-            **{
-                use: Budget(per_s=per_s, at_once=at_once, used=used[use], refused=refused.get(use, 0))
-                for use, (per_s, at_once) in self._rates.items()
-            },
+            station=station, **{use: self._budget(station, use, used[use]) for use in self._rates}
         )
+
+    def queries_of(self, lane: str) -> Budget:
+        """Return the budget of queries of a lane, which need not be a station's, as of now."""
+        return self._budget(lane, "queries", self._limits["queries"].used(lane)[0])
 
     def busiest(self) -> tuple[StationBudgets, ...]:
         """Return the at most MAX_BUDGETS stations nearest to a limit or with refusals; cached for CACHE_S."""
@@ -133,6 +133,10 @@ class Budgets:
             self._busiest = tuple(self.budgets_of(name) for share, name in ranked if share > 0.0)
             self._busiest_until_s = now + CACHE_S
         return self._busiest
+
+    def _budget(self, station: str, use: Use, used: float) -> Budget:
+        (per_s, at_once), refused = self._rates[use], self._refused.get(station, {})
+        return Budget(per_s=per_s, at_once=at_once, used=used, refused=refused.get(use, 0))
 
     def _used(self, station: str) -> dict[Use, float]:
         messages, size = self._put.used(station)

@@ -181,6 +181,7 @@ class ZenohServer:
             time=time.time(),
             overloaded=bool(self._queue.overloaded_sources),
             budgets=self.budgets.busiest(),
+            queries=self.budgets.queries_of(UNKNOWN),
         )
 
     def _declare(self, stack: ExitStack, network: Network) -> None:

@@ -9,7 +9,7 @@ import pytest
 from caesura_clients.doctor.probes import ReceivedStatus
 from caesura_clients.doctor.run_checks import judge
 from caesura_protocol.errors import ProtocolError
-from caesura_protocol.messages import BridgeStatus, Gap, Refusal, ServiceStatus
+from caesura_protocol.messages import BridgeStatus, Budget, Gap, Refusal, ServiceStatus
 from caesura_protocol.transport.network import unanswered
 from clients.doctor.judged import NOW, batch_of, grades, received, said, service, status, well
 from clients.examples import example
@@ -21,6 +21,13 @@ def test_a_station_that_was_held_back_is_named_with_its_budget():
     found = list(judge(replace(well(), reported=[held])))
     assert grades(found, "budget") == ["warn"]
     assert "commands 1000 of 1000 (500 a second), 17 held back" in said(found, "budget")
+
+
+def test_queries_that_name_no_station_and_were_held_back_are_counted():
+    held = service(queries=Budget(per_s=2000, at_once=4000, used=4000, refused=12))
+    found = list(judge(replace(well(), reported=[held])))
+    assert "queries that name no station were held back: 12" in said(found, "budget")
+    assert "warn" in grades(found, "budget")
 
 
 def test_where_all_is_well_nothing_is_to_be_done():

@@ -213,7 +213,10 @@ def test_questions_above_the_rate_are_refused():
         for _ in range(20):
             peer.ask(station_key("*", "program"), Program)
         (refusal,) = peer.get(station_key("*", "program")).refusals
+        stated = peer.service_status()
     assert "what names no station has used up its budget of queries" in str(refusal)
+    assert stated.budgets == ()
+    assert (stated.queries.at_once, stated.queries.refused) == (20.0, 1)
 
 
 def test_a_heartbeat_counts_as_a_message(tight):

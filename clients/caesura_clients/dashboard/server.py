@@ -16,6 +16,7 @@ from nicegui import Client, app, background_tasks, core, ui
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from caesura_clients.dashboard.access import LOOPBACK, AccessMiddleware
+from caesura_clients.dashboard.bounded_log import bound_logs
 from caesura_clients.dashboard.compression import FileCompression
 from caesura_clients.dashboard.datasets import MOST_SESSIONS, zipped_dataset
 from caesura_clients.dashboard.elements import PACKAGE, WEB
@@ -97,6 +98,7 @@ def serve(site: Site, address: Address) -> None:
 
 def run(address: Address) -> None:
     """Serve the pages that are declared, behind the guard, until the process is asked to end."""
+    bound_logs()
     modules = [(PACKAGE, path.relative_to(WEB).as_posix()) for path in WEB.rglob("*.js")]
     app.add_middleware(
         FileCompression, paths=(f"{ASSETS}/", "/_nicegui/"), prepared=PREPARED, modules=modules

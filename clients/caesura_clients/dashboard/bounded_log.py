@@ -1,0 +1,53 @@
+"""Bounds what the libraries of the dashboard log: an event that a page has not made raises an error in them.
+
+Each such event of a visitor wrote a traceback. What a visitor sends as text went into the log as it was.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from caesura_protocol.errors import printable
+
+LOGGERS = ("asyncio", "nicegui", "uvicorn.error")
+AT_ONCE = 50.0  # messages of each
+PER_S = 0.2
+TEXT = 2000  # characters of a message, and of its traceback
+
+_FORMAT = logging.Formatter()
+
+
+class BoundedLog(logging.Filter):
+    """Passes AT_ONCE messages and PER_S of them, each cut to TEXT and on one line. Any thread may log."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._left, self._at = AT_ONCE, clock()
+        self._left_out = 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a message passes; it states how many did not since the last one."""
+        with self._lock:
+            now = self._clock()
+            self._left, self._at = min(AT_ONCE, self._left + (now - self._at) * PER_S), now
+            if self._left < 1.0:
+                self._left_out += 1
+                return False
+            self._left -= 1.0
+            left_out, self._left_out = self._left_out, 0
+        more = f" ({left_out} messages before it were left out)" if left_out else ""
+        record.msg, record.args = printable(record.getMessage(), TEXT) + more, ()
+        if record.exc_info:
+            record.exc_text = _FORMAT.formatException(record.exc_info)[-TEXT:]
+        return True
+
+
+def bound_logs() -> None:
+    """Bound the loggers of the libraries, each by itself."""
+    for name in LOGGERS:
+        logging.getLogger(name).addFilter(BoundedLog())

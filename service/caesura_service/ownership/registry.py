@@ -94,6 +94,7 @@ class Registry:
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
         self._stations: dict[str, dict[str, Session]] = {}
         self._throttled: set[Session] = set()  # whose next status about refusals waits
+        self._received_s: dict[str, float] = {}  # [s] when a station with sessions last sent something
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
         self.index = SessionIndex({})
         self.stored = StoredSessions(journal, lambda: self.index, self.ownership.serves)
@@ -146,6 +147,7 @@ class Registry:
         self._throttled.difference_update(held.values())
         if taken:
             self._stations[station] = taken
+            self._received_s.setdefault(station, now)
             self._update_index()
         outputs: list[Output] = []
         for name, session in taken.items():
@@ -210,6 +212,7 @@ class Registry:
             return []  # the bridge still has it
         try:
             session = self._require_session(station, message.session)
+            self._received_s[station] = now
             with _AS_OVERLOADED:
                 outputs = self._track_throttled(session, session.receive(message, now))
         except ProtocolError as error:
@@ -232,6 +235,7 @@ class Registry:
         session = self._find_session(station, block.session)
         if session is None or self.ownership.rejection_reason(station) is not None:
             return 0, []
+        self._received_s[station] = now
         try:
             with _AS_OVERLOADED:
                 count, outputs = session.receive_together(block, now)
@@ -316,7 +320,7 @@ class Registry:
         return self._journal.report()
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
-        self._check_has_room(station)
+        self._check_has_room(station, now)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         with _AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
@@ -329,42 +333,62 @@ class Registry:
             outputs = session.begin(now)
         self._stations.setdefault(station, {})[command.session] = session
         outputs = [*self._make_room(station, now), *outputs]
-        self._release_ended_stations()
+        self._received_s[station] = now
+        outputs = [*self._release_stations(now), *outputs]
         self._update_index()
         return outputs
 
-    def _check_has_room(self, station: str) -> None:
+    def _check_has_room(self, station: str, now: float) -> None:
         """Raise ProtocolError `overloaded` for a new station where no other can be released for it."""
         most = self._limits.stations
-        if station in self._stations or len(self._stations) < most or self._ended_stations():
+        if station in self._stations or len(self._stations) < most or self._stations_to_release(now):
             return
-        why = f"{most} stations have an open session: close one of them, and try again"
+        silent_s = self._limits.silent_s
+        why = f"{most} stations have an open session and sent something within {silent_s:g} s: try again"
         raise ProtocolError("overloaded", why, value=station, limit=most)
 
-    def _ended_stations(self) -> list[str]:
-        """Return the stations without an open session or work, by the opening of their last session."""
-        ended = [
+    def _stations_to_release(self, now: float) -> list[str]:
+        """Return the stations that make room for another, the first one first.
+
+        Those without an open session, by the opening of their last one; then those that are silent for
+        `silent_s` or longer: a bridge that is there sends heartbeats.
+        """
+        idle = [
             station
-            for station, sessions in self._stations.items()
-            if not any(session.is_open for session in sessions.values())
-            and not self.slices.is_under_way(station)
+            for station in self._stations
+            if not self.slices.is_under_way(station)
             and not self.ownership.in_takeover(station)
             and not self._rebuilder.is_rebuilding_of(station)
         ]
-        return sorted(ended, key=self._last_opened)
+        ended = [one for one in idle if not self._is_open(one)]
+        before = now - self._limits.silent_s
+        silent = [one for one in idle if self._is_open(one) and self._received_s.get(one, now) <= before]
+        return sorted(ended, key=self._last_opened) + sorted(silent, key=self._received_s.__getitem__)
+
+    def _is_open(self, station: str) -> bool:
+        return any(session.is_open for session in self._stations[station].values())
 
     def _last_opened(self, station: str) -> float:
         return max((session.state.opened or 0.0 for session in self._stations[station].values()), default=0.0)
 
-    def _release_ended_stations(self) -> None:
-        """Release the sessions of stations beyond the limit, which stay in the journal."""
+    def _release_stations(self, now: float) -> list[Output]:
+        """Close and release the sessions of stations beyond the limit, which stay in the journal."""
+        outputs: list[Output] = []
         excess = len(self._stations) - self._limits.stations
-        for station in self._ended_stations()[:excess] if excess > 0 else ():
-            sessions = self._stations.pop(station)
+        for station in self._stations_to_release(now)[:excess] if excess > 0 else ():
+            sessions = self._stations[station]
+            try:
+                for session in sessions.values():
+                    if session.is_open:
+                        outputs += _without_replies(self._close(session, now))
+            except JournalError:  # it stays beyond the limit until another station is opened
+                continue
+            del self._stations[station]
             self._throttled.difference_update(sessions.values())
             self.ownership.release(station)
             for name in sessions:
                 self._journal.release(station, name)
+        return outputs
 
     def _reopen(self, station: str, command: Open, known: SessionCopies, now: float) -> list[Output]:
         """Open a session that a journal has and memory does not: take it over again where it is open.
@@ -498,6 +522,7 @@ class Registry:
     def _update_index(self) -> None:
         shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
         self.index = SessionIndex(shown)
+        self._received_s = {name: at for name, at in self._received_s.items() if name in self._stations}
 
 
 def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> bool:

@@ -32,6 +32,7 @@ class Limits:
 
     # Registry
     stations: int = 256
+    silent_s: float = 600.0  # without a message, after which an open station makes room for another
     observations: int = 400_000  # of a session, eleven hours at 10 Hz; with the last one it is closed
     observations_held: int = 800_000  # of a station's sessions here: past that, closed ones are released
     open_sessions: int = 4  # a station; one more closes the oldest as abandoned

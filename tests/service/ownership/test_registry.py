@@ -193,6 +193,25 @@ def test_one_station_too_many_takes_the_place_of_the_one_that_ended_and_was_open
     assert list(registry.index.sessions) == ["open", OTHER, "older"]
 
 
+def test_where_all_have_an_open_session_the_one_that_is_silent_for_longest_makes_room():
+    """A bridge that was killed leaves its session open. 256 of them kept every further station out."""
+    limits = Limits(stations=3, silent_s=600.0)
+    journal = MemoryJournal()
+    registry = new_registry(journal, limits)
+    for station in ("silent", "teaching", "silent-later"):
+        opened(registry, station, "s1")
+    registry.handle_samples("silent-later", batch(0), 5.0)
+    registry.handle_samples("teaching", heartbeat(0), 500.0)
+    assert isinstance(answer(registry.handle_command(OTHER, opening(), 599.0)), ProtocolError)
+    said = registry.handle_command(OTHER, opening(), 605.0)
+    assert isinstance(answer(said), Ack)
+    (closed,) = [one for one in published(said, SessionStatus) if one.station == "silent"]
+    assert closed.state == "closed"
+    assert list(registry.index.sessions) == ["teaching", "silent-later", OTHER]
+    assert isinstance(answer(registry.handle_command("fourth", opening(), 605.0)), Ack)
+    assert list(registry.index.sessions) == ["teaching", OTHER, "fourth"]
+
+
 def test_a_station_whose_sessions_are_all_forgotten_counts_no_longer(tmp_path):
     with SqliteJournal(tmp_path / "a.sqlite", JournalSettings(age_s=100.0)) as journal:
         registry = opened(new_registry(journal, Limits(stations=1)), STATION, "s1")

@@ -111,17 +111,17 @@ class Outsider:
         replies = list(self.session.get(BARRIER, timeout=DEADLINE_S, priority=zenoh.Priority.DATA))
         assert not replies, "the barrier timed out"
 
-    def put(self, router: zenoh.Session) -> set[str]:
-        return self._sent(router, zenoh.SampleKind.PUT)
+    def put(self, router: zenoh.Session, keys: tuple[str, ...] = KEYS) -> set[str]:
+        return self._sent(router, zenoh.SampleKind.PUT, keys)
 
     def delete(self, router: zenoh.Session) -> set[str]:
         return self._sent(router, zenoh.SampleKind.DELETE)
 
-    def _sent(self, router: zenoh.Session, kind: zenoh.SampleKind) -> set[str]:
+    def _sent(self, router: zenoh.Session, kind: zenoh.SampleKind, keys: tuple[str, ...] = KEYS) -> set[str]:
         """The keys that arrive at a subscriber to everything."""
         received: list[zenoh.Sample] = []
         with _declared(router.declare_subscriber("**", direct(received.append))):
-            for key in KEYS:
+            for key in keys:
                 if kind == zenoh.SampleKind.PUT:
                     self.session.put(key, b"x", congestion_control=zenoh.CongestionControl.BLOCK)
                 else:

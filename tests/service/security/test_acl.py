@@ -101,6 +101,12 @@ def test_a_wider_expression_than_the_rules_have_lets_nothing_through(world, role
     assert outsider.query(world.router, (wide,)) == set()
 
 
+@pytest.mark.parametrize("role", [*ROLES, STRANGER])
+def test_nothing_is_put_with_a_wider_expression_than_the_rules_have(world, role):
+    wide = (*WIDE, "caesura/v1/station/cell-$*/samples", "caesura/v1/station/cell-1/samples/@adv/pub/**")
+    assert world.outsider(role).put(world.router, wide) == set()
+
+
 @pytest.mark.parametrize(
     ("role", "wide", "received"),
     [
@@ -166,6 +172,7 @@ def test_this_suite_would_see_what_gets_through(directory):
     with World(directory, "certificates", rules=False) as unruled:
         for verb in VERBS:
             assert getattr(unruled.outsider(STRANGER), verb)(unruled.router) == set(KEYS), verb
+        assert unruled.outsider(STRANGER).put(unruled.router, WIDE) == set(WIDE)
 
 
 def test_every_role_has_its_row_above():

@@ -86,7 +86,8 @@ SERVICE = ServiceStatus(
 
 
 def assert_cheap(payload: bytes, model: type[Message], what: str) -> None:
-    cost = cost_of(payload, model, tries=1)
+    """One that is read in time while its memory is counted, which takes longer, is not read once more."""
+    cost = cost_of(payload, model, tries=0)
     if cost.seconds > MOST_S:
         cost = cost_of(payload, model)
     assert cost.seconds < MOST_S, what

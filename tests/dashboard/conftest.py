@@ -36,14 +36,21 @@ def browser() -> Iterator[Browser]:
         yield browser
 
 
-@pytest.fixture(scope="module")
-def opened(browser: Browser) -> Iterator[Visitor]:
-    """A page for the tests of one module, each of which begins again."""
+@pytest.fixture(scope="package")
+def regular(browser: Browser) -> Iterator[Visitor]:
+    """One whose browser has the files of the dashboard in its cache: half of what a page costs."""
     from dashboard.browser import Visitor  # noqa: PLC0415 - playwright may not be installed
 
     visitor = Visitor(browser)
     yield visitor
     visitor.close()
+
+
+@pytest.fixture(scope="module")
+def opened(regular: Visitor) -> Iterator[Visitor]:
+    """A page for the tests of one module, each of which begins again."""
+    yield regular
+    regular.leave()
 
 
 @pytest.fixture(scope="module")

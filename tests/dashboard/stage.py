@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import signal
+import socket
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -63,16 +65,54 @@ class Aged(FileSource):
             yield chunk
 
 
-class Dashboard(Process):
-    """`caesura dashboard` on a free port."""
+class Pages(Process):
+    """A server of pages on the port of one that has ended: the browser has their files in its cache."""
 
     imports = ("nicegui",)
+    _ports: ClassVar[list[int]] = []  # of those that have ended
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self.port = self._ports.pop() if self._ports else free_port()
+        if listens(self.port):  # of another test
+            self.port = free_port()
+        self.url = f"http://127.0.0.1:{self.port}"
+        super().__init__([*command, "--port", str(self.port)])
+
+    def begin(self) -> None:
+        if self.port in self._ports:  # it has ended, and is started again
+            self._ports.remove(self.port)
+        super().begin()
+
+    def kill(self) -> None:
+        super().kill()
+        self._leave_port()
+
+    def end(self) -> int:
+        code = super().end()
+        self._leave_port()
+        return code
+
+    def _leave_port(self) -> None:
+        if self.port not in self._ports:
+            self._ports.append(self.port)
+
+
+def listens(port: int) -> bool:
+    """Does a process listen there? Connections of one that has ended do not count."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return True
+        return False
+
+
+class Dashboard(Pages):
+    """`caesura dashboard`."""
 
     def __init__(self, endpoint: str, *options: str) -> None:
-        port = free_port()
-        self.url = f"http://127.0.0.1:{port}"
-        command = [*CAESURA, "dashboard", "--connect", endpoint, "--port", str(port)]
-        super().__init__([*command, *options])
+        super().__init__([*CAESURA, "dashboard", "--connect", endpoint, *options])
 
 
 class Bridges:

@@ -18,10 +18,10 @@ pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard
 from playwright.sync_api import Page, expect
 
 from caesura_lab.annotations import read_annotation
-from clients.conftest import free_port
 from dashboard.browser import PATIENCE_MS, PHONE, TABLET, THEMES, Visitor, needs_chromium
+from dashboard.stage import Pages
 from harness.demonstrations import guided
-from harness.processes import CAESURA, Process, running
+from harness.processes import CAESURA, running
 
 pytestmark = needs_chromium
 expect.set_options(timeout=PATIENCE_MS)
@@ -29,15 +29,11 @@ DAY_S = 1_700_000_000.0  # when a recording with times of day begins
 STEPS_TO_A_SECOND = 20  # of 0.05 s
 
 
-class Annotate(Process):
-    """`caesura annotate FILE` on a free port."""
-
-    imports = ("nicegui",)
+class Annotate(Pages):
+    """`caesura annotate FILE`."""
 
     def __init__(self, file: Path) -> None:
-        port = free_port()
-        self.url = f"http://127.0.0.1:{port}"
-        super().__init__([*CAESURA, "annotate", str(file), "--port", str(port)])
+        super().__init__([*CAESURA, "annotate", str(file)])
 
 
 @pytest.fixture

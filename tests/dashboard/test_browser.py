@@ -83,26 +83,26 @@ def goto(stage: Stage, visitor: Visitor, path: str) -> Page:
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, newcomer: Visitor, name: str):
+def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visitor, name: str):
     path, words = PAGES[name]
-    page = goto(stage, newcomer, path)
+    page = goto(stage, visitor, path)
     expect(page.get_by_text(words).first).to_be_visible()
-    for newcomer.theme, rules in THEMES.items():
-        page.emulate_media(color_scheme=newcomer.theme)
-        newcomer.picture(name)
-        assert newcomer.barriers(*rules) == []
-    assert newcomer.hosts == {"127.0.0.1"}, "something is fetched from outside"
-    assert newcomer.received_bytes() < MEGABYTE
-    newcomer.theme = "light"
-    page.emulate_media(color_scheme=newcomer.theme)
+    for visitor.theme, rules in THEMES.items():
+        page.emulate_media(color_scheme=visitor.theme)
+        visitor.picture(name)
+        assert visitor.barriers(*rules) == []
+    assert visitor.hosts == {"127.0.0.1"}, "something is fetched from outside"
+    assert visitor.received_bytes() < MEGABYTE
+    visitor.theme = "light"
+    page.emulate_media(color_scheme=visitor.theme)
     tab_reaches_everything_and_shows_where_it_is(page)
-    sizes = newcomer.type_sizes()
+    sizes = visitor.type_sizes()
     assert set(sizes) <= TYPE, sizes
     page.set_viewport_size(PHONE)
     expect(page.get_by_text(words).first).to_be_visible()
-    eventually(lambda: newcomer.sideways_px() == 0)
-    newcomer.picture(f"{name}-phone")
-    assert newcomer.errors == []
+    eventually(lambda: visitor.sideways_px() == 0)
+    visitor.picture(f"{name}-phone")
+    assert visitor.errors == []
 
 
 def tab_reaches_everything_and_shows_where_it_is(page: Page) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from dashboard.browser import (
     DESK,
     PATIENCE_MS,
     PHONE,
+    TABLET,
     THEMES,
     SlowSocket,
     Visitor,
@@ -51,24 +53,25 @@ LATE = """(payload) => runMethod(+document.querySelector(".plots").closest("[id^
 TICKS = "() => [...document.querySelector('.plots').plots.plots.values()].at(-1).plot.axes[0]._values"
 
 
-def taught_before(
-    stage: Stage, browser: Browser, station: str, author: str, begins_s: float = 0.0
-) -> Visitor:
-    """Teach the session `over` of a station; return a visitor at a desk whose browser knows the author."""
+@pytest.fixture
+def visitor(opened: Visitor) -> Iterator[Visitor]:
+    opened.begin_again(DESK)
+    yield opened
+    assert opened.errors == []
+
+
+def teach(stage: Stage, station: str, begins_s: float = 0.0) -> None:
+    """The session `over` of a station."""
     recording = guided()
     stage.teach(station, replace(recording, t=recording.t + begins_s), session="over", pace="fast")
     stage.wait(station)
-    visitor = Visitor(browser)
-    visitor.page.add_init_script(f"localStorage.setItem('caesura-author', '{author}')")
-    visitor.page.set_viewport_size(DESK)
-    return visitor
 
 
-def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Browser):
+def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, visitor: Visitor):
     stage.teach("cell-over", guided(), session="over", pace="4")
     stage.wait("cell-over")
-    visitor = Visitor(browser)
     page = visitor.page
+    page.set_viewport_size(TABLET)
     page.goto(f"{stage.dashboard.url}/sessions/cell-over/over")
     expect(page.locator(".app").first).to_be_visible()
     page.locator(".plots").focus()
@@ -83,8 +86,6 @@ def test_a_session_that_is_over_can_still_be_corrected(stage: Stage, browser: Br
         assert any(one.corrected for one in caesura.snapshot("cell-over", "over").changepoints.changepoints)
     page.get_by_role("button", name="Undo", exact=True).click()
     expect(page.locator(".message")).to_contain_text("Undone")
-    assert visitor.errors == []
-    visitor.close()
 
 
 def times_of_day(page: Page) -> list[str]:
@@ -93,8 +94,9 @@ def times_of_day(page: Page) -> list[str]:
     return [line for line in page.evaluate(READ).splitlines() if re.search(r"\b1[67]\d{8}\b", line)]
 
 
-def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage: Stage, browser: Browser):
-    visitor = taught_before(stage, browser, "cell-day", author="Dee", begins_s=DAY_S)
+def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-day", begins_s=DAY_S)
+    visitor.is_called("Dee", stage.dashboard.url)
     page = visitor.page
     with stage.reader() as caesura:
         start_s = caesura.snapshot("cell-day", "over").segments.segments[0].t0
@@ -141,12 +143,11 @@ def test_a_session_with_times_of_day_is_read_and_corrected_from_its_start(stage:
         page.goto(f"{stage.dashboard.url}{path}")
         expect(page.locator("body")).to_contain_text("demonstration over", ignore_case=True)
         assert times_of_day(page) == []
-    assert visitor.errors == []
-    visitor.close()
 
 
-def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, browser: Browser):
-    visitor = taught_before(stage, browser, "cell-list", author="Cem")
+def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-list")
+    visitor.is_called("Cem", stage.dashboard.url)
     page = visitor.page
     with stage.reader() as caesura:
         page.goto(f"{stage.dashboard.url}/sessions/cell-list/over")
@@ -207,15 +208,12 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, brow
         expect(rows.first.get_by_role("button", name="Undo")).to_be_visible()
         page.locator(".plots").press("Control+z")
         expect(rows.first, "another editor was first: the newest one").to_contain_text("undone")
-    assert visitor.errors == []
-    visitor.close()
 
 
-def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage, browser: Browser):
-    stage.teach("cell-gone", guided(), session="over", pace="fast")
-    stage.wait("cell-gone")
-    visitor = Visitor(browser)
+def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-gone")
     page = visitor.page
+    page.set_viewport_size(TABLET)
     with stage.reader() as caesura:
         (pressing,) = [one for one in caesura.snapshot("cell-gone", "over").program.apps if one.force]
         middle = 0.5 * (pressing.t0 + pressing.tn)
@@ -232,12 +230,11 @@ def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage
         page.locator(".who .author").fill("Cem")
         page.locator(".who .save-name").click()
         expect(row, "its app is back").not_to_contain_text("Not applied")
-    assert visitor.errors == []
-    visitor.close()
 
 
-def test_a_phase_is_named(stage: Stage, browser: Browser):
-    visitor = taught_before(stage, browser, "cell-phase", author="Ann")
+def test_a_phase_is_named(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-phase")
+    visitor.is_called("Ann", stage.dashboard.url)
     page = visitor.page
     with stage.reader() as caesura:
         page.goto(f"{stage.dashboard.url}/sessions/cell-phase/over")
@@ -269,12 +266,11 @@ def test_a_phase_is_named(stage: Stage, browser: Browser):
         visitor.picture("phase-named-desktop")
         page.get_by_role("button", name="Undo", exact=True).click()
         expect(page.locator(".selection")).not_to_contain_text("press the pump")
-    assert visitor.errors == []
-    visitor.close()
 
 
-def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage, browser: Browser):
-    visitor = taught_before(stage, browser, "cell-preview", author="Ann")
+def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-preview")
+    visitor.is_called("Ann", stage.dashboard.url)
     page, effect = visitor.page, visitor.page.locator(".effect")
     with stage.reader() as caesura:
         before = caesura.snapshot("cell-preview", "over")
@@ -323,13 +319,10 @@ def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage,
         expect(page.locator(".corrections .effect")).to_contain_text(f"{first.tn:.2f} s")
         visitor.picture("preview-undo-desktop")
         assert caesura.snapshot("cell-preview", "over").status.revision == 1
-    assert visitor.errors == []
-    visitor.close()
 
 
 def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(stage: Stage, browser: Browser):
-    stage.teach("cell-touch", guided(), session="over", pace="fast")
-    stage.wait("cell-touch")
+    teach(stage, "cell-touch")
     visitor = Visitor(browser, viewport=PHONE, has_touch=True)
     page = visitor.page
     page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
@@ -359,9 +352,10 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
     visitor.close()
 
 
-def test_what_comes_late_to_a_page_makes_no_undo_of_two(stage: Stage, browser: Browser):
+def test_what_comes_late_to_a_page_makes_no_undo_of_two(stage: Stage, visitor: Visitor):
     """The page took the revision of what came late, and its next undo passed for the last one, sent again."""
-    visitor = taught_before(stage, browser, "cell-late", author="Ann")
+    teach(stage, "cell-late")
+    visitor.is_called("Ann", stage.dashboard.url)
     page = visitor.page
     with stage.reader() as caesura:
         for t in (0.4, 1.2, 1.6):
@@ -379,12 +373,11 @@ def test_what_comes_late_to_a_page_makes_no_undo_of_two(stage: Stage, browser: B
         undo.click()
         expect(undone).to_have_count(3)
         assert caesura.snapshot("cell-late", "over").status.revision == 6
-    assert visitor.errors == []
-    visitor.close()
 
 
-def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, browser: Browser):
-    visitor = taught_before(stage, browser, "cell-program", author="Ann")
+def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-program")
+    visitor.is_called("Ann", stage.dashboard.url)
     page, apps = visitor.page, visitor.page.locator(".app")
     page.goto(f"{stage.dashboard.url}/sessions/cell-program/over")
     expect(apps.first).to_be_visible()
@@ -420,7 +413,7 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
             visitor.theme = theme
             visitor.picture("program-edited-desktop")
             assert visitor.barriers(*rules) == []
-        page.set_viewport_size({"width": 390, "height": 844})
+        page.set_viewport_size(PHONE)
         visitor.picture("program-edited-phone")
         assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
 
@@ -440,15 +433,15 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, b
         assert part in Path(download.value.path()).read_text("utf-8")
     # A browser keeps the text of a refused download to itself; a refused page is shown.
     assert page.locator(".exports a[download]").count() == 0
-    assert visitor.errors == []
-    visitor.close()
 
 
 def test_an_operator_who_edits_again_before_the_program_is_there_makes_two_edits(
     stage: Stage, browser: Browser
 ):
     """The second one named the revision of the first, as where an answer is lost: it was not made."""
-    visitor = taught_before(stage, browser, "cell-quick", author="Ann")
+    teach(stage, "cell-quick")
+    visitor = Visitor(browser, viewport=DESK)
+    visitor.is_called("Ann", stage.dashboard.url)
     page, said = visitor.page, visitor.page.locator(".program-said")
     slow = SlowSocket(page)
     page.goto(f"{stage.dashboard.url}/sessions/cell-quick/over")
@@ -467,11 +460,10 @@ def test_an_operator_who_edits_again_before_the_program_is_there_makes_two_edits
     visitor.close()
 
 
-def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, browser: Browser):
-    stage.teach("cell-unsigned", guided(), session="over", pace="fast")
-    stage.wait("cell-unsigned")
-    visitor = Visitor(browser)
+def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, visitor: Visitor):
+    teach(stage, "cell-unsigned")
     page = visitor.page
+    page.set_viewport_size(TABLET)
     page.goto(f"{stage.dashboard.url}/sessions/cell-unsigned/over")
     page.get_by_label("Program name").fill("Press the pump")
     page.get_by_label("Program name").press("Enter")
@@ -482,19 +474,15 @@ def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, browser: Brow
     expect(page.locator(".edits summary")).to_contain_text("Edits: 1")
     page.locator(".edits summary").click()
     expect(page.locator(".edits li")).to_contain_text("– Ann, applied")
-    assert visitor.errors == []
-    visitor.close()
 
 
-def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, browser: Browser):
+def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, visitor: Visitor):
     stage.teach("cell-again", guided(), session="first", pace="fast")
     stage.wait("cell-again")
     stage.teach("cell-again", guided(1), session="second", pace="fast")
     stage.wait("cell-again")
-    visitor = Visitor(browser)
     page, apps = visitor.page, visitor.page.locator(".app")
-    page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
-    page.set_viewport_size({"width": 1440, "height": 900})
+    visitor.is_called("Ann", stage.dashboard.url)
     page.goto(f"{stage.dashboard.url}/sessions/cell-again/first")
     expect(apps.first).to_be_visible()
     said = page.locator(".program-said")
@@ -528,8 +516,6 @@ def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, browser: B
         page.get_by_role("button", name="Undo edit").click()
         expect(apps).to_have_count(len(taught))
         assert caesura.snapshot("cell-again", "first").program.apps == taught
-    assert visitor.errors == []
-    visitor.close()
 
 
 def test_a_session_whose_corrections_are_not_listed_is_not_called_uncorrected(browser: Browser):

@@ -10,7 +10,7 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
 import typer
-from playwright.sync_api import Browser, Locator, expect
+from playwright.sync_api import Locator, expect
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura
@@ -54,26 +54,19 @@ class Desk:
         expect(self.page.locator(".program-said")).to_have_text(words)
 
 
-@pytest.fixture(scope="module")
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser)
-    visitor.page.add_init_script("localStorage.setItem('caesura-author', 'Ann')")
-    yield visitor
-    visitor.close()
-
-
 @pytest.fixture
-def desk(stage: Stage, visitor: Visitor, request: pytest.FixtureRequest) -> Iterator[Desk]:
+def desk(stage: Stage, opened: Visitor, request: pytest.FixtureRequest) -> Iterator[Desk]:
     """Of a station that no other test has; its name is that of the test."""
     station = request.node.originalname.removeprefix("test_").replace("_", "-")[:30].strip("-")
     stage.teach(station, guided(), session="over", pace="fast")
     stage.wait(station)
-    visitor.begin_again(DESK)
+    opened.begin_again(DESK)
+    opened.is_called("Ann", stage.dashboard.url)
     with stage.reader() as caesura:
-        visitor.page.goto(f"{stage.dashboard.url}/sessions/{station}/over")
-        expect(visitor.page.locator(".app").first).to_be_visible()
-        yield Desk(visitor, caesura, station)
-    assert visitor.errors == []
+        opened.page.goto(f"{stage.dashboard.url}/sessions/{station}/over")
+        expect(opened.page.locator(".app").first).to_be_visible()
+        yield Desk(opened, caesura, station)
+    assert opened.errors == []
 
 
 def test_every_field_of_a_movement_is_set_and_as_taught_takes_all_of_them_away(desk: Desk):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 from caesura_clients.dashboard.hints import banner_of
 from caesura_protocol.messages import Hint, HintKind, Hints, Result
@@ -84,15 +84,14 @@ def test_two_hints_of_a_kind_are_distinguished(update):
 
 
 @needs_chromium
-def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(browser: Browser):
+def test_a_hint_is_read_from_two_metres_and_goes_when_it_is_cleared(opened: Visitor):
     hand = hint("hand_in_wrench", 3.0, HAND, "Hold the robot behind the sensor.")
     limit = hint("joint_limit", 2.0, "Joint 4 is 2° from its limit.", "Move joint 4 back.")
     with RouterNetwork() as router, Answering(router.transport()) as service, ExitStack() as stack:
         service.snapshots = [snapshot(0, "motion", station="cell-1", session="s1")]
         dashboard = stack.enter_context(running(Dashboard(router.endpoint)))
-        visitor = stack.enter_context(closing(Visitor(browser)))
-        page, banner = visitor.page, visitor.page.locator(".hint")
-        page.set_viewport_size(SIZES["desktop"])
+        visitor, page, banner = opened, opened.page, opened.page.locator(".hint")
+        visitor.begin_again(SIZES["desktop"])
         page.goto(f"{dashboard.url}/station/cell-1")
         expect(page.locator(".state-line")).to_contain_text("s1")
         expect(banner).to_have_count(0)

@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 
 from caesura_clients.bridge import Bridge
 from caesura_protocol.recording import Recording
@@ -43,12 +43,10 @@ IMPORTED = """async ([points, segments, holes]) => {
 
 
 @pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser)
-    visitor.page.set_viewport_size(DESK)
-    yield visitor
-    assert visitor.errors == []
-    visitor.close()
+def visitor(opened: Visitor) -> Iterator[Visitor]:
+    opened.begin_again(DESK)
+    yield opened
+    assert opened.errors == []
 
 
 def runs_of(page: Page, count: int) -> list[dict[str, Any]]:
@@ -65,9 +63,7 @@ def check_measured(runs: list[dict[str, Any]], sent: Recording) -> None:
         assert all(samples[t] == place for t, *place in run["places"])
 
 
-def test_every_sample_is_drawn_in_the_colour_of_its_segment(
-    browser: Browser, tmp_path: Path, visitor: Visitor
-):
+def test_every_sample_is_drawn_in_the_colour_of_its_segment(tmp_path: Path, visitor: Visitor):
     sent, journal, page = guided(), tmp_path / "journal", visitor.page
     with running(Service(journal)) as service, closing(Bridges(service, tmp_path)) as bridges:
         bridges.teach("cell-1", sent, session="over", pace="fast")

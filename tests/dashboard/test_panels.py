@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Page, ViewportSize, expect
+from playwright.sync_api import Page, ViewportSize, expect
 
 from caesura_protocol.recording import Recording
 from dashboard.browser import PATIENCE_MS, SIZES, Visitor, looks_right, needs_chromium, settled
@@ -52,13 +52,11 @@ def with_every_signal() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def visitor(stage: Stage, browser: Browser) -> Iterator[Visitor]:
+def visitor(stage: Stage, opened: Visitor) -> Iterator[Visitor]:
     stage.teach("cell-1", with_every_signal(), session="over", pace="fast")
     stage.wait("cell-1")
-    visitor = Visitor(browser)
-    yield visitor
-    assert visitor.errors == []
-    visitor.close()
+    yield opened
+    assert opened.errors == []
 
 
 def opened(stage: Stage, visitor: Visitor, size: ViewportSize = SIZES["desktop"]) -> Page:

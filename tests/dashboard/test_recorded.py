@@ -65,12 +65,11 @@ def _outcome():
 
 
 @pytest.fixture(scope="module")
-def opened(stage: Stage, browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser)
-    visitor.page.set_viewport_size(DESKTOP)
-    visitor.page.goto(f"{stage.dashboard.url}/sessions/cell-1/s1")
-    yield visitor
-    visitor.close()
+def opened(stage: Stage, regular: Visitor) -> Iterator[Visitor]:
+    regular.begin_again(DESKTOP)
+    regular.page.goto(f"{stage.dashboard.url}/sessions/cell-1/s1")
+    yield regular
+    regular.leave()
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ pytest.importorskip("playwright", reason="playwright is not installed (extra dev
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
 import typer
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura, query
@@ -102,7 +102,7 @@ def edit(caesura: Caesura, action: ProgramAction) -> None:
 
 
 @needs_chromium
-def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(browser: Browser, tmp_path: Path):
+def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: Visitor, tmp_path: Path):
     journal = tmp_path / "journal"
     with running(Service(journal)) as service, closing(Bridges(service, tmp_path)) as bridges:
         bridges.teach("cell-1", guided(), session="over", pace="fast")
@@ -123,9 +123,8 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(browser: 
             assert [one.name for one in second.apps if one.name] == ["press"]
             assert query.program_at_edit(caesura.transport, *OVER, 6).apps == shown.apps
     with running(Service(journal)) as service, running(Dashboard(service.endpoint)) as dashboard:
-        visitor = Visitor(browser)
-        page = visitor.page
-        page.set_viewport_size(DESK)
+        visitor, page = opened, opened.page
+        visitor.begin_again(DESK)
         page.goto(f"{dashboard.url}/sessions/cell-1/over")
         versions = page.locator(".versions")
         versions.locator("summary").focus()
@@ -158,7 +157,6 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(browser: 
             edit(caesura, Redo())
             expect(versions.locator(".version-to option")).to_have_count(5)
         assert visitor.errors == []
-        visitor.close()
 
         command = typer.Typer()
         register(command)

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("playwright", reason="playwright is not installed (extra dev)")
 pytest.importorskip("nicegui", reason="nicegui is not installed (extra dashboard)")
 
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 from caesura_clients import Caesura
 from caesura_protocol.messages import Description, Insert, Snapshot
@@ -71,11 +71,9 @@ def bridge(stage: Stage) -> Iterator[StandbyBridge]:
 
 
 @pytest.fixture
-def visitor(browser: Browser) -> Iterator[Visitor]:
-    visitor = Visitor(browser, accept_downloads=True)
-    visitor.page.set_viewport_size(DESK)
-    yield visitor
-    visitor.close()
+def visitor(opened: Visitor) -> Visitor:
+    opened.begin_again(DESK)
+    return opened
 
 
 def teach(stage: Stage, visitor: Visitor) -> str:

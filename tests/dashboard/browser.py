@@ -175,18 +175,21 @@ class Visitor:
             ARTEFACTS.mkdir(exist_ok=True)
             self.page.screenshot(path=ARTEFACTS / f"{name}-{self.theme}.png", full_page=True)
 
-    def barriers(self, *rules: str) -> list[str]:
-        """What axe finds on the page; by some of its rules, or by all.
+    def barriers(self, *rules: str, within: str = "html") -> list[str]:
+        """What axe finds on the page, or in a part of it; by some of its rules, or by all.
 
         It fetches nothing: meanwhile Quasar draws a bar without a name, which axe would find.
         """
+        assert self.page.locator(within).count() > 0, f"nothing is {within}"
         self.page.wait_for_function(NOTHING_LOADS)
         only = {"runOnly": {"type": "rule", "values": rules}} if rules else {}
         if not self.page.evaluate("() => 'axe' in window"):
             self.page.evaluate(AXE_SCRIPT)
-        found = self.page.evaluate("(options) => axe.run(options)", {**AXE, **only})["violations"]
+        given = [{"include": [[within]]} if within != "html" else None, {**AXE, **only}]
+        found = self.page.evaluate("([part, options]) => axe.run(part ?? document, options)", given)
         return [
-            f"{one['id']}: {one['help']}: {[node['target'] for node in one['nodes']][:3]}" for one in found
+            f"{one['id']}: {one['help']}: {[node['target'] for node in one['nodes']][:3]}"
+            for one in found["violations"]
         ]
 
     def received_bytes(self) -> int:
@@ -214,15 +217,18 @@ class Visitor:
             self.errors.append(text)
 
 
-def looks_right(visitor: Visitor, name: str) -> None:
-    """Light at a desk and dark on a phone axe finds nothing; nothing scrolls sideways, nor on a tablet."""
+def looks_right(visitor: Visitor, name: str, within: str = "html") -> None:
+    """Light at a desk and dark on a phone axe finds nothing; nothing scrolls sideways, nor on a tablet.
+
+    within: what is new on the page, where a test before has looked at the whole page.
+    """
     page = visitor.page
     for (theme, rules), (where, size) in zip(THEMES.items(), SIZES.items(), strict=True):
         page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
         visitor.theme = theme
         page.set_viewport_size(size)
         visitor.picture(f"{name}-{where}")
-        assert visitor.barriers(*rules) == []
+        assert visitor.barriers(*rules, within=within) == []
         eventually(lambda: visitor.sideways_px() <= 0)  # a menu is put in its place after the window
     page.set_viewport_size(UPRIGHT)
     eventually(lambda: visitor.sideways_px() <= 0)

@@ -105,6 +105,21 @@ def test_every_page_has_a_purpose_and_is_accessible(stage: Stage, visitor: Visit
     assert visitor.errors == []
 
 
+def test_a_barrier_is_found_in_the_part_that_is_looked_at(visitor: Visitor):
+    pale = "<p style='color: #ccc; background: #fff'>pale</p>"
+    visitor.page.set_content(
+        f"<main><div class='new'><button></button>{pale}</div><div class='old'>A</div></main>"
+    )
+    found = visitor.barriers(within=".new")
+    assert {one.partition(":")[0] for one in found} == {"button-name", "color-contrast"}
+    assert [one.partition(":")[0] for one in visitor.barriers("color-contrast", within=".new")] == [
+        "color-contrast"
+    ]
+    assert visitor.barriers(within=".old") == []
+    with pytest.raises(AssertionError, match=r"nothing is \.none"):
+        visitor.barriers(within=".none")
+
+
 def tab_reaches_everything_and_shows_where_it_is(page: Page) -> None:
     everything = page.evaluate(NUMBERED)
     assert everything

@@ -167,7 +167,7 @@ def test_all_corrections_are_listed_and_any_of_them_is_undone(stage: Stage, visi
         since.select_option(label="correction 1: Ann inserted a changepoint at 1.20 s")
         effect = listed.locator(".effect")
         expect(effect).to_contain_text(re.compile(r"^\s*Changed.* become .*and 2 more"))
-        looks_right(visitor, "since")
+        looks_right(visitor, "since", within=".corrections")
         page.locator(".plots").focus()
 
         rows.last.get_by_role("button", name="Undo").click()
@@ -224,7 +224,7 @@ def test_a_correction_whose_place_is_gone_is_listed_with_the_reason(stage: Stage
         expect(row).not_to_contain_text("Not applied")
         caesura.relabel("cell-gone", "over", middle, "motion", author="Bo")
         expect(row).to_contain_text(f"Not applied: no app exerts a force at {middle:.2f} s any more")
-        looks_right(visitor, "correction-gone")
+        looks_right(visitor, "correction-gone", within=".corrections")
         page.locator(".corrections li").first.get_by_role("button", name="Undo").click()
         expect(page.locator(".who")).to_be_visible()
         page.locator(".who .author").fill("Cem")
@@ -251,7 +251,7 @@ def test_a_phase_is_named(stage: Stage, visitor: Visitor):
         menu.get_by_role("button", name="Name", exact=True).hover()
         expect(menu.locator(".effect")).to_contain_text("becomes phase press the pump (contact)")
         menu.get_by_label("Name the phase contact").focus()
-        looks_right(visitor, "name-phase")
+        looks_right(visitor, "name-phase", within=".correct-menu")
         page.keyboard.press("Enter")
         expect(page.locator(".message").first).to_contain_text("is called press the pump")
         expect(page.locator(".selection")).to_contain_text("in phase press the pump (contact)")
@@ -288,7 +288,7 @@ def test_what_a_correction_would_change_is_shown_before_it_is_made(stage: Stage,
         expect(menu.locator(".effect"), "of the key that has the focus").to_contain_text(words[0])
         expect(menu.locator(".effect")).to_contain_text("App")
         visitor.picture("preview-remove-desktop")
-        assert visitor.barriers() == []
+        assert visitor.barriers(within=".correct-menu") == []
         menu.get_by_role("button", name="steady").hover()
         expect(menu.locator(".effect"), "of what the pointer is on").to_contain_text("steady")
         visitor.picture("preview-relabel-desktop")
@@ -343,7 +343,7 @@ def test_a_finger_sees_the_effect_at_the_first_tap_and_corrects_at_the_second(st
         for visitor.theme, rules in THEMES.items():
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", visitor.theme)
             visitor.picture("preview-phone")
-            assert visitor.barriers(*rules) == []
+            assert visitor.barriers(*rules, within=".correct-menu") == []
         assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
         menu.locator(".insert").tap()
         expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
@@ -412,7 +412,7 @@ def test_a_program_is_edited_at_its_apps_exported_and_taken_back(stage: Stage, v
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
             visitor.theme = theme
             visitor.picture("program-edited-desktop")
-            assert visitor.barriers(*rules) == []
+            assert visitor.barriers(*rules, within=".program-column") == []
         page.set_viewport_size(PHONE)
         visitor.picture("program-edited-phone")
         assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
@@ -468,7 +468,7 @@ def test_the_first_edit_of_a_program_asks_for_a_name(stage: Stage, visitor: Visi
     page.get_by_label("Program name").fill("Press the pump")
     page.get_by_label("Program name").press("Enter")
     expect(page.get_by_label("Your name")).to_be_focused()
-    assert visitor.barriers() == []
+    assert visitor.barriers(within=".who-edits") == []
     page.keyboard.type("Ann")
     page.keyboard.press("Enter")
     expect(page.locator(".edits summary")).to_contain_text("Edits: 1")
@@ -501,7 +501,7 @@ def test_a_part_is_taught_again_and_replaced_at_its_app(stage: Stage, visitor: V
             page.evaluate("(theme) => document.documentElement.dataset.theme = theme", theme)
             visitor.theme = theme
             visitor.picture("part-taught-again-desktop")
-            assert visitor.barriers(*rules) == []
+            assert visitor.barriers(*rules, within=".app-edit[open]") == []
         card.locator(".replace-part").click()
         expect(said).to_contain_text("replaced by session 'second'")
         expect(apps).to_have_count(len(taught) - 1 + len(second))

@@ -200,7 +200,7 @@ def test_a_hold_is_inserted_with_its_name_and_target(desk: Desk):
     form = new_app(desk.open_form("move_to_contact"), "hold")
     height = form.get_by_label("New target z in mm")
     expect(height, "where nothing is typed the app stays there").to_have_attribute("placeholder", mm(z))
-    looks_right(desk.visitor, "new-hold")
+    looks_right(desk.visitor, "new-hold", within=".app-edit[open]")
     form.locator(".new-name").fill("wait for the glue")
     height.fill(f"{1000 * z + 20:.1f}")
     form.locator(".new-seconds").fill("5")
@@ -231,7 +231,7 @@ def test_an_app_is_inserted_as_the_first_one(desk: Desk):
     expect(height, "where nothing is typed the app is where the next one is").to_have_attribute(
         "placeholder", mm(z)
     )
-    looks_right(desk.visitor, "first-app")
+    looks_right(desk.visitor, "first-app", within=".first-app")
     height.fill(f"{1000 * z + 20:.1f}")
     desk.page.get_by_role("button", name="Insert as the first app").press("Enter")
     desk.is_said("'hold' inserted to the beginning.")
@@ -274,7 +274,7 @@ def test_a_press_is_inserted_with_force_and_duration_and_refused_as_by_the_comma
 ):
     taught = desk.program.apps
     form = new_app(desk.open_form("cartesian_motion"), "apply_force")
-    looks_right(desk.visitor, "new-press")
+    looks_right(desk.visitor, "new-press", within=".app-edit[open]")
     add, force = form.locator(".insert-app"), form.get_by_label("New force z in N")
     add.press("Enter")
     expect(force, "nothing is sent without a force").to_be_focused()

@@ -82,7 +82,7 @@ def test_every_sample_is_drawn_in_the_colour_of_its_segment(tmp_path: Path, visi
             caesura.relabel("cell-1", "over", t=T, kind="sliding", author="Ann")
         page.wait_for_function(f"() => ({RUNS})().some((run) => run.kind === 'sliding')")
         page.locator(".program-path").scroll_into_view_if_needed()
-        looks_right(visitor, "measured")
+        looks_right(visitor, "measured", within=".program-path")
 
         page.get_by_role("button", name="Zoom in").press("Enter")
         settled(page)

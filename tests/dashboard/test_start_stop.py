@@ -166,7 +166,7 @@ def test_a_recording_is_dropped_and_played_as_a_session(
         assert len(played.segments.segments) > 2
     page.goto(f"{stage.dashboard.url}/sessions/cell-7/from-a-file")
     check_path_in_3d(page, played.program)
-    looks_right(visitor, "path")
+    looks_right(visitor, "path", within=".program-path")
     assert visitor.errors == []
 
 

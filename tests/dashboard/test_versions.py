@@ -140,7 +140,7 @@ def test_an_operator_compares_versions_by_keyboard_and_after_a_restart(opened: V
         expect(rows.filter(has_text="is left out")).to_have_count(1)
         expect(rows.filter(has_text="place")).to_contain_text(f"{len(taught)} → 1")
         page.evaluate("() => document.querySelector('.versions').scrollIntoView()")
-        looks_right(visitor, "versions")
+        looks_right(visitor, "versions", within=".versions")
 
         versions.locator(".version-from").focus()
         page.keyboard.press("ArrowDown")

@@ -16,7 +16,8 @@ them.
 What is imported and collected lives as long as the process, so the garbage collector passes over it. The
 examples of a test make many objects, so it begins after more of them than usual: it took 7 % of the CPU.
 
-A runner of a command makes every command of its application; here it makes them once a process.
+A runner of a command makes every command of its application, and the one that runs makes its options and what
+reads them; here each is made once a process.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ import pytest
 import typer.main
 from hypothesis import Phase, settings
 
+from caesura_protocol.lazy_commands import LazyCommand
 from harness.forked import CAN_FORK
 from harness.once import KEPT, RUN
 
@@ -74,6 +76,7 @@ settings.load_profile("quick")
 with pytest.MonkeyPatch.context() as patch:  # while the module with the runner takes it from there
     patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
     import typer.testing
+LazyCommand.load = cache(LazyCommand.load)  # type: ignore[method-assign]
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

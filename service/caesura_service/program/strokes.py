@@ -34,6 +34,7 @@ from caesura_service.program.program_segment import (
     ProgramSegment,
     joined_where,
     length,
+    medians,
     observed,
     slows_at,
 )
@@ -214,7 +215,7 @@ def _median(
     pressed = np.flatnonzero(felt.n >= least_n)
     if not pressed.size:
         return np.eye(3), None
-    return felt.axes[pressed[pressed.size // 2]], np.median(felt.force[pressed], axis=0)
+    return felt.axes[pressed[pressed.size // 2]], medians(felt.force[pressed])
 
 
 def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:

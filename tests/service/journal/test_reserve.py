@@ -311,6 +311,8 @@ def count(path: Path) -> int:
 
 def fill(disk: Path, name: str = "others") -> None:
     """Take all the room that there is."""
-    with (disk / name).open("wb", buffering=0) as ballast, suppress(OSError):
-        while ballast.write(bytes(4096)):
-            pass
+    with (disk / name).open("wb", buffering=0) as ballast:
+        for piece in (bytes(1 << 20), bytes(4096)):  # in large pieces, and what is left in small ones
+            with suppress(OSError):
+                while ballast.write(piece):
+                    pass

@@ -103,7 +103,7 @@ def test_a_segment_gets_another_kind_and_an_app_a_limit(operator: Operator):
         page.emulate_media(color_scheme=theme)
         operator.visitor.theme = theme
         operator.visitor.picture("correct-menu")
-        assert operator.visitor.barriers(*rules) == []
+        assert operator.visitor.barriers(*rules, within=".correct-menu") == []
     menu.get_by_role("button", name="sliding").click()
     operator.is_shown("is sliding")
     operator.wire.until(lambda: operator.wire.now.segments[1].kind == "sliding")

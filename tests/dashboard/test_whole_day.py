@@ -133,7 +133,7 @@ def describe(stage: Stage, visitor: Visitor, session: str) -> None:
     form.locator(".name-task").fill(NAMED.task)
     form.locator(".name-tags").fill("left, slow")
     form.locator(".name-tags").press("Tab")
-    looks_right(visitor, "day-named")
+    looks_right(visitor, "day-named", within=".description")
     with stage.reader() as caesura:
         eventually(lambda: described(caesura, session, "cell-1") == tagged)
         form.locator(".take-back").click()
@@ -169,7 +169,7 @@ def edit(visitor: Visitor, number: int) -> None:
     expect(card).to_contain_text("limited to 4.0 N of")
     visitor.page.set_viewport_size(PHONE)
     assert visible(visitor.page.locator(".app")) == [number], "nothing stands beside the form"
-    looks_right(visitor, "day-edited")
+    looks_right(visitor, "day-edited", within=".app")
 
 
 def visible(cards: Locator) -> list[int]:

@@ -251,6 +251,7 @@ ASSUMED_FRAME = (
     "Frame of the force: base, assumed. State force_frame in the file, or --force-frame: base, or flange, "
     "which needs an orientation."
 )
+ASSUMED_FLAG = "Gripper: a flag of which 1 is closed and 0 open, assumed. Exchange them where 1 is open."
 ASSUMED: Mapping[Assumption, str] = {"quaternion_order": ASSUMED_ORDER, "force_frame": ASSUMED_FRAME}
 NOT_STATED = (None, "unknown")  # values of an option that no file needs to hold
 

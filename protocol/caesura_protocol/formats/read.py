@@ -35,6 +35,7 @@ from caesura_protocol.formats.sample_checks import (
     check_clock,
     check_time_steps,
     check_values,
+    is_flag,
     leaping_places,
     left_out,
     stray_places,
@@ -46,6 +47,7 @@ from caesura_protocol.plausibility import UNITS
 from caesura_protocol.pose_reading import slow_pose
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
+    ASSUMED_FLAG,
     ASSUMED_FRAME,
     OPTIONS,
     STATED,
@@ -133,7 +135,7 @@ def load_recording(
         ignored=tuple(ignored),
         declared_units=tuple(stated),
         setting=CellSettings(**asked),
-        assumed=(*raw.assumed, ASSUMED_FRAME) if assumes_frame else raw.assumed,
+        assumed=(*raw.assumed, *_assumed_of(signals, assumes_frame=assumes_frame)),
         lines=raw.lines,
         **options,  # type: ignore[arg-type]
     )
@@ -148,6 +150,14 @@ def load_recording(
     of_places = filter(None, (slow, stray_places(recording), leaping_places(recording)))
     recording = replace(recording, cautions=(*left_out(recording), *of_places))
     return recording if as_stated else _with_usable_wrench(recording)
+
+
+def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterator[str]:
+    """What no file of this content states, and is assumed."""
+    if assumes_frame:
+        yield ASSUMED_FRAME
+    if "gripper" in signals and is_flag(signals["gripper"][:, 0]):
+        yield ASSUMED_FLAG
 
 
 def _convert(path: Path, raw: RawRecording, stated: Mapping[Quantity, str]) -> None:

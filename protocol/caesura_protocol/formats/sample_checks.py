@@ -22,6 +22,8 @@ FAR_S = 1e6  # from here on times are shown from the first sample on: six digits
 REPEATED_SHARE = 0.1
 MOST_STRAY = 3  # samples that follow each other
 LEVEL = 2 * MOST_STRAY + 1  # samples whose median is where a place is, though some of them stray
+WIDEST_FINGERS_M = 0.3  # that a column of openings has; a share of an opening reaches 1
+NEGATIVE_OPENING_M = 0.01  # by which an opening may be below 0: the zero of its sensor is off
 LEAST_LEAP_S = 0.01  # times of samples that came in a burst are closer
 #: Factor and unit of a recording's places, and the speed and the leap above which no arm's are.
 LEAPS: Mapping[str, Callable[[Recording], tuple[float, str, float, float]]] = {
@@ -188,15 +190,38 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
                 f"{NORM_TOLERANCE:g}: {remedy}"
             )
     if "gripper" in recording.signals:
-        widths = np.abs(recording.signals["gripper"][:, 0])
-        if (row := _first(widths > WIDEST_M)) is not None:
-            likely = "are they counts of a gripper? Convert counts or percent to its opening"
-            if unit := likely_opening_unit(float(widths.max())):
-                likely = f"are they {unit}? Divide them by {1.0 / METRES[unit]:g}. Convert counts and percent"
-            yield (
-                f"{recording.place(row)}: gripper is {recording.signals['gripper'][row, 0]:g}, expected an "
-                f"opening [m] or a closed flag within ±{WIDEST_M:g}: {likely}, or leave out gripper"
-            )
+        yield from _wrong_openings(recording, recording.signals["gripper"][:, 0])
+
+
+def _wrong_openings(recording: Recording, openings: NDArray[np.float64]) -> Iterator[str]:
+    """Counts, percent, other units, fractions of an opening, and openings below 0."""
+    widths = np.abs(openings)
+    if (row := _first(widths > WIDEST_M)) is not None:
+        likely = "are they counts of a gripper? Convert counts or percent to its opening"
+        if unit := likely_opening_unit(float(widths.max())):
+            likely = f"are they {unit}? Divide them by {1.0 / METRES[unit]:g}. Convert counts and percent"
+        yield (
+            f"{recording.place(row)}: gripper is {openings[row]:g}, expected an opening [m] or a closed flag "
+            f"within ±{WIDEST_M:g}: {likely}, or leave out gripper"
+        )
+    if (row := _first(openings < -NEGATIVE_OPENING_M)) is not None:
+        yield (
+            f"{recording.place(row)}: gripper is {openings[row]:g}, expected an opening of 0 m or more, or a "
+            "closed flag (0 open, 1 closed): write it so, or leave out gripper"
+        )
+    if not is_flag(openings) and (row := _first(widths > WIDEST_FINGERS_M)) is not None:
+        between = openings[(openings != 0.0) & (openings != 1.0)][0]
+        yield (
+            f"{recording.place(row)}: gripper is {openings[row]:g}, expected an opening of at most "
+            f"{WIDEST_FINGERS_M:g} m, or a flag, which is 0 or 1, and it is {between:g} too: is it a share "
+            "of the opening? Multiply it by the widest opening [m], round it to a flag (1 closed), or leave "
+            "out gripper"
+        )
+
+
+def is_flag(openings: NDArray[np.float64]) -> bool:
+    """Whether a gripper's column says closed (1) or not (0), and no opening."""
+    return bool(((openings == 0.0) | (openings == 1.0)).all() and (openings == 1.0).any())
 
 
 def _times_shown(t: NDArray[np.float64]) -> NDArray[np.float64]:

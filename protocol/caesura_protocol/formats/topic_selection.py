@@ -60,6 +60,13 @@ def select_topics(
             reported.setdefault(signal, set()).add(topic.name)
     topic_of = {signal: _best(signal, names, topics) for signal, names in reported.items()}
     if not {"pos", "q"} & topic_of.keys():
+        for topic, message in messages:
+            if topic.type == JOINT_STATE and topic.rule.joints is None and len(message.name):
+                raise RecordingError(
+                    f"{topic.name}: which of its joints are the arm's? It has {', '.join(message.name)}, in "
+                    "no order. Name all of the arm, from the base on, as joints below "
+                    f'[topics."{topic.name}"] in a mapping, and state the arm with --robot'
+                )
         raise RecordingError(
             f"no topic carries the pose or the joints of the robot; "
             f"there are {_listed(topics.values())}, expected one of {FRANKA_STATE}, {POSE}, {JOINT_STATE}"

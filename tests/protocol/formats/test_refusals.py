@@ -12,7 +12,7 @@ import pytest
 from caesura_protocol.formats import read
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.formats.write import write_csv
-from caesura_protocol.recording import ASSUMED_FRAME, ASSUMED_ORDER, Recording, RecordingError
+from caesura_protocol.recording import ASSUMED_FLAG, ASSUMED_FRAME, ASSUMED_ORDER, Recording, RecordingError
 
 BEGAN = datetime(2026, 11, 24, 18, 4, 32, tzinfo=UTC)
 
@@ -94,6 +94,14 @@ def replaced(name: str, row: int, value: object) -> np.ndarray:
         (
             {"gripper": 100.0 * arrays()["gripper"]},
             ("sample 0: gripper is 8, expected an opening", "are they cm? Divide them by 100"),
+        ),
+        (
+            {"gripper": np.linspace(0.63, 1.0, 200)},
+            ("sample 0: gripper is 0.63, expected an opening of at most 0.3 m, or a flag", "a share of the"),
+        ),
+        (
+            {"gripper": -arrays()["gripper"]},
+            ("sample 0: gripper is -0.08, expected an opening of 0 m or more, or a closed flag",),
         ),
         (
             {"t": np.floor(arrays()["t"])},
@@ -364,3 +372,16 @@ def test_a_frame_on_the_command_line_is_for_a_file_that_states_no_other(tmp_path
     csv.write_text("t,px,py,pz\n" + "".join(f"{0.01 * i},{0.001 * i},0,0\n" for i in range(200)))
     ignored = load_recording(csv, force_frame="flange").ignored
     assert "--force-frame flange, because there is no force" in ignored
+
+
+def test_which_value_of_a_flag_is_closed_is_an_assumption(tmp_path: Path):
+    # Much software has 1 for open: grasps were releases, and nothing was said of it.
+    flag = (arrays()["t"] > 0.5).astype(float)
+    assert ASSUMED_FLAG in load_recording(saved(tmp_path / "a.npz", gripper=flag)).assumed
+    assert ASSUMED_FLAG not in load_recording(saved(tmp_path / "b.npz")).assumed
+    assert ASSUMED_FLAG not in load_recording(saved(tmp_path / "c.npz", gripper=0.0 * flag)).assumed
+
+
+def test_a_zero_of_an_opening_that_is_a_little_off_is_no_refusal(tmp_path: Path):
+    opening = arrays()["gripper"] * (arrays()["t"] < 0.5) - 0.002
+    assert load_recording(saved(tmp_path / "a.npz", gripper=opening)).signals["gripper"].min() == -0.002

@@ -218,9 +218,15 @@ def in_a_frame_of_its_own(demonstration: Recording) -> list[ros.Message]:
     ]
 
 
+def an_arm_of_ur(_: Recording) -> list[ros.Message]:
+    by_name = dict.fromkeys(("elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint"), 0.5)
+    return [("/joint_states", JOINT_STATE, 0, ros.joints(ros.BEGAN_NS, by_name))]
+
+
 @pytest.mark.parametrize(
     ("messages", "source", "mapping", "message"),
     [
+        (an_arm_of_ur, None, None, r"has elbow_joint, shoulder_lift_joint.*from the base on, as joints"),
         (ros.sensor_topics, None, None, r"/ft/wrench: where is this wrench measured\? Say wrench_source"),
         (in_a_frame_of_its_own, SENSOR, None, r"is the frame 'ft_link' that of the flange"),
         (two_arms, SENSOR, None, r"not one arm's 1 to 7; it has left_joint1.*right_joint7.*as joints in a"),

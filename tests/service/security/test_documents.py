@@ -55,7 +55,7 @@ def test_the_limits_on_the_page_are_those_of_the_code():
     assert (MAX_MESSAGE_BYTES, ROUTER_MAX_BYTES) == (1 << 20, 2 << 20)
     assert row("a message") == "1 MiB"
     assert row("samples in a batch, columns") == f"1000, {MAX_COLUMNS}"
-    assert row("stations of an instance") == str(limits.stations)
+    assert row("stations of an instance") == f"{limits.stations}, with sessions at hand"
     assert row("open sessions of a station") == str(limits.open_sessions)
     assert row("closed sessions of a station to be asked for") == str(limits.closed_sessions)
     assert row("the queue of the service, and a station's share of it") == (

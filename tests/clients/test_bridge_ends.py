@@ -2,6 +2,7 @@
 
 import threading
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from caesura_clients.bridge import Bridge, BridgeSettings
 from caesura_protocol.codec import decode, encode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
+from caesura_protocol.formats.read import load_recording
 from caesura_protocol.messages import Close, Control, Open
 from clients.bridging import QUICK, Losing
 from clients.examples import LiveSource, samples
@@ -48,6 +50,41 @@ class Ahead(FakeService):
         if self.next_seq > close.last_seq + 1:
             return ProtocolError("conflict", "the session has other batches", value=close.last_seq)
         return super()._close(station, close)
+
+
+def end_unstored(memory, source, folder):
+    """A bridge of station cell-1 sends 50 samples, which no service stores, and ends."""
+    settings = replace(IMPATIENT, unstored_folder=folder)
+    with Bridge(memory.transport(), "cell-1", source, session="mine", settings=settings) as bridge:
+        bridge.send(samples(50))
+        bridge.finish()
+
+
+def test_a_live_demonstration_that_no_service_has_stored_is_kept_as_a_recording(memory, tmp_path, caplog):
+    with pytest.raises(Unreachable):
+        end_unstored(memory, LiveSource(), tmp_path)
+    kept = load_recording(tmp_path / "mine.unstored.npz")
+    np.testing.assert_array_equal(kept.matrix(), samples(50))
+    assert (kept.wrench_source, kept.force_frame) == ("none", "base")
+    assert "of 3 batches a service is known to have 0" in caplog.text
+    assert f"--station cell-1 --source file --file {tmp_path / 'mine.unstored.npz'}" in caplog.text
+
+
+def test_what_is_stored_or_can_be_read_again_is_not_kept(memory, tmp_path):
+    with FakeService(memory.transport()):
+        end_unstored(memory, LiveSource(), tmp_path)
+    patient = LiveSource()
+    patient.can_wait = True
+    with pytest.raises(Unreachable):
+        end_unstored(memory, patient, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_takes_no_file_is_named(memory, tmp_path, caplog):
+    with pytest.raises(Unreachable):
+        end_unstored(memory, LiveSource(), tmp_path / "missing")
+    assert "the rest is lost" in caplog.text
+    assert str(tmp_path / "missing") in caplog.text
 
 
 def test_an_end_that_the_service_refuses_for_good_says_why(memory):

@@ -13,10 +13,13 @@ service has everything; until then the missing batches are sent again.
 How a source that can wait does not overrun the service: puts are not acknowledged, but `Open` is, and may be
 asked again. When `window_batches` are under way the bridge asks until the service has come half-way. The ring
 keeps at least a window, so it never evicts what such a service has not seen.
+
+A bridge that ends before a service has everything, writes what the ring still has to a file.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import secrets
@@ -40,6 +43,7 @@ from caesura_clients.bridge.send_thread import SendThread
 from caesura_clients.bridge.sender import BatchSender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
+from caesura_clients.bridge.unstored import save_unstored
 from caesura_clients.editing import mark
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, check_name, service_key, station_key
@@ -57,6 +61,8 @@ from caesura_protocol.validation_words import first_finding
 # What a service says of a session that it does not have, or not all of. Where another station has one of that
 # name, a lost one is taken for that station's.
 LOST = {"conflict", "unknown_session", "forbidden"}
+
+logger = logging.getLogger(__name__)
 
 MARKER = "marker"  # whose corrections those of a pedal are
 
@@ -129,7 +135,7 @@ class Bridge:
         self.unmarked: list[str] = []  # why marks of the source's were not made
         self._revision = 0  # of the session, as far as a mark has learnt
         self._ignored_up: str | None = None
-        self._is_open = False  # to a service
+        self._is_open = self._is_closed = False  # to a service; with all that was sent
         self._answered = threading.Event()  # the first Open was: acknowledged or refused
         self._over = threading.Event()
         self._stopped = threading.Event()  # the demonstration is over: it takes no samples
@@ -188,6 +194,9 @@ class Bridge:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
+        is_refused = isinstance(error, ProtocolError) and not self._is_open
+        if not self._is_closed and not is_refused and self.sent > self.acknowledged:
+            self._save_unstored()
 
     def run(self) -> Ack:
         """Send everything that the source has and close the session; returns the service's last word.
@@ -281,6 +290,7 @@ class Bridge:
             ack, refusal, is_open = self._try_to_close(close)
             if ack is not None and ack.state == "closed" and ack.next_seq > close.last_seq:
                 self._over.set()
+                self._is_closed = True
                 return ack
             if failure is not None and (ack is not None or refusal is not None or is_open):
                 raise failure
@@ -312,6 +322,22 @@ class Bridge:
         if ack is not None:
             self.acknowledged = ack.next_seq
         return ack, None, False
+
+    def _save_unstored(self) -> None:
+        """Write what the ring has to a file, of a source that does not deliver it again."""
+        folder, batches = self.settings.unstored_folder, self._ring.entries_from(0, self.sent)
+        if folder is None or self._source.can_wait or not batches:
+            return
+        name = f"{self.station}/{self.session}"
+        lacking = f"of {counted(self.sent, 'batch')} a service is known to have {self.acknowledged}"
+        try:
+            path = save_unstored(self._open, batches, folder)
+        except OSError as error:
+            logger.error("%s: %s; the rest is lost: %s", name, lacking, error)
+        else:
+            since = f" from batch {batches[0].seq} on" if batches[0].seq else ""
+            play = f"caesura bridge --station {self.station} --source file --file {path}"
+            logger.warning("%s: %s; they are kept%s, to be played by `%s`", name, lacking, since, play)
 
     def _unacknowledged(self) -> Unreachable:
         return Unreachable(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from caesura_protocol.programs.safety import UNSET, CellSettings
 
@@ -23,3 +24,4 @@ class BridgeSettings:
     stall_s: float = 0.5  # without progress, missing batches are sent again
     close_timeout_s: float = 10.0
     setting: CellSettings = UNSET  # what the station's cell asks of its programs
+    unstored_folder: Path | None = None  # where a live demonstration is kept that no service has stored

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -162,7 +163,8 @@ def bridge(
         raise typer.BadParameter("add --start-by button, which this ends", param_hint="--released-s")
     with reported():
         named(station)
-        settings = BridgeSettings(batch_samples=batch, setting=asked.setting())
+        folder = Path(os.environ.get("STATE_DIRECTORY", "."))  # which systemd sets
+        settings = BridgeSettings(batch_samples=batch, setting=asked.setting(), unstored_folder=folder)
         if source == "teacher" and tilt_between(settings.setting.up, UP) > APART_RAD:
             raise CaesuraError(f"--up is {asked.up}, and the simulated teacher's robot stands upright")
         if standby:

@@ -1,0 +1,33 @@
+"""What a bridge still has of a demonstration that no service has stored, as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from caesura_clients.bridge.ring import StoredBatch
+from caesura_protocol.codec import decode, signals_of, unpack_samples
+from caesura_protocol.messages import Open, SampleBatch
+from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import ASSUMED, Recording
+
+
+def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -> Path:
+    """Write batches of a session, at least one, as `SESSION.unstored.npz`. Raises OSError."""
+    rows = np.concatenate([unpack_samples(decode(*one.content, SampleBatch)) for one in batches])
+    recording = Recording(
+        rows[:, 0],
+        signals_of(opening.columns, rows),
+        wrench_source=opening.wrench_source,
+        hand_on_robot=opening.hand_on_robot,
+        force_frame=opening.force_frame,
+        length_unit=opening.length_unit,
+        assumed=tuple(ASSUMED[one] for one in opening.assumed),
+        name=opening.session,
+        setting=CellSettings(**{name: getattr(opening, name) for name in CellSettings._fields}),
+    )
+    path = folder / f"{opening.session}.unstored.npz"
+    recording.save(path)
+    return path.absolute()

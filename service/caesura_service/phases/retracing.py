@@ -53,28 +53,29 @@ def way_of(places: Array) -> Way:
 
 def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, memory: int) -> Retraced:
     """What a segment retraces of the segments before it, the last one last, and of itself."""
-    own = np.arange(len(way.middles))
-    found = _follows(way, way, own[:, None] - own, near_m)
-    again, astray, looked = np.zeros(memory), np.zeros(memory), 0
-    has_closed, between = False, 0
-    for age in range(memory):
-        if 0 < age <= len(before) and looked < MOST_EARLIER:
-            other = before[-age][0]
-            count = len(other.middles)
-            found |= _follows(way, other, own[:, None] + between + count - np.arange(count), near_m)
-            between, looked = between + count, looked + count
-            has_closed = any(before[-1 - i][1].again[age - 1 - i] > 0.0 for i in range(age))
-        again[age] = found.sum()
-        closed = np.ones_like(found) if has_closed else np.logical_or.accumulate(found)
-        astray[age] = (closed & ~found).sum()
-    return Retraced(again, astray)
+    if not len(way.middles):
+        return Retraced(np.zeros(memory), np.zeros(memory))
+    ways, counts = [way], [len(way.middles)]
+    for other, _ in before[:-memory:-1]:
+        if sum(counts[1:]) < MOST_EARLIER:
+            ways.append(other)
+            counts.append(len(other.middles))
+    places = [np.arange(count) - sum(counts[1 : number + 1]) for number, count in enumerate(counts)]
+    pieces = Way(*(np.concatenate(of_all) for of_all in zip(*ways, strict=True)))
+    follows = _follows(way, pieces, places[0][:, None] - np.concatenate(places), near_m)
+    found = np.logical_or.accumulate(follows, axis=1)[:, np.cumsum(counts) - 1]  # by the first segments
+    has_closed = [
+        any(before[-1 - i][1].again[age - 1 - i] > 0.0 for i in range(age)) for age in range(len(ways))
+    ]
+    astray = (np.logical_or.accumulate(found, axis=0) | has_closed) & ~found
+    return Retraced(*(np.pad(each.sum(axis=0), (0, memory - len(ways)), "edge") for each in (found, astray)))
 
 
 def _follows(way: Way, other: Way, pieces_between: NDArray[np.int64], near_m: float) -> NDArray[np.bool_]:
-    """(n,) whether each piece goes over one of another way; pieces_between: (n, m) from that to this."""
+    """(n, m) whether each piece goes over one of another way; pieces_between: from that to this."""
     apart = way.middles[:, None] - other.middles
     near = np.vecdot(apart, apart) < near_m**2
     lengths = np.linalg.norm(way.steps, axis=1)[:, None] * np.linalg.norm(other.steps, axis=1)
     along = way.steps @ other.steps.T > SAME_DIRECTION * lengths
-    result: NDArray[np.bool_] = (near & along & (PIECE_M * pieces_between > APART * near_m)).any(axis=1)
+    result: NDArray[np.bool_] = near & along & (PIECE_M * pieces_between > APART * near_m)
     return result

@@ -145,7 +145,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "the budget of a station is ignored",
-        "service/caesura_service/token_bucket.py",
+        "protocol/caesura_protocol/token_bucket.py",
         "return min(self._filled(bucket, self._clock())) <= 0.0",
         "return False",
         (

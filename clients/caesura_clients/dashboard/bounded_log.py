@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 
 from caesura_protocol.errors import printable
+from caesura_protocol.token_bucket import Rate, RateLimit
 
 LOGGERS = ("asyncio", "nicegui", "uvicorn.error")
 AT_ONCE = 50.0  # messages of each
@@ -25,20 +26,16 @@ class BoundedLog(logging.Filter):
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
-        self._clock = clock
+        self._limit = RateLimit(Rate(PER_S, AT_ONCE), clock=clock)
         self._lock = threading.Lock()
-        self._left, self._at = AT_ONCE, clock()
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether a message passes; it states how many did not since the last one."""
         with self._lock:
-            now = self._clock()
-            self._left, self._at = min(AT_ONCE, self._left + (now - self._at) * PER_S), now
-            if self._left < 1.0:
+            if not self._limit.allows("library"):
                 self._left_out += 1
                 return False
-            self._left -= 1.0
             left_out, self._left_out = self._left_out, 0
         more = f" ({left_out} messages before it were left out)" if left_out else ""
         record.msg, record.args = printable(record.getMessage(), TEXT) + more, ()

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from caesura_protocol.messages import Gap, SampleBatch
 from caesura_protocol.number_words import counted
+from caesura_protocol.token_bucket import LOG_RATE, SENDERS, RateLimit
 from caesura_service.monitoring.registry_calls import Change, RegistryCall
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.publishing.session_state import SessionState
-from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
 

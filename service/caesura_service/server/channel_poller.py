@@ -16,10 +16,10 @@ from collections.abc import Callable
 from itertools import chain
 from typing import TypeVar
 
+from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.transport import Channel, Declaration, Incoming, Network, received
-from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 

@@ -11,11 +11,11 @@ from caesura_protocol.codec import Encoded, decode_error
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ROOT, is_name, parse_station_key, station_key
 from caesura_protocol.messages import MAX_MESSAGE_BYTES
+from caesura_protocol.token_bucket import SENDERS
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
 from caesura_service.server.transport import Payload
 from caesura_service.sessions.batch_block import BatchBlock
-from caesura_service.token_bucket import SENDERS
 
 UNKNOWN = "?"  # the station of keys that name none
 NETWORK = ""  # the lane of what no station causes: other instances, the own link

@@ -16,8 +16,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_service.server.background_thread import JOIN_S
-from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 
-from caesura_service.token_bucket import SENDERS
+from caesura_protocol.token_bucket import SENDERS
 
 MUTED_S = 0.02  # in which a hundred messages of a station's budget come back
 

@@ -31,6 +31,7 @@ from caesura_protocol.keys import (
     station_key,
 )
 from caesura_protocol.messages import Control, Message, Open, Program, ServiceStatus, Snapshot
+from caesura_protocol.token_bucket import LOG_RATE, Rate, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.ownership.registry import Registry
 from caesura_service.ownership.session_index import SessionIndex
@@ -61,7 +62,6 @@ from caesura_service.server.result_publisher import (
     with_load,
 )
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
-from caesura_service.token_bucket import LOG_RATE, Rate, RateLimit
 
 logger = logging.getLogger(__name__)
 

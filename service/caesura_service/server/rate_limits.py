@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from caesura_service.token_bucket import Rate
+from caesura_protocol.token_bucket import Rate
 
 SAMPLE_RATE = Rate(5000.0, 10_000.0)  # messages of a station
 BYTE_RATE = Rate(16e6, 32e6)  # bytes of them

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import parse_samples_parameters, parse_session_key
 from caesura_protocol.messages import RecordedSamples
+from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
 from caesura_service.decimation.reader import SLICE_S, Owned
@@ -31,7 +32,6 @@ from caesura_service.server.result_publisher import (
     reply_nothing,
 )
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
-from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 

@@ -7,13 +7,13 @@ import time
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import StoredPage, session_key
+from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.journal import JournalError
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.server.background_thread import BackgroundThread
 from caesura_service.server.result_publisher import answering, reply_error, reply_message, reply_nothing
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
-from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 

@@ -21,6 +21,7 @@ from caesura_protocol.keys import parse_station_key
 from caesura_protocol.messages import Ack, Control, Heartbeat, Preview, SampleBatch
 from caesura_protocol.messages import Command as Wanted
 from caesura_protocol.number_words import counted
+from caesura_protocol.token_bucket import LOG_RATE, SENDERS, RateLimit
 from caesura_service.cooperative_scheduler import stand_aside
 from caesura_service.ownership.registry import REBUILDING, Registry
 from caesura_service.publishing.events import (
@@ -56,7 +57,6 @@ from caesura_service.server.result_publisher import ResultPublisher
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import WHOLE, WorkQueue
 from caesura_service.sessions.batch_block import ENCODING
-from caesura_service.token_bucket import LOG_RATE, SENDERS, RateLimit
 
 logger = logging.getLogger(__name__)
 Given = TypeVarTuple("Given")

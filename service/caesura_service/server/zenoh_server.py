@@ -20,6 +20,7 @@ from typing import Self
 
 from caesura_protocol.keys import service_key, session_key, station_key
 from caesura_protocol.messages import ServiceStatus
+from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
@@ -55,7 +56,6 @@ from caesura_service.server.transport import Incoming, Network, NetworkError
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
 from caesura_service.sessions.batch_block import BatchBlock
-from caesura_service.token_bucket import LOG_RATE, RateLimit
 
 logger = logging.getLogger(__name__)
 

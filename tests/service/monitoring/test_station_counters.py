@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Heartbeat, Open, SessionStatus
+from caesura_protocol.token_bucket import SENDERS
 from caesura_service.journal import MemoryJournal
 from caesura_service.monitoring.instrumented_registry import InstrumentedRegistry
 from caesura_service.monitoring.registry_calls import Change
@@ -21,7 +22,6 @@ from caesura_service.publishing.session_state import status_of
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.sessions.limits import Limits
-from caesura_service.token_bucket import SENDERS
 from harness.sessions import NAME, OWNER, STATION, batch, batches, closing, heartbeat, opening, published
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Message, Open
+from caesura_protocol.token_bucket import Rate
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
@@ -25,7 +26,6 @@ from caesura_service.server import result_publisher
 from caesura_service.server.lanes import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limits import RateLimits
-from caesura_service.token_bucket import Rate
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.processes import eventually
 from harness.sessions import batches, closing, opening

@@ -13,6 +13,7 @@ import pytest
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import service_key, session_key, station_key, with_nothing_said
 from caesura_protocol.messages import Message, Program, ServiceStatus
+from caesura_protocol.token_bucket import Rate
 from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import MemoryNetwork, MemoryQuestion, intersect
 from caesura_protocol.transport.network import NOTHING
@@ -26,7 +27,6 @@ from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
-from caesura_service.token_bucket import Rate
 from harness.attacker import until_accepted
 from harness.peer import DEADLINE_S, MemoryPeer
 from harness.sessions import opening

@@ -23,6 +23,7 @@ from caesura_protocol.messages import (
     Program,
     SessionStatus,
 )
+from caesura_protocol.token_bucket import SENDERS, Rate, RateLimit
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -32,7 +33,6 @@ from caesura_service.server.budgets import Budgets
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.muted_sources import MUTED_S, MutedSources
 from caesura_service.server.rate_limits import RateLimits
-from caesura_service.token_bucket import SENDERS, Rate, RateLimit
 from harness.peer import MemoryPeer
 from harness.sessions import batches, heartbeat, opening
 

@@ -1,4 +1,4 @@
-"""Token buckets: how often a sender may do something. Server and monitoring use the same ones."""
+"""Token buckets: how often a sender may do something. Server, monitoring and dashboard use the same ones."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class Attacker(Process):
         assert self._process is not None
         was_alive = self._process.poll() is None
         self._process.terminate()
-        said, _ = self._process.communicate(timeout=DEADLINE_S)
+        said, _ = self._process.communicate(timeout=DEADLINE_S + PATIENCE_S)
         return Counter(json.loads(said.splitlines()[-1])) if was_alive and said else Counter()
 
 
@@ -136,9 +136,13 @@ def again_and_again(act: Callable[[], object], per_s: float) -> None:
 
 
 def edits(peer: Peer, done: Counter[str]) -> None:
-    """An hour is edited."""
+    """An hour is edited, until the end of the attack and until the first edit is carried out."""
     hour(peer)
-    again_and_again(Storm(peer, done).edit, EDITS_PER_S)
+    storm = Storm(peer, done)
+    try:
+        again_and_again(storm.edit, EDITS_PER_S)
+    finally:
+        storm.accepted.wait(PATIENCE_S)
 
 
 def program_edits(peer: Peer, done: Counter[str]) -> None:
@@ -243,6 +247,7 @@ class Storm:
         self._done = done
         self._revision = 0  # that the next edit will find, if all before it are carried out
         self._lock = threading.Lock()
+        self.accepted = threading.Event()
 
     def edit(self) -> None:
         """One more."""
@@ -266,6 +271,7 @@ class Storm:
             decode(reply.ok.payload.to_bytes(), str(reply.ok.encoding), Ack)
             with self._lock:
                 self._done["accepted"] += 1
+            self.accepted.set()
             return
         try:
             refusal = decode_error(reply.err.payload.to_bytes(), str(reply.err.encoding))

@@ -151,7 +151,7 @@ def test_a_token_that_comes_and_goes_delays_no_other_station_and_its_last_state_
         handle(self, event)
 
     monkeypatch.setattr(StationManager, "handle_event", slow)
-    config = replace(config, rates=RateLimits(tokens=Rate(50.0, 4.0)))
+    config = replace(config, rates=RateLimits(tokens=Rate(1.0, 4.0)))
     with serving(config, network) as peer, serving(replace(config, instance="test-2"), network):
         for _ in range(TOGGLES):
             with peer.transport.declare_token(station_key(HOSTILE, "alive")):

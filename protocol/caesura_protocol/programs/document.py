@@ -25,11 +25,13 @@ from caesura_protocol.programs.groups import Group, groups_of
 from caesura_protocol.programs.program_timing import ProgramTiming
 from caesura_protocol.programs.robot_limits import re_targeted, safety_for
 from caesura_protocol.programs.safety import DEFAULT, Safety
-from caesura_protocol.robots import robot_description
+from caesura_protocol.robots import RobotDescription, robot_description
 from caesura_protocol.validation_words import Place, dotted, first_finding
 
 FORMAT: Literal["caesura.program"] = "caesura.program"
 VERSION: Literal[2] = 2
+
+LEFT_OUT = "with --retarget its joints are left out and its poses stay"
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {
@@ -153,23 +155,30 @@ def in_cell(program: ProgramFile, safety: Safety) -> ProgramFile:
 def on_robot(program: ProgramFile, robot: str | None, *, retarget: bool = False) -> ProgramFile:
     """The program on a robot, by its name or file; None: on the one that it states.
 
-    Raises CaesuraError for another robot than the program was taught on, unless it is re-targeted: its joints
-    are then left out, and its poses stay.
+    Raises CaesuraError for another robot than the program was taught on, or than its joints are of, unless it
+    is re-targeted: its joints are then left out, and its poses stay.
     """
     if robot is None:
         return program
-    name = robot_description(robot).name
+    arm = robot_description(robot)
+    name, taught_on = arm.name, program.robot or "a robot that was not stated"
     placed = {"robot": name, "safety": re_targeted(program.safety, program.robot, name)}
-    if program.robot in {None, name}:
+    if program.robot == name or (program.robot is None and not retarget):
+        _refuse_other_joints(program, arm)
         return program.model_copy(update=placed)
     if not retarget:
-        raise CaesuraError(
-            f"the program was taught on {program.robot}, not on {name}: with --retarget its joints are left "
-            "out and its poses stay"
-        )
+        raise CaesuraError(f"the program was taught on {program.robot}, not on {name}: {LEFT_OUT}")
     steps = tuple(app.model_copy(update={"joints": None}) for app in program.apps)
-    note = f"Taught on {program.robot}, re-targeted to {name}: its poses stay, its joints are left out."
+    note = f"Taught on {taught_on}, re-targeted to {name}: its poses stay, its joints are left out."
     return program.model_copy(update={**placed, "apps": steps, "notes": (*program.notes, note)})
+
+
+def _refuse_other_joints(program: ProgramFile, arm: RobotDescription) -> None:
+    count = len(arm.joints)
+    for index, app in enumerate(program.apps):
+        if app.joints is not None and len(app.joints) != count:
+            taught = f"{app_name(index, app.kind)} was taught with {len(app.joints)} joints"
+            raise CaesuraError(f"{taught}, and {arm.name} has {count}: {LEFT_OUT}")
 
 
 def read_document(path: Path) -> ProgramFile:

@@ -15,7 +15,7 @@ import numpy as np
 
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
-from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.document import LEFT_OUT, ProgramFile
 from caesura_protocol.programs.gripping import gripper_of, not_driven
 from caesura_protocol.programs.limits import (
     acting_limits,
@@ -39,6 +39,7 @@ from caesura_protocol.screw_motion import stop_torque_nm
 ACCELERATION_M_PER_S2 = 1.2  # as movel has it where none is stated
 GRAVITY_M_PER_S2 = 9.82  # as the controller's installation has it; the vector points away from the ground
 WIDTH_MARGIN_M = 0.01  # by which the fingers are sent on past the width of what they grasp
+JOINTS = 6  # of every arm of the maker
 LEAST_PAUSE_S = 0.05
 PERIOD_S = 0.02  # between two looks at the depth of a press
 SLIDE_M = 0.005  # a way that is longer, in contact, is one along a surface
@@ -109,24 +110,37 @@ class _Writer:
         return lines + ([f"sleep({planned.pause_s:.3f})"] if planned.pause_s >= LEAST_PAUSE_S else [])
 
     def _way(self, planned: PlannedApp) -> list[str]:
-        app, lines = planned.app, []
+        app, held = planned.app, self._check_held(planned.app)
+        lines = list(held)
         if APP_KINDS[app.kind].carries:
             lines.append(f"set_payload(tool_kg + {app.load_kg or 0.0:.3f}, tool_cog)")
         if planned.start is not None:
-            near = "get_actual_joint_positions()" if app.joints is None else _list(app.joints)
+            near = "get_actual_joint_positions()" if app.joints is None else _list(self._six(planned))
             pose = _pose(*planned.start)
             lines.append(f"movej(get_inverse_kin({pose}, {near}), a=0.5, v=START_RAD_PER_S)")
         moves = [_move(leg, "movel") for leg in planned.legs]
         if planned.hold_s:
-            return [*lines, f"sleep({planned.hold_s:.3f})"]
+            return [*lines, f"sleep({planned.hold_s:.3f})", *held]
         if planned.contact is None:
-            return lines + self._watched(planned.place, moves, self._tightness(app))
+            return [*lines, *self._watched(planned.place, moves, self._tightness(app)), *held]
         if planned.clear_legs is not None:
             lines += [*moves[: planned.clear_legs], "zero_wrench()"]
             moves = moves[planned.clear_legs :]
         lines += self._watched(planned.place, moves, "felt() < CONTACT_FORCE_N")
         lines += [] if moves else ["global arrived = True"]
-        return [*lines, f"search_contact({_list(app.target or ())}, {_list(planned.contact)})"]
+        return [*lines, *held, f"search_contact({_list(app.target or ())}, {_list(planned.contact)})"]
+
+    def _six(self, planned: PlannedApp) -> Sequence[float]:
+        joints = planned.app.joints or ()
+        if len(joints) != JOINTS:
+            taught = f"{planned.name} was taught with {len(joints)} joints"
+            raise ValueError(f"{taught}, and Universal Robots' arms have {JOINTS}: {LEFT_OUT}")
+        return joints
+
+    def _check_held(self, app: App) -> list[str]:
+        """Where an app carries something, and the gripper says whether it holds anything."""
+        driven = self._gripper is not None and self._gripper.interface == "robotiq"
+        return ["check_held()"] if driven and APP_KINDS[app.kind].carries else []
 
     def _tightness(self, app: App) -> str | None:
         """The condition under which a turn goes on."""
@@ -322,6 +336,13 @@ _ROBOTIQ_FUNCTIONS = """\
       stopped = socket_get_var("OBJ", "gripper")
     end
     return stopped
+  end
+
+  def check_held():
+    # what is held may slip out or fall: the fingers then close further, and the gripper says so
+    if socket_get_var("OBJ", "gripper") != 2:
+      stop_program("nothing between the fingers any more")
+    end
   end
 
   if not socket_open("127.0.0.1", 63352, "gripper"):

@@ -71,6 +71,10 @@ class Exception(builtins.Exception):  # noqa: A001  (franky's own name)
     pass
 
 
+class GripperException(builtins.Exception):
+    pass
+
+
 class ControlException(Exception):  # noqa: N818  (franky's own name)
     pass
 
@@ -301,6 +305,7 @@ class _FeltState(RobotState):
 
 class Gripper:
     max_width = 0.08
+    is_grasped = False
 
     def __init__(self, fci_hostname: str) -> None:
         pass
@@ -314,9 +319,11 @@ class Gripper:
         epsilon_outer: float = 0.005,
     ) -> bool:
         _note("grasp", width=width, force=force)
+        self.is_grasped = True
         return True
 
     def move(self, width: float, speed: float) -> bool:
         assert 0.0 <= width <= self.max_width
         _note("fingers", width=width)
+        self.is_grasped = False
         return True

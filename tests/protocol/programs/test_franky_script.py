@@ -225,3 +225,32 @@ def test_a_collision_names_the_app(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fake_franky.MovingRobot, "move", collided)
     with pytest.raises(made.Stop, match=r"app 1 \(move to contact\): cartesian_reflex"):
         runner.run(made.APPS)
+
+
+def test_what_falls_on_its_way_stops_the_program_before_it_is_set_down(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # The empty fingers went on to where the part was to be set down, and up to 40 mm beyond.
+    made, runner = over_surface(monkeypatch, as_file(pick_and_place()), lambda x, y: 0.11)
+    moved = fake_franky.MovingRobot.move
+
+    def dropped(robot: Any, motion: Any, asynchronous: bool = False) -> None:
+        moved(robot, motion, asynchronous)
+        if any(name == "load" for name, _ in fake_franky.calls):
+            runner.gripper.is_grasped = False
+
+    monkeypatch.setattr(fake_franky.MovingRobot, "move", dropped)
+    with pytest.raises(made.Stop, match=r"app 3 .transport.: nothing between the fingers any more"):
+        runner.run(made.APPS)
+
+
+def test_a_gripper_that_is_lost_names_the_app(monkeypatch: pytest.MonkeyPatch) -> None:
+    # It ended the script with a traceback: in franky 2.0.0 this is no `franky.Exception`.
+    made, runner = over_surface(monkeypatch, as_file(pick_and_place()), lambda x, y: 0.11)
+
+    def lost(*_: Any, **__: Any) -> bool:
+        raise fake_franky.GripperException("connection lost")
+
+    monkeypatch.setattr(runner.gripper, "grasp", lost)
+    with pytest.raises(made.Stop, match=r"app 2 .grasp.: connection lost"):
+        runner.run(made.APPS)

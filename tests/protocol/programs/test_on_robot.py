@@ -53,6 +53,22 @@ def test_re_targeting_keeps_poses_leaves_joints_out_and_says_so(taught: ProgramF
     assert moved.notes == ("Taught on panda, re-targeted to other: its poses stay, its joints are left out.",)
 
 
+def test_joints_of_another_arm_are_refused_where_no_robot_was_stated(taught: ProgramFile) -> None:
+    # A UR5e's script asked for the inverse kinematics near seven joints.
+    unstated = taught.model_copy(update={"robot": None})
+    with pytest.raises(CaesuraError, match=r"app 1 \(move\) was taught with 7 joints, and ur5e has 6: with"):
+        on_robot(unstated, "ur5e")
+    with pytest.raises(ValueError, match="taught with 7 joints, and Universal Robots' arms have 6"):
+        WRITERS["urscript"].write(unstated)
+    moved = on_robot(unstated, "ur5e", retarget=True)
+    assert [app.joints for app in moved.apps] == [None]
+    assert moved.notes == (
+        "Taught on a robot that was not stated, re-targeted to ur5e: its poses stay, its joints are "
+        "left out.",
+    )
+    assert "get_actual_joint_positions()" in WRITERS["urscript"].write(moved)
+
+
 def test_the_robot_is_in_the_file_and_a_file_without_one_is_read(taught: ProgramFile, tmp_path: Path) -> None:
     path = tmp_path / "program.json"
     path.write_text(taught.as_json())

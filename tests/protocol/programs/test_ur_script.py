@@ -113,6 +113,25 @@ def test_what_is_not_grasped_stops_the_program():
     assert controller.named("popup")[0]["s"] == "app 2 (grasp): nothing between the fingers"
 
 
+class Drops(Controller):
+    """What is held falls on the first way that begins with it."""
+
+    def movel(self, pose: list[float], a: float = 1.2, v: float = 0.25, t: float = 0, r: float = 0) -> None:
+        super().movel(pose, a, v, t, r)
+        if self.variables["OBJ"] == 2:
+            self.variables["OBJ"] = 3
+
+
+def test_what_falls_on_its_way_stops_the_program_before_it_is_set_down():
+    # The empty fingers went on to where the part was to be set down, and up to 40 mm beyond.
+    controller = Drops(table_m=0.11)
+    with pytest.raises(Halted):
+        controller.play(ur_script(on_ur(pick_and_place())))
+    carry = next(i for i, (name, _) in enumerate(controller.calls) if name == "set_payload")
+    assert controller.named("popup")[0]["s"] == "app 3 (transport): nothing between the fingers any more"
+    assert not any(name == "speedl" for name, _ in controller.calls[carry:])  # no surface is looked for
+
+
 def test_suction_switches_its_output():
     controller = played(on_ur(pick_and_place(), gripper="suction"), table_m=0.11)
     assert [tuple(one.values()) for one in controller.named("set_standard_digital_out")] == [

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,6 +116,23 @@ def test_what_is_not_grasped_stops_the_program():
     arm = Arm(table_m=0.11, grasped=3)
     with pytest.raises(made.Stop, match="nothing between the fingers"):
         made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f_85", "xarm_gripper", "xarm_vacuum"])
+def test_what_falls_on_its_way_stops_the_program_before_it_is_set_down(gripper):
+    # The empty fingers went on to where the part was to be set down, and up to 40 mm beyond.
+    made, arm = module_of(on_xarm(pick_and_place(), gripper=gripper)), Arm(table_m=0.11)
+
+    def go(pose: list[float], **stated: Any) -> int:
+        if arm.calls("set_tcp_load"):
+            arm.drop()
+        return Arm.go(arm, pose, **stated)
+
+    arm.api.set_position_aa.side_effect = go
+    with pytest.raises(made.Stop, match=r"app 3 .transport.: nothing between the fingers any more"):
+        made.Runner(lambda host, is_radian: arm.api, "10.0.0.3").run(made.APPS)
+    order = [call[0] for call in arm.api.mock_calls]
+    assert "vc_set_cartesian_velocity" not in order[order.index("set_tcp_load") :]  # no surface is looked for
 
 
 def test_a_path_is_followed_by_legs_with_blends_no_faster_than_the_limit():

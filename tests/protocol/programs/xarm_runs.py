@@ -40,6 +40,13 @@ class Arm:
         self.api.set_position_aa.side_effect = self.go
         self.api.vc_set_cartesian_velocity.side_effect = self.drift
         self.api.get_gripper_position.return_value = (0, 500)
+        self.api.get_vacuum_gripper.return_value = (0, 1)
+
+    def drop(self) -> None:
+        """What any gripper holds falls."""
+        self.api.robotiq_status["gOBJ"] = 3
+        self.api.get_gripper_position.return_value = (0, 400)
+        self.api.get_vacuum_gripper.return_value = (0, 0)
 
     def felt(self) -> list[float]:
         if self.wrench is not None:

@@ -17,7 +17,12 @@ ASSUMED = {
 
 def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> list[Finding]:
     """Find what a gripper cannot do. Widths of fingers are a matter of `value_findings`."""
-    return [*_settings(safety, gripper), *_widths(apps, gripper), *_unstated_widths(apps, safety, gripper)]
+    return [
+        *_settings(safety, gripper),
+        *_unseen_losses(apps, gripper),
+        *_widths(apps, gripper),
+        *_unstated_widths(apps, safety, gripper),
+    ]
 
 
 def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
@@ -32,6 +37,17 @@ def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
             reason = f"the fingers' {name} {asked:g} {unit}: a {gripper.title} has {limit} {given:g} {unit}"
             severe = name == "force" and asked > given
             yield Finding("error" if severe else "warning", None, None, reason, asked, given)
+
+
+def _unseen_losses(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
+    """Where nothing shows that something is held, a script goes on with what has fallen."""
+    if gripper.event != "none":
+        return
+    for index, app in enumerate(apps):
+        if app.kind == "grasp":
+            silent = f"a {gripper.title} does not say whether it holds anything"
+            reason = f"{silent}: the program goes on where it has lost it"
+            yield Finding("warning", index, app.kind, reason, None, None)
 
 
 def _widths(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:

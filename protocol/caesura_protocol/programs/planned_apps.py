@@ -78,6 +78,8 @@ def planned_apps(program: ProgramFile, acceleration: float) -> Iterator[PlannedA
             stay = 0.0 if legs else app.tn - app.t0 - wait - hold
         elif not legs and contact is None and app.kind not in GRIPS:
             hold = app.tn - app.t0
+        elif app.kind == "hold" and contact is None:  # its way is a drift: it lasts as long as it was taught
+            hold = max(app.tn - app.t0 - sum(leg.seconds for leg in legs), 0.0)
         begins = place if app.path is None else app.path.start.position
         start = None
         if not moved and legs:

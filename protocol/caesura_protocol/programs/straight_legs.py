@@ -28,14 +28,15 @@ BLEND_M = 0.004  # at most: a right angle is cut by 1.7 mm
 BLEND_SHARE = 0.45  # of the shorter of two legs: blends must not overlap
 PARTS = 16  # of the curve between two via points
 SHORT_M = 0.0005  # a leg that is shorter only turns
-SLOWEST_M_PER_S = 0.005
+SLOWEST_M_PER_S = 0.001
 PEAK = 2.0  # speed of a turn that starts and stops, over its mean
 
 
 class Leg(NamedTuple):
     """A straight movement to a pose of the flange.
 
-    speed_m_per_s: None where it only turns, by turn_rad in `seconds`; blend_m: 0 where it stops.
+    speed_m_per_s: None where it only turns, by turn_rad in `seconds`; seconds: that it takes; blend_m: 0
+    where it stops.
     """
 
     position: Vector
@@ -142,6 +143,7 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[L
             if len(lengths) == 1:
                 speed = _cruise(length, seconds, acceleration)
             speed = max(min(speed, safety.speed_m_per_s), SLOWEST_M_PER_S)
+            seconds = min(seconds, length / speed)
         blend = 0.0
         if index + 1 < len(lengths):
             blend = min(BLEND_M, BLEND_SHARE * min(length, lengths[index + 1]))

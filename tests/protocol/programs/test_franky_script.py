@@ -254,3 +254,14 @@ def test_a_gripper_that_is_lost_names_the_app(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(runner.gripper, "grasp", lost)
     with pytest.raises(made.Stop, match=r"app 2 .grasp.: connection lost"):
         runner.run(made.APPS)
+
+
+def test_a_hold_without_a_path_stays_as_long_as_it_was_taught(monkeypatch: pytest.MonkeyPatch) -> None:
+    # It ended at once, because the arm was there already.
+    touch, grasp, carry, *_ = pick_and_place()
+    hold = app("hold", carry.tn, carry.tn + 1.5, carry.target, load_kg=0.25, load_sd_kg=0.01)
+    made, runner = over_surface(monkeypatch, as_file((touch, grasp, carry, hold)), lambda x, y: 0.11)
+    waited: list[float] = []
+    monkeypatch.setattr(made.time, "sleep", waited.append)
+    runner.run(made.APPS)
+    assert waited[-1] == pytest.approx(1.5)

@@ -196,6 +196,21 @@ def test_a_hold_stays_as_long_as_it_was_taught():
     assert controller.named("sleep")[-1] == {"t": 1.5}
 
 
+@pytest.mark.parametrize("drift_m", [0.003, 0.012])
+def test_a_hold_that_drifts_lasts_as_long_as_it_was_taught(drift_m: float):
+    # Its way was followed with 5 mm/s at least: a vessel was tilted for 0.6 s in place of 6 s.
+    touch, grasp, carry, *_ = pick_and_place()
+    x, y, z = carry.target
+    path = path_from(carry.target, carry.tn, carry.tn + 6.0, drift_m)
+    hold = app("hold", carry.tn, carry.tn + 6.0, (x + drift_m, y, z), load_kg=0.25, path=path)
+    controller = played(on_ur((touch, grasp, carry, hold)), table_m=0.11)
+    said = [i for i, (name, one) in enumerate(controller.calls) if name == "textmsg" and "hold" in one["s1"]]
+    calls = controller.calls[said[0] :]
+    took = sum(one["t"] for name, one in calls if name == "sleep")
+    took += sum(drift_m / one["v"] for name, one in calls if name == "movel")
+    assert took == pytest.approx(6.0, abs=0.1)
+
+
 def test_a_slide_follows_its_path_in_force_mode():
     slide = circle(force=(0.0, 0.0, -8.0)).model_copy(update={"kind": "apply_force"})
     touch = app("move_to_contact", 0.0, 1.0, slide.path.start.position)

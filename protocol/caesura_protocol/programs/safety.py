@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Vector
@@ -17,30 +17,44 @@ STOP_SHARE = 0.95  # of a limit of speed or force, from which on the robot is st
 
 
 class Safety(BaseModel):
-    """Limits of speed, force and place. A speed is the flange's, a force what the robot exerts or feels."""
+    """Limits of speed, force and place. A speed is the flange's, a force what the robot exerts or feels.
+
+    Each has bounds that no arm here needs to pass: a number in millimetres is none in metres.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    speed_m_per_s: Annotated[float, Field(gt=0.0)] = 0.6  # never faster
-    contact_speed_m_per_s: float = 0.03  # where a contact is looked for: a rigid one is met with it
-    turn_rad_per_s: Annotated[float, Field(gt=0.0)] = (
+    speed_m_per_s: Annotated[float, Field(gt=0.0, le=5.0)] = 0.6  # never faster
+    contact_speed_m_per_s: Annotated[float, Field(gt=0.0, le=0.25)] = 0.03  # where contacts are looked for
+    turn_rad_per_s: Annotated[float, Field(gt=0.0, le=10.0)] = (
         2.5  # of the flange: a Panda's own limit (libfranka, Cartesian rotation)
     )
     force_n: Annotated[float, Field(gt=0.0)] | None = (
         None  # the cell's limit of what a program may ask for; None: it has none
     )
-    felt_force_n: float = 30.0  # of anything, before the robot stops
-    contact_n: float = 4.0  # from which a contact is one
-    search_m: float = 0.04  # that a contact may be from where it was taught, and a press beyond its way
-    load_kg: float = 3.0  # what the Panda carries
-    grasp_force_n: float = 20.0
-    gripper_m_per_s: float = 0.05
-    gripper_width_m: float = 0.08
+    felt_force_n: Annotated[float, Field(gt=0.0, le=1000.0)] = 30.0  # of anything, before the robot stops
+    contact_n: Annotated[float, Field(gt=0.0, le=100.0)] = 4.0  # from which a contact is one
+    search_m: Annotated[float, Field(gt=0.0, le=0.5)] = 0.04  # of contacts, and beyond a way
+    load_kg: Annotated[float, Field(ge=0.0, le=1000.0)] = 3.0  # what the Panda carries
+    grasp_force_n: Annotated[float, Field(gt=0.0)] = 20.0
+    gripper_m_per_s: Annotated[float, Field(gt=0.0)] = 0.05
+    gripper_width_m: Annotated[float, Field(ge=0.0, le=1.0)] = 0.08
     workspace_low: Vector = (-0.75, -0.75, -0.05)  # [m] of the flange
     workspace_high: Vector = (0.75, 0.75, 0.9)
-    duration_s: float = 60.0  # of an app
-    pause_s: float = 10.0  # between two apps; a longer one is shortened
-    least_confidence: float = 0.5  # below it an app is named
+    duration_s: Annotated[float, Field(gt=0.0)] = 60.0  # of an app
+    pause_s: Annotated[float, Field(ge=0.0)] = 10.0  # between two apps; a longer one is shortened
+    least_confidence: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5  # below it an app is named
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        """A box has an inside, and a contact is felt before the robot stops."""
+        for axis, low, high in zip("xyz", self.workspace_low, self.workspace_high, strict=True):
+            if low >= high:
+                raise ValueError(f"workspace_low is above workspace_high in {axis}: {low:g} and {high:g} m")
+        if self.contact_n >= self.felt_force_n:
+            stops = f"felt_force_n, at which the robot stops, is {self.felt_force_n:g} N"
+            raise ValueError(f"contact_n is {self.contact_n:g} N, expected less: {stops}")
+        return self
 
     @property
     def most_force_n(self) -> float:

@@ -15,6 +15,20 @@ from caesura_protocol.programs.safety import Safety, read_safety
         ('{"force_n": "much"}', "force_n is 'much', expected a valid number"),
         ('{"forse_n": 3}', "unknown field forse_n, known: speed_m_per_s, "),
         ('{"workspace_low": [0, 0]}', "workspace_low.2 is missing"),
+        # In mm/s it was 30 m/s, and below 0 the arm looked for a contact backwards, without an end.
+        ('{"contact_speed_m_per_s": 30}', "contact_speed_m_per_s is 30, expected"),
+        ('{"contact_speed_m_per_s": -0.03}', "contact_speed_m_per_s is -0.03, expected greater than 0"),
+        ('{"speed_m_per_s": 250}', "speed_m_per_s is 250, expected"),
+        ('{"search_m": 40}', "search_m is 40, expected"),
+        ('{"contact_n": 0}', "contact_n is 0, expected greater than 0"),
+        (
+            '{"contact_n": 40}',
+            "the content is {'contact_n': 40}, contact_n is 40 N, expected less: felt_force_n",
+        ),
+        (
+            '{"workspace_low": [0, 0.8, 0]}',
+            "the content is {'workspace_low': [0, 0.8, 0]}, workspace_low is above workspace_high in y: 0.8",
+        ),
         ("[3]", "the content is [3], expected an object"),
         ("{", "no readable JSON: EOF while parsing an object at line 1 column 1"),
     ],

@@ -46,4 +46,12 @@ def first_finding(
         found = re.sub(raw, plain, found)
     if one["type"] == "json_invalid":
         return found
+    if one["type"] == "string_pattern_mismatch" and (unseen := _unseen(one["input"], one["ctx"]["pattern"])):
+        found = f"expected text on one line without what cannot be seen: leave out {unseen}"
     return f"{place or 'the content'} is {one['input']!r:.80}, {found}"
+
+
+def _unseen(text: str, pattern: str) -> str:
+    """The characters of a text that cannot be seen and that a pattern refuses, by their code points."""
+    refused = (one for one in dict.fromkeys(text) if not one.isprintable() and not re.search(pattern, one))
+    return ", ".join(f"U+{ord(one):04X}" for one in refused)

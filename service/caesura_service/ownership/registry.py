@@ -199,6 +199,7 @@ class Registry:
         except ProtocolError as error:
             # A refusal of these concerns the editor and not the session's bridge.
             if isinstance(command, Edit | Preview | Describe | EditProgram):
+                error = self._as_only_read(station, command.session, error)
                 if not isinstance(command, Preview):  # a question, which people may ask in vain
                     self._count_refused(station, error)
                 return [Reply(error)]
@@ -512,6 +513,14 @@ class Registry:
             value=name,
             expected=list(self._stations.get(station, {})),
         )
+
+    def _as_only_read(self, station: str, name: str, error: ProtocolError) -> ProtocolError:
+        """Where an operator's session is not found because it is too old to be held, say that."""
+        with suppress(JournalError):
+            if error.code == "unknown_session" and self.stored.has(station, name):
+                why = "newer sessions have taken the place of this one: it can be read, and cannot change"
+                return ProtocolError("unknown_session", why, value=name)
+        return error
 
     def _available_sessions(self) -> Iterable[Session]:
         stations = (

@@ -15,9 +15,10 @@ import pytest
 from caesura_clients import Caesura, query
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.sessions import sessions
+from caesura_clients.editing import send
 from caesura_protocol.errors import NotFound, ProtocolError
 from caesura_protocol.keys import SampleRange, StoredPage, session_key
-from caesura_protocol.messages import Snapshot
+from caesura_protocol.messages import Describe, Description, Snapshot
 from caesura_protocol.transport.memory import MemoryNetwork
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -67,6 +68,15 @@ def test_one_stored_session_has_its_results_and_its_samples(caesura: Caesura):
     assert (found.first, found.last, found.counts[0]) == (0.0, 1.99, 200)
     with pytest.raises(NotFound):
         query.samples(caesura.transport, "cell-1", "s99", SampleRange(0.0, 2.0, 1000))
+
+
+def test_a_change_of_a_stored_session_is_refused_with_the_reason(caesura: Caesura):
+    # It read "no such session at this station", with the names of other sessions, beside its results.
+    late = Describe(session="s03", author="Ann", before=Description(), description=Description(task="late"))
+    with pytest.raises(ProtocolError, match="newer sessions have taken the place of this one: it can be"):
+        send(caesura.transport, "cell-1", late)
+    with pytest.raises(ProtocolError, match="no such session at this station"):
+        send(caesura.transport, "cell-1", late.model_copy(update={"session": "s99"}))
 
 
 @pytest.mark.parametrize(

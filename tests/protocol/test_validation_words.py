@@ -1,0 +1,33 @@
+"""A wrong value in the words of an error, as people read it in the dashboard."""
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from caesura_protocol.messages import Author, Name
+from caesura_protocol.validation_words import first_finding
+
+
+class Named(BaseModel):
+    author: Author = "Ann"
+    station: Name = "cell-1"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        # A Persian name and an emoji were refused with a regular expression over code points.
+        ({"author": "علی\u200cرضا 👩\u200d👧"}, "without what cannot be seen: leave out U+200C, U+200D"),
+        (
+            {"author": "Ann\n\u00a0"},
+            "expected text on one line without what cannot be seen: leave out U+000A",
+        ),
+        (
+            {"station": "Cell 1"},
+            "station is 'Cell 1', expected text of the pattern '^[a-z0-9][a-z0-9_-]{0,63}$'",
+        ),
+    ],
+)
+def test_what_cannot_be_seen_is_named(given: dict[str, str], said: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        Named.model_validate(given)
+    assert first_finding(refused.value).endswith(said)

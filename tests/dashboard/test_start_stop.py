@@ -17,7 +17,7 @@ from playwright.sync_api import Locator, Page, expect
 from caesura_clients import Caesura
 from caesura_protocol.app_kinds import app_title
 from caesura_protocol.messages import Description, Program
-from dashboard.browser import DESK, PATIENCE_MS, SETTLED, Visitor, looks_right, needs_chromium
+from dashboard.browser import DESK, PATIENCE_MS, PHONE, SETTLED, Visitor, looks_right, needs_chromium
 from dashboard.stage import Stage, StandbyBridge, patient
 from harness.demonstrations import guided
 from harness.processes import eventually
@@ -237,6 +237,8 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
         stage.teach(station, recording, session="one", pace="fast")
     for station in ("cell-8", "cell-9"):
         stage.wait(station)
+    with stage.reader() as caesura:  # a name that is one long word made the page three times as wide
+        caesura.describe("cell-9", "one", author="Ann", task="W" * 120)
     page.goto(f"{stage.dashboard.url}/compare")
     expect(page, "without two sessions, they are chosen first").to_have_url(f"{stage.dashboard.url}/sessions")
     for station in ("cell-8", "cell-9"):
@@ -267,6 +269,10 @@ def test_two_sessions_stand_side_by_side_with_one_axis_of_time(stage: Stage, vis
     apart = [one[0] - other[0] for one, other in zip(found, (first, moved), strict=True)]
     assert apart[0] == pytest.approx(apart[1], abs=0.01), "they keep their distance"
     assert visitor.errors == []
+    page.goto(f"{stage.dashboard.url}/sessions/cell-9/one")
+    page.set_viewport_size(PHONE)
+    expect(page.locator("summary", has_text="This demonstration")).to_contain_text("W" * 120)
+    eventually(lambda: visitor.sideways_px() <= 0)
 
 
 BOTH_LOADED = f"""() => [...document.querySelectorAll(".plots")].every(

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.programs.groups import Group
 from harness.commands import application
-from harness.programs import as_file, press
+from harness.programs import as_file, pick_and_place, press
 
 
 def caesura(*words: object):
@@ -232,3 +232,15 @@ def test_the_fastest_program_is_written_checked_and_run(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     done = caesura("program", "--file", fast, "--speed", "0.5")
     assert "is re-timed already (speed optimal): begin with the program as it was taught" in done.output
+
+
+def test_a_script_of_what_the_check_refuses_says_so(tmp_path: Path) -> None:
+    # A Hand-E opens to 50 mm: the script that opens it to 80 mm had the error in a comment alone.
+    program, out = tmp_path / "pick.json", tmp_path / "pick.script"
+    program.write_text(as_file(pick_and_place(), "pick").as_json(), encoding="utf-8")
+    words = ("program", "--file", program, "--format", "urscript", "--gripper", "robotiq_hand_e", "-o", out)
+    written = caesura(*words)
+    assert written.exit_code == 0
+    assert out.exists()
+    assert "error: app 5 (move gripper): gripper width 80 mm, expected 0 to 5" in written.stderr
+    assert "caesura check refuses this program" in written.stderr

@@ -30,6 +30,7 @@ from caesura_clients.cli.result_tables import apps_table, clock_lines, doubtful_
 from caesura_clients.client import Caesura
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.messages import Phase, Program
+from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.comparison import differences
 from caesura_protocol.programs.document import (
     BadProgramError,
@@ -206,10 +207,19 @@ def write_program(
             typer.echo(text, nl=False)
         else:
             out.write_text(text, encoding="utf-8")
+        if WRITERS[output_format.value].is_script:
+            _name_errors(program)
     except ValueError as error:
         raise BadProgramError(f"{program.station}/{program.session} cannot be written: {error}") from error
     except OSError as error:
         raise CaesuraError(f"cannot write {out}: {error.strerror}") from error
+
+
+def _name_errors(program: ProgramFile) -> None:
+    """On stderr, for what a check refuses: the script has it as comments alone."""
+    for one in document_findings(program):
+        if one.severity == "error":
+            typer.echo(f"{one}; caesura check refuses this program, read it before it runs", err=True)
 
 
 def _write_table(program: ProgramFile, out: Path | None, clock: SessionClock) -> None:

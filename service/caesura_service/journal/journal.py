@@ -50,6 +50,10 @@ class JournalShareError(JournalError):
         self.taken, self.limit = taken, limit
 
 
+class JournalSupersededError(JournalError):
+    """Another instance has acquired the station: this one may record nothing of it until it has again."""
+
+
 class JournalBusyError(JournalError):
     """Another process has the journal."""
 

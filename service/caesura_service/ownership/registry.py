@@ -88,7 +88,9 @@ class Registry:
         self._limits = limits
         self._journals = JournalSet(journal, peers or PeerJournals(None))
         self.ownership = StationOwnership(owner, journal, self._journals)
-        self._factory = SessionFactory(pipeline_factory, default_preset, journal, limits)
+        self._factory = SessionFactory(
+            pipeline_factory, default_preset, journal, limits, self.ownership.check_current
+        )
         self._takeover = Takeover(self._factory, self._journals, journal)
         self._rebuilder = SessionRebuilder(self._takeover, self._journals)
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
@@ -122,12 +124,13 @@ class Registry:
         """Bring the station's sessions up to the furthest journal; gives way after every record.
 
         From then on results have a new epoch, higher than any before. renew: also where nothing was behind,
-        as after another instance may have owned the station.
+        as after another instance may have owned the station; always where one has.
         """
         try:
             self._finish_work(station)
             known, held = self._journals.copies_of_station(station), self._stations.get(station, {})
             wanted = self._to_hold(known)
+            renew = renew or self.ownership.is_superseded(station)
             if renew or any(_is_missing_or_behind(held.get(name), known[name]) for name in wanted):
                 yield from self._take_over(station, now, {name: known[name] for name in wanted})
         finally:

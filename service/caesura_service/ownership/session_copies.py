@@ -54,7 +54,11 @@ class JournalSet:
 
     def epoch_of(self, station: str) -> int:
         """Return the highest epoch under which any instance had the station; -1 if none had."""
-        return max(self._own.epoch_of(station), self._peers.epoch_of(station))
+        return max(self._own.epoch_of(station), self.peer_epoch_of(station))
+
+    def peer_epoch_of(self, station: str) -> int:
+        """Return the highest epoch under which another instance had the station; -1 if none had."""
+        return self._peers.epoch_of(station)
 
     def outcome(self, copies: SessionCopies) -> Outcome | None:
         """Return the outcome that the best copy has; None without one."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Set
 from contextlib import suppress
 
-from caesura_service.journal import Journal, JournalError
+from caesura_service.journal import Journal, JournalError, JournalSupersededError
 from caesura_service.ownership.session_copies import JournalSet
 from caesura_service.publishing.events import Owner
 
@@ -25,6 +25,7 @@ class StationOwnership:
         self._journals = journals
         self._owners: dict[str, Owner] = {}  # this instance with its epoch, by station
         self._taking_over: set[str] = set()
+        self.superseded: set[str] = set()  # stations that another instance was found to have acquired since
 
     def owner(self, station: str, now: float) -> Owner:
         """Return this instance with its epoch at a station, which is acquired where it is not owned."""
@@ -40,9 +41,31 @@ class StationOwnership:
             self._own.store_epoch(station, owner.epoch)
         return owner
 
+    def is_superseded(self, station: str) -> bool:
+        """Whether another instance has acquired the station since this one did. Raises JournalError."""
+        mine = self._owners.get(station)
+        return mine is not None and self._journals.peer_epoch_of(station) > mine.epoch
+
+    def check_current(self, station: str) -> None:
+        """Raise JournalSupersededError where another instance has acquired the station since.
+
+        An instance that was frozen does not know that it lost its stations. What it recorded then would
+        count as much as what their owner has acknowledged. A directory that cannot be read says nothing.
+        """
+        if self._is_known_superseded(station):
+            self.superseded.add(station)
+            raise JournalSupersededError("another instance has served the station meanwhile: try again")
+
+    def _is_known_superseded(self, station: str) -> bool:
+        try:
+            return self.is_superseded(station)
+        except JournalError:
+            return False
+
     def release(self, station: str) -> None:
         """Release a station to another instance."""
         self._owners.pop(station, None)
+        self.superseded.discard(station)
         self._taking_over.discard(station)
 
     def begin_takeover(self, station: str) -> None:

@@ -7,8 +7,9 @@ cannot be read are requested from the bridge.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import suppress
+from functools import partial
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Open
@@ -36,12 +37,19 @@ class SessionFactory:
     """Makes sessions on one journal."""
 
     def __init__(
-        self, pipeline_factory: PipelineFactory, default_preset: str, journal: Journal, limits: Limits
+        self,
+        pipeline_factory: PipelineFactory,
+        default_preset: str,
+        journal: Journal,
+        limits: Limits,
+        check_current: Callable[[str], None],
     ) -> None:
+        """check_current: raises JournalError where another instance owns a station now."""
         self._pipeline_factory = pipeline_factory
         self._default_preset = default_preset
         self._journal = journal
         self._limits = limits
+        self._check_current = check_current
 
     def new(self, station: str, opening: Open, owner: Owner, opened: float) -> Session:
         """Return a new session without batches. Raises ProtocolError `malformed` or `conflict`.
@@ -75,6 +83,7 @@ class SessionFactory:
             journal=self._journal,
             limits=self._limits,
             opened=opened,
+            check_current=partial(self._check_current, station),
         )
 
 

@@ -118,7 +118,7 @@ class StationManager:
 
     def idle_s(self) -> float:
         """Return how long [s] no step is due unless an event arrives."""
-        if self._takeover or self._has_new_bridge:
+        if self._takeover or self._has_new_bridge or self._registry.ownership.superseded:
             return 0.0
         takeover_s = [self._next_takeover_s] if self._queue else []
         return max(0.0, min([self._next_change_s, *self._polls_s, *takeover_s]) - self._clock())
@@ -133,11 +133,20 @@ class StationManager:
             self._polls_s.pop(0)
             for station in sorted(self._owned):
                 self._queue.setdefault(station, False)
+        self._take_back_superseded()
         if self._takeover is None and self._queue and now >= self._next_takeover_s:
             station = next(iter(self._queue))
             self._renews = self._queue.pop(station)
             self._takeover = station, self._registry.take_over(station, now, renew=self._renews)
         return self._continue_takeover()
+
+    def _take_back_superseded(self) -> None:
+        """Take over again what another instance has acquired, where it is still this instance's."""
+        ownership = self._registry.ownership
+        while ownership.superseded:
+            station = ownership.superseded.pop()
+            if ownership.served is None or station in ownership.served:
+                self._schedule_takeover(station)
 
     def _continue_takeover(self) -> list[Output]:
         if self._takeover is None:

@@ -15,7 +15,7 @@ Rules
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -73,14 +73,16 @@ class Session:
         journal: Journal,
         limits: Limits,
         opened: float | None = None,
+        check_current: Callable[[], None] = lambda: None,
     ) -> None:
         """opening: with its preset filled in, so that a replay does not depend on the service's choice.
 
-        opened: time of day of the first opening [s], where it is known.
+        opened: time of day of the first opening [s], where it is known; check_current: raises JournalError
+        where another instance owns the station now.
         """
         self._opening = opening
         self._host = PipelineHost(station, opening, pipeline, owner=owner, limits=limits, opened=opened)
-        self._journal = SessionJournal(station, opening.session, journal)
+        self._journal = SessionJournal(station, opening.session, journal, check_current)
         self._receiver = BatchReceiver(station, opening, self._host, self._journal, limits)
         self._collects_edits = False  # edits are collected, their corrections filtered at the end
         self._has_pipeline = True  # False for a session restored from its outcome
@@ -164,7 +166,7 @@ class Session:
         before = self.is_open, self.revision, self.state.annotations
         known = self.state.annotations  # so many of the descriptions and program edits were applied earlier
         try:
-            with self._collecting_edits():
+            with self._journal.copying(), self._collecting_edits():
                 self._host.prefilter_edits(edits)
                 for record in records:
                     if isinstance(record.message, Describe | EditProgram) and known > 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from caesura_protocol.messages import Edit, EditProgram, SampleBatch
@@ -13,10 +13,24 @@ from caesura_service.sessions.batch_block import BatchBlock
 class SessionJournal:
     """The journal's records of one session."""
 
-    def __init__(self, station: str, session: str, journal: Journal) -> None:
+    def __init__(
+        self, station: str, session: str, journal: Journal, check_current: Callable[[], None]
+    ) -> None:
+        """check_current: raises JournalError where another instance owns the station now."""
         self._station, self._session = station, session
         self._journal: Journal | None = journal
+        self._check_current = check_current
+        self._is_copying = False
         self._missed = False
+
+    @contextmanager
+    def copying(self) -> Iterator[None]:
+        """Record what another instance has recorded, without a check of the owner, during the context."""
+        self._is_copying = True
+        try:
+            yield
+        finally:
+            self._is_copying = False
 
     @contextmanager
     def suspended(self) -> Iterator[None]:
@@ -47,10 +61,15 @@ class SessionJournal:
         return self._journal.edit_at(self._station, self._session, kind, revision)
 
     def append(self, message: Recordable, now: float) -> None:
-        """Append a message; all except batches are on disk then. Raises JournalError and changes nothing."""
+        """Append a message; all except batches are on disk then. Raises JournalError and changes nothing.
+
+        Every instance records equal batches; all else is refused where another instance owns the station.
+        """
         if self._journal is None:
             return
         is_batch = isinstance(message, SampleBatch)
+        if not is_batch and not self._is_copying:
+            self._check_current()
         try:
             self._journal.append(Record(self._station, self._session, now, message), now=not is_batch)
         except JournalError:

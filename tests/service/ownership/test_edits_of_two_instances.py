@@ -34,7 +34,7 @@ from harness.sessions import (
     closing,
     published,
 )
-from service.ownership.test_takeover import COUNT, Instance
+from service.ownership.test_takeover import COUNT, Instance, has_checked
 from service.sessions.edits import T, compared, edit, refused, stepped
 
 
@@ -67,6 +67,34 @@ def test_an_instance_that_takes_a_station_over_has_its_corrections(pair):
     assert corrected(b, 1, Insert(t=0.5)).revision == 2
     a.take()
     assert compared(a.standing) == compared(b.standing)
+
+
+def test_an_edit_that_reaches_an_owner_behind_its_successor_takes_no_acknowledged_one_away(pair):
+    """An instance was frozen on the way: its successor had acknowledged another edit at that revision."""
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.journal.commit()
+    b.take()
+    assert corrected(b, 0, Insert(t=0.5)).revision == 1
+    late = refused(corrected(a))
+    assert (late.code, a.standing.revision) == ("overloaded", 0)
+    assert "another instance has served the station" in late.message
+    a.take(renew=False)
+    assert compared(a.standing) == compared(b.standing)
+    assert corrected(a, 1).revision == 2
+
+
+def test_an_edit_of_the_program_behind_a_successor_takes_no_acknowledged_one_away(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    b.take()
+    assert isinstance(named(b, 0), Ack)
+    assert refused(named(a, 0)).code == "overloaded"
+    a.take()
+    assert program_of(a.standing).name == "version 0"
+    assert isinstance(named(a, 1), Ack)
 
 
 def test_an_edit_of_a_session_that_only_another_instance_has_is_kept_here_with_all_of_it(pair):
@@ -130,8 +158,9 @@ def test_an_edit_of_the_program_waits_until_all_that_a_peer_recorded_is_copied(
     assert program_of(b.standing).name == "version 4"
 
 
-def test_an_edit_of_a_closed_session_elsewhere_is_found_when_one_looks_again(pair):
+def test_an_edit_of_a_closed_session_elsewhere_is_found_when_one_looks_again(pair, monkeypatch):
     a, b = pair
+    has_checked(a, monkeypatch)
     a.open()
     a.feed(*range(COUNT))
     a.close()
@@ -144,8 +173,9 @@ def test_an_edit_of_a_closed_session_elsewhere_is_found_when_one_looks_again(pai
     assert compared(b.standing) == compared(a.standing)
 
 
-def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair):
+def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair, monkeypatch):
     a, b = pair
+    has_checked(a, monkeypatch)
     a.open()
     a.feed(*range(9))
     a.journal.commit()
@@ -159,8 +189,9 @@ def test_an_edit_of_an_open_session_elsewhere_is_found_when_one_looks_again(pair
     assert T in [one.t for one in b.standing.view.changepoints]
 
 
-def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair):
+def test_a_reader_that_looks_again_and_again_has_each_edit_once(pair, monkeypatch):
     a, b = pair
+    has_checked(a, monkeypatch)
     a.open()
     a.feed(*range(9))
     a.journal.commit()

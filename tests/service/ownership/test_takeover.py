@@ -104,6 +104,11 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
         yield Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
 
 
+def has_checked(instance: Instance, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has seen that nobody else has acquired the station, just before somebody does."""
+    monkeypatch.setattr(instance.registry._journals, "peer_epoch_of", lambda _station: -1)
+
+
 def reported(standing: SessionState) -> tuple[object, ...]:
     snapshot = snapshot_of(unowned(standing))
     status = snapshot.status
@@ -198,8 +203,9 @@ def test_a_session_that_ended_elsewhere_is_no_longer_open_at_its_first_owner(pai
     assert a.journal.sessions() == ()
 
 
-def test_a_close_that_the_owner_took_at_the_last_moment_is_found_when_one_looks_again(pair):
+def test_a_close_that_the_owner_took_at_the_last_moment_is_found_when_one_looks_again(pair, monkeypatch):
     a, b = pair
+    has_checked(a, monkeypatch)
     a.open()
     a.feed(*range(COUNT))
     a.journal.commit()
@@ -226,6 +232,26 @@ def test_an_owner_that_was_frozen_takes_up_what_was_taught_meanwhile(pair):
     a.feed(*range(12, COUNT))
     a.close()
     assert reported(a.standing) == EXPECTED
+
+
+def test_an_owner_that_was_frozen_neither_closes_nor_gives_up_what_its_successor_goes_on_with(pair):
+    a, b = pair
+    a.open()
+    a.feed(*range(5))
+    b.take()
+    b.feed(*range(5, 9))
+    b.journal.commit()
+    late = answer(a.registry.handle_command(STATION, closing(4), 0.0))
+    again = answer(a.registry.handle_command(STATION, opening(epoch=1), 0.0))
+    assert [(type(one), one.code) for one in (late, again)] == [(ProtocolError, "overloaded")] * 2
+    a.registry.handle_samples(STATION, heartbeat(8), 0.0)
+    evicted = ReplayEnded(NAME, 5, answered=False, evicted=True, oldest=9)
+    a.registry.handle_samples(STATION, evicted, 0.0)
+    assert a.standing.counters.lost == 0
+    a.take()
+    a.feed(*range(9, COUNT))
+    assert a.close().state == "closed"
+    assert reported(a.standing) == undisturbed()
 
 
 def test_epochs_rise_with_every_taking_whatever_the_clock_says(pair):

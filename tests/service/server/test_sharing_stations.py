@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ import pytest
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import NOTHING_SAID, session_key, station_key
-from caesura_protocol.messages import Ack, Open, Posterior
+from caesura_protocol.messages import Ack, Close, Open, Posterior
 from caesura_protocol.transport.network import NOTHING
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
@@ -68,7 +69,7 @@ def bridge_at(peer: Peer, station: str) -> Iterator[None]:
     token.undeclare()
 
 
-def asked(peer: Peer, command: Open, station: str) -> Ack | None:
+def asked(peer: Peer, command: Open | Close, station: str) -> Ack | None:
     """As a bridge does: no answer, or not now, is no answer."""
     try:
         return peer.command(command, station)
@@ -160,6 +161,19 @@ def test_a_station_that_is_being_taken_over_is_not_said_to_have_nothing(floor, p
         replies, (refusal,) = peer.get(session_key("*", "*", "snapshot"))
         assert len(list(replies)) == 1
         assert refusal.code == "overloaded"
+
+
+def test_what_another_instance_has_acquired_is_taken_over_again_before_it_is_changed(floor, peer):
+    """As after a freeze: the other one may have acknowledged what this one does not know."""
+    station = WESTS[0]
+    with floor.serving("east") as east, floor.serving("west") as west, bridge_at(peer, station):
+        opens(peer, station)
+        eventually(lambda: holds(west, station))
+        between = east.registry.ownership.acquire(station, time.time() + 60.0)
+        eventually(lambda: asked(peer, closing(-1), station) is not None)
+        status = peer.snapshot(station=station).status
+    assert (status.instance, status.state) == ("west", "closed")
+    assert status.epoch > between.epoch
 
 
 def test_a_bridge_that_comes_is_served_by_the_one_whose_station_it_is(floor, peer):

@@ -63,8 +63,6 @@ class StationManager:
 
         Raises JournalError where it is unknown which stations there are.
         """
-        if self._me in there.services:
-            logger.error("a service named %s is there already: give each its own --instance", self._me)
         now, began = self._clock(), time.monotonic()
         self._membership.begin(there.services)
         self._members = self._membership.members(now)

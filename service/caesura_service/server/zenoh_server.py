@@ -59,6 +59,11 @@ from caesura_service.sessions.batch_block import BatchBlock
 
 logger = logging.getLogger(__name__)
 
+NAMED_S = (
+    10.0  # so long a start waits for an instance of the same name to go: one that hung or lost its power
+)
+NAMED_AGAIN_S = 0.2
+
 
 class ZenohServer:
     """One instance of the service on the network, while the context lasts. Raises NetworkError on entry."""
@@ -131,6 +136,7 @@ class ZenohServer:
             self._worker = Worker(
                 self._registry, station_manager, self._queue, publisher, self.budgets, self._clock
             )
+            self._await_name(network, NAMED_S)
             self._worker.emit(station_manager.start(query_live_tokens(network)))
             self._declare(stack, network)
             self._worker.emit(self._registry.republish_status(None))
@@ -197,8 +203,28 @@ class ZenohServer:
             handle = partial(self._handle_query, take)
             stack.callback(self._poller.declare_queryable(network, asked, handle).undeclare)
 
+    def _await_name(self, network: Network, patience_s: float) -> None:
+        """Wait until no other instance has the own name. Raises NetworkError where one goes on having it.
+
+        Both would serve the same stations: each command would be carried out twice, and every result would be
+        published twice.
+        """
+        key, end, is_said = service_key(self._owner.instance, "alive"), time.monotonic() + patience_s, False
+        while network.list_tokens(key):
+            if time.monotonic() >= end:
+                raise NetworkError(
+                    f"an instance named {self._owner.instance} is at {self.endpoint} already: "
+                    "end that one, or give this one a name of its own (--instance)"
+                )
+            if not is_said:
+                is_said = True
+                logger.warning("waiting for another instance named %s to go", self._owner.instance)
+            if self._stop.wait(NAMED_AGAIN_S):
+                raise NetworkError("stopped while another instance had its name")
+
     def _announce(self, stack: ExitStack, network: Network) -> None:
-        """Declare the own token, then watch those of others."""
+        """Declare the own token, then watch those of others. Raises NetworkError where the name is taken."""
+        self._await_name(network, 0.0)  # once more: the journal may have taken long
         token = network.declare_token(service_key(self._owner.instance, "alive"))
         stack.callback(token.undeclare)
         if self._settings.connect is not None:

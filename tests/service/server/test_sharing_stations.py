@@ -6,6 +6,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from caesura_service.config import ServiceConfig
 from caesura_service.journal import JournalError, SqliteJournal
 from caesura_service.ownership.station_assignment import owner_of
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
+from caesura_service.server import NetworkError
 from clients.conftest import RouterNetwork
 from harness.peer import DEADLINE_S, Peer
 from harness.processes import eventually
@@ -161,6 +163,31 @@ def test_a_station_that_is_being_taken_over_is_not_said_to_have_nothing(floor, p
         replies, (refusal,) = peer.get(session_key("*", "*", "snapshot"))
         assert len(list(replies)) == 1
         assert refusal.code == "overloaded"
+
+
+def test_a_second_instance_of_a_name_does_not_start_beside_the_first(floor, tmp_path, monkeypatch):
+    """Each would carry out every command, and publish every result."""
+    monkeypatch.setattr("caesura_service.server.zenoh_server.NAMED_S", 0.3)
+    with (
+        floor.serving("east"),
+        pytest.raises(NetworkError, match=r"an instance named east is at .* already: .*--instance"),
+        floor.serving("east", journal=tmp_path / "another"),
+    ):
+        pass
+
+
+def test_an_instance_waits_for_one_of_its_name_to_go(floor, peer, tmp_path, caplog):
+    with ExitStack() as leaving, ThreadPoolExecutor(1) as pool:
+        leaving.enter_context(floor.serving("east"))
+
+        def follows() -> str:
+            with floor.serving("east", journal=tmp_path / "another"):
+                return opens(peer, "cell-1").state
+
+        state = pool.submit(follows)
+        eventually(lambda: "waiting for another instance named east to go" in caplog.text)
+        leaving.close()
+        assert state.result(DEADLINE_S) == "open"
 
 
 def test_what_another_instance_has_acquired_is_taken_over_again_before_it_is_changed(floor, peer):

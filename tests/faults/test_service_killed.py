@@ -4,6 +4,7 @@ twice, and the results are those of an undisturbed run, field by field. Real pro
 
 from __future__ import annotations
 
+import shutil
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from harness.processes import (
     assert_kept,
     closed,
     finals,
+    first_snapshot,
     reaches,
     serving,
     teaching,
@@ -60,6 +62,23 @@ def test_several_stations_survive_together_and_what_was_acknowledged_needs_no_br
         with connect(service.endpoint, timeout_s=DEADLINE_S) as caesura:
             for station in stations:
                 assert_equal(closed(caesura, station), undisturbed)
+
+
+def test_a_journal_that_is_removed_meanwhile_costs_nothing_of_what_is_taught(tmp_path, undisturbed):
+    """The file could still be written: the end was acknowledged, and gone after a restart."""
+    directory = tmp_path / "journal"
+    with serving(directory) as service, ExitStack() as stack:
+        caesura = stack.enter_context(connect(service.endpoint, timeout_s=DEADLINE_S))
+        end = stack.enter_context(teaching(caesura, "cell-1"))
+        reaches(caesura, "cell-1", SAMPLES // 2)
+        shutil.rmtree(directory)
+        first_snapshot(caesura, "cell-1", lambda status: "removed or replaced" in str(status.last_refusal))
+        service.kill()
+        service.start()
+        assert end.result(DEADLINE_S).state == "closed"
+        service.kill()
+        service.start()
+        assert_equal(closed(caesura, "cell-1"), undisturbed)
 
 
 def truncate(log: Path) -> None:

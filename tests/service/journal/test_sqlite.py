@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import shutil
 import sqlite3
 import threading
 from contextlib import closing as ended
@@ -526,3 +527,32 @@ def test_who_looks_into_the_journal_of_a_service_waits_for_its_slow_disk(path):
     with SqliteJournal(path) as journal, SqliteJournal(path, alone=False) as guest:
         waits = [one._database.execute("PRAGMA busy_timeout").fetchone()[0] for one in (journal, guest)]
     assert waits == [2000, 30_000]
+
+
+@pytest.mark.parametrize("removed", ["j.sqlite", "j.sqlite-wal"])
+def test_a_journal_whose_file_was_removed_acknowledges_nothing_more(tmp_path, removed):
+    """The file that is gone could still be written, and its records were lost at the end of the process."""
+    path, aside = tmp_path / removed, tmp_path / "aside"
+    with SqliteJournal(tmp_path / "j.sqlite") as journal:
+        journal.append(record(0), now=True)
+        path.rename(aside)
+        with pytest.raises(JournalError, match=f"{removed} was removed or replaced .* restart the service"):
+            journal.append(record(1), now=True)
+        assert journal.report().trouble
+        shutil.copy(aside, path)  # another file of that name
+        with pytest.raises(JournalError, match="removed or replaced"):
+            journal.append(record(1), now=True)
+        aside.replace(path)
+        journal.commit()
+        journal.append(record(1), now=True)
+    with SqliteJournal(tmp_path / "j.sqlite") as again:
+        assert len(list(again.replay(STATION, NAME))) == 2
+
+
+def test_a_journal_whose_directory_was_removed_says_so(tmp_path):
+    directory = tmp_path / "journal"
+    removed = pytest.raises(JournalError, match="was removed or replaced")
+    with removed, SqliteJournal(directory / "j.sqlite") as journal:
+        journal.append(record(0), now=True)
+        shutil.rmtree(directory)
+        journal.append(record(1), now=True)

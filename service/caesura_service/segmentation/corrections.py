@@ -16,7 +16,7 @@ Rules
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -274,7 +274,9 @@ class FilterConstraints:
         self._certain: set[int] = set()
         self._placed: set[int] = set()
         self.anew = sum(one.anew for one in corrections)  # corrections that were resolved once more
-        self._labels = [one.label for one in corrections if one.label is not None]
+        given = enumerate(one.label for one in corrections if one.label is not None)
+        self._labels = {index: (order, kind) for order, (index, kind) in given}  # the last one of each place
+        self._labelled = sorted(self._labels)
         self._forces = [one.force for one in corrections if one.force is not None]
         self._made = [one for one in corrections if one.made is not None]
         self._names = [one.name for one in corrections if one.name is not None]
@@ -305,8 +307,8 @@ class FilterConstraints:
 
     def label(self, start: int, end: int) -> str | None:
         """What a segment was said to be."""
-        given = [kind for index, kind in self._labels if start <= index < end]
-        return given[-1] if given else None
+        inside = self._labelled[bisect_left(self._labelled, start) : bisect_left(self._labelled, end)]
+        return max(map(self._labels.__getitem__, inside))[1] if inside else None
 
     def force_limit(self, app: App) -> float | None:
         """Return the force limit of an app [N]; None without a correction."""
@@ -333,8 +335,9 @@ class FilterConstraints:
 
     def notes(self, unapplied: Mapping[int, str]) -> Iterator[str]:
         """Say of each correction that is not applied whose it is, and why."""
+        made_by = {one.number: one.made for one in self._made if one.made is not None} if unapplied else {}
         for number, reason in unapplied.items():
-            made = next(one.made for one in self._made if one.made is not None and one.number == number)
+            made = made_by[number]
             yield f"Correction {number} by {made.author} ({made.action.do}) is not applied: {reason}."
 
     @property

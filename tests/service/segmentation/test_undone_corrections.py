@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
@@ -210,3 +214,26 @@ def test_the_filter_is_informed_once_for_each_observation_and_the_later_word_cou
     reported = [said.start(index, 0.1 * index) for index in range(8)]
     assert reported == [None, None, None, False, True, False, True, None]
     assert [said.is_certain(index) for index in range(8)].count(True) == 2
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), st.sampled_from("abc")), max_size=40),
+    st.integers(0, 30),
+    st.integers(0, 30),
+)
+def test_of_the_labels_within_a_segment_the_last_one_given_counts(given_labels, start, end):
+    said = FilterConstraints([ResolvedEdit(label=label) for label in given_labels])
+    inside = [kind for index, kind in given_labels if start <= index < end]
+    assert said.label(start, end) == (inside[-1] if inside else None)
+
+
+def test_the_label_of_a_segment_costs_the_same_however_many_were_given():
+    def cost_s(labels: int) -> float:
+        said = FilterConstraints([ResolvedEdit(label=(10 * index, "motion")) for index in range(labels)])
+        began = time.process_time()
+        for index in range(5000):
+            said.label(index, index + 10)
+        return time.process_time() - began
+
+    few, many = (min(cost_s(labels) for _ in range(3)) for labels in (10, 2000))
+    assert many < 8 * few

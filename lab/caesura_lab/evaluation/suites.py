@@ -135,18 +135,20 @@ def check_hash(path: Path, source: RecordingSource) -> None:
 
 @dataclass(frozen=True)
 class SimulatedDemonstration:
-    """A demonstration of the simulated teacher."""
+    """A demonstration of the simulated teacher. hand: the guiding hand is in the wrench."""
 
     scenario: str
     seed: int
     profile: Profile
     robot: str | None = None
+    hand: bool = False
 
     @property
     def name(self) -> str:
         """Enough to simulate it again."""
         robot = "" if self.robot is None else f"-{self.robot}"
-        return f"{self.scenario}-{self.seed}-{self.profile}{robot}"
+        hand = "-hand" if self.hand else ""
+        return f"{self.scenario}-{self.seed}-{self.profile}{robot}{hand}"
 
     @property
     def tags(self) -> tuple[str, ...]:
@@ -164,7 +166,12 @@ class SimulatedDemonstration:
         from caesura_lab.teacher.simulated_teaching import teach  # noqa: PLC0415
 
         demonstration = teach(
-            self.scenario, seed=self.seed, profile=self.profile, natural=True, robot=self.robot
+            self.scenario,
+            seed=self.seed,
+            profile=self.profile,
+            wrench_source="flange_sensor_with_hand" if self.hand else "flange_sensor",
+            natural=True,
+            robot=self.robot,
         )
         return demonstration.recording, truth_of(demonstration.truth, self.name)
 
@@ -274,10 +281,15 @@ def skills(extent: SuiteOptions) -> list[Case]:
     return _taught(SKILLS, extent)
 
 
-def _taught(scenarios: Iterable[str], extent: SuiteOptions) -> list[Case]:
+def hand(extent: SuiteOptions) -> list[Case]:
+    """Wiping and every scenario of `skills`, with the guiding hand in the wrench: contact is off."""
+    return _taught(("wiping", *SKILLS), extent, hand=True)
+
+
+def _taught(scenarios: Iterable[str], extent: SuiteOptions, *, hand: bool = False) -> list[Case]:
     people = range(extent.first_seed, extent.first_seed + extent.seeds)
     return [
-        SimulatedDemonstration(scenario, seed, PROFILES[(i + seed) % len(PROFILES)], extent.robot)
+        SimulatedDemonstration(scenario, seed, PROFILES[(i + seed) % len(PROFILES)], extent.robot, hand)
         for i, scenario in enumerate(scenarios)
         for seed in people
     ]
@@ -374,10 +386,11 @@ def _recordings(annotated: Path) -> list[Path]:
     return plain or present or ([annotated] if is_bag(annotated) else [])
 
 
-TAUGHT = ("teacher", "skills")  # suites in which a robot is simulated
+TAUGHT = ("teacher", "skills", "hand")  # suites in which a robot is simulated
 SUITES: Mapping[str, Callable[[SuiteOptions], list[Case]]] = {
     "teacher": teacher,
     "skills": skills,
+    "hand": hand,
     "real": real,
     "sensors": partial(_under_each, PoorerCase, CONDITIONS),
     "tempo": partial(_under_each, OtherTempoCase, TEMPI),

@@ -9,6 +9,8 @@ cycle is rare; it is long, and its end is near its beginning. Once they have com
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from caesura_service.phases.model import LogNormal, Parameters, PhaseKind
 
 FREE = PhaseKind(
@@ -75,7 +77,11 @@ CYCLE = PhaseKind(
     step_m=0.05,
     weight=0.1,
 )
+# Strokes that go to and fro: a cycle whose strokes are those of a contact.
+STROKES = replace(CYCLE, own_s=CONTACT.own_s, step_m=CONTACT.step_m, moving=CONTACT.moving, ends=CONTACT.ends)
 # The priors are those of the preset `default`: three segments in a hundred are loads. Of the changepoints
 # that are found on the development people's skills, 0.09 are false: so is the share of pieces, rounded. A
 # demonstration of these people has 16 segments.
-PARAMETERS = Parameters((FREE, CONTACT, TRANSPORT, CYCLE), priors=(1.0, 1.0, 0.03), cut=0.1, last=0.06)
+PARAMETERS = Parameters(
+    (FREE, CONTACT, TRANSPORT, CYCLE, STROKES), priors=(1.0, 1.0, 0.03), cut=0.1, last=0.06
+)

@@ -12,7 +12,8 @@ segment of a phase of kind k emits
 - where a phase is resumed after an interruption: near an end of one of its strokes with probability
   `repeats`, or else anywhere in the work space. A stroke that is repeated keeps a phase together,
 - how much of its way goes over the way of its phase again (`retracing`). A cycle does so, once it has come
-  round; another movement in the air does so by chance.
+  round; another movement in the air does so by chance. What lies before the way that is gone over again does
+  not belong to the cycle. A cycle that has not come round seldom ends (`Parameters.left_open`).
 
 A segment's own state is uncertain, too: its likelihood is that of its class and of the runner-up, less a
 share for models that are only nearly right (`Parameters.wrong`). Class probabilities contain the prior
@@ -103,8 +104,9 @@ class Parameters:
     contact state in these probabilities. cut: the share of segments that are pieces, of any length. last:
     the share that ends a demonstration. near_m, far_m [m]: standard deviation a axis of where a stroke is
     repeated, and of where the tool goes else. again, by_chance: how much of its way a cycle retraces, and
-    another movement; ways of `retracing.APART` times near_m do so independently. memory: segments of a phase
-    that its next one may repeat.
+    another movement; ways of `retracing.APART` times near_m do so independently. left_open: how often a cycle
+    that has not come round ends, relative to one that has. memory: segments of a phase that its next one may
+    repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
@@ -116,6 +118,7 @@ class Parameters:
     far_m: float = 0.20
     again: float = 0.9
     by_chance: float = 0.05
+    left_open: float = 0.02
     memory: int = 10
 
 
@@ -184,10 +187,11 @@ class Chain:
     A state is a kind, whether the segment is its own (0) or interrupts (1), and the age: how many segments
     the phase has, up to `memory`. kind, aside, age: (states,). States of age 1 are starts, and start no
     interruption. first: (states,) probability at the first segment. end: (states,) that a demonstration
-    ends there. next, resumes: (states, states) of the second given the first; what resumes a phase stands
-    apart, because where that happens counts. next is there twice, for a second segment that rests and for one
-    that moves; so is log_next_into: (states, states) log of both together, of the first given the second.
-    resuming: which of its entries resume a phase. states: (states,) their numbers.
+    ends there. goes_on, switches, resumes: (states, states) of the second given the first. What begins a
+    phase stands apart, because a cycle that has not come round seldom ends; what resumes one, because where
+    that happens counts. switches is there twice, for a second segment that rests and for one that moves; so
+    is log_next_into: (states, states) log of all together, of the first given the second. switching,
+    resuming: which of its entries begin or resume a phase. states: (states,) their numbers.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -222,14 +226,23 @@ class Chain:
         alike = own_state[self.kind][:, None] == own_state[self.kind]
         # A phase after one in its own contact state begins with a movement, with probability 1 for `moving`.
         begins_if = np.where(alike, np.stack([0.0 * moving, 1.0 / moving])[:, None], 1.0)
-        self.next: Array = goes_on * inside + switches * begins_if  # (2, states, states)
+        self.goes_on: Array = goes_on * inside
+        self.switches: Array = switches * begins_if  # (2, states, states)
         self.resumes: Array = goes_on * after_aside * ~is_aside * resumed
         with np.errstate(divide="ignore"):
-            self.log_next_into: Array = np.log((self.next + self.resumes).swapaxes(1, 2).copy())
-        self.resuming, self.states = np.nonzero(self.resumes.T), np.arange(self.kind.size)
+            into = (self.goes_on + self.switches + self.resumes).swapaxes(1, 2)
+            self.log_next_into: Array = np.log(into.copy())
+        self.switching, self.resuming = np.nonzero(switches.T), np.nonzero(self.resumes.T)
+        self.states = np.arange(self.kind.size)
         self._states = np.array([[one.own, one.aside] for one in parameters.kinds])
         self._own_state = own_state.tolist()
         self._retraces = np.array([one.retraces for one in parameters.kinds])[self.kind] & (self.aside == 0)
+
+    def starts(self, name: Name) -> NDArray[np.bool_]:
+        """(states,) whether a phase of that name starts."""
+        named = np.array([one.name == name for one in self.parameters.kinds])[self.kind]
+        found: NDArray[np.bool_] = named & (self.age == 1) & (self.aside == 0)
+        return found
 
     def emission(self, segment: SegmentFeatures) -> Array:
         """(states,) density of what a segment is like, over the highest; at least LEAST."""
@@ -248,12 +261,18 @@ class Chain:
         found: Array = np.maximum(np.exp(each - each.max()), LEAST)
         return found
 
+    def ends(self, segment: SegmentFeatures) -> Array:
+        """(states,) weight of a phase's end after a segment: 1, but for a cycle that has not come round."""
+        is_open = self._retraces & ~np.isfinite(segment.retraced.first)[self.age - 1]
+        return np.where(is_open, self.parameters.left_open, 1.0)
+
     def _log_retraced(self, of_segment: Retraced) -> Array:
         """(memory,) log weight of a cycle by what a segment retraces, and does not, by the phase's age."""
         share, chance = self.parameters.again, self.parameters.by_chance
         again, astray = math.log(share / chance), math.log((1.0 - share) / (1.0 - chance))
         pieces = APART * self.parameters.near_m / PIECE_M  # that are retraced together
-        found: Array = (again * of_segment.again + astray * of_segment.astray) / pieces
+        not_again = of_segment.astray + of_segment.more_outside
+        found: Array = (again * of_segment.again + astray * not_again) / pieces
         return found
 
     def _log_lasts(self, duration: LogNormal, end: float, segment: SegmentFeatures) -> float:

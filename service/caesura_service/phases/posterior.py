@@ -27,7 +27,7 @@ class ForwardStep:
     """What is known after a segment, from those up to it.
 
     share: (states,) probability of each state. log_best: (states,) of the best path into it. come_from:
-    (states,) the state before on that path. emission, resumed: (states,) as the chain has them for it.
+    (states,) the state before on that path. emission, resumed, ends: (states,) as the chain has them for it.
     moves: as the segment does.
     """
 
@@ -36,6 +36,7 @@ class ForwardStep:
     come_from: NDArray[np.intp]
     emission: Array
     resumed: Array
+    ends: Array
     moves: bool
 
 
@@ -45,9 +46,14 @@ def first_step(chain: Chain, segment: SegmentFeatures) -> ForwardStep:
     share = chain.first * emission
     with np.errstate(divide="ignore"):
         log_best = np.log(share)
-    nowhere = np.full(share.size, -1)
     return ForwardStep(
-        share / share.sum(), log_best - log_best.max(), nowhere, emission, np.ones(share.size), segment.moves
+        share=share / share.sum(),
+        log_best=log_best - log_best.max(),
+        come_from=np.full(share.size, -1),
+        emission=emission,
+        resumed=np.ones(share.size),
+        ends=chain.ends(segment),
+        moves=segment.moves,
     )
 
 
@@ -55,15 +61,22 @@ def next_step(
     chain: Chain, last: ForwardStep, segment: SegmentFeatures, before: Sequence[SegmentFeatures]
 ) -> ForwardStep:
     """Return what is known after one more segment; before: those before it, the last one last."""
-    emission, resumed = chain.emission(segment), chain.resumed(segment, before)
-    follows, log_follows = chain.next[int(segment.moves)], chain.log_next_into[int(segment.moves)]
-    share = emission * (last.share @ follows + (last.share * resumed) @ chain.resumes)
-    paths = last.log_best + log_follows
-    paths[chain.resuming] += np.log(resumed)[chain.resuming[1]]
+    emission, resumed, moves = chain.emission(segment), chain.resumed(segment, before), int(segment.moves)
+    goes_on, begins = last.share @ chain.goes_on, (last.share * last.ends) @ chain.switches[moves]
+    share = emission * (goes_on + begins + (last.share * resumed) @ chain.resumes)
+    paths = last.log_best + chain.log_next_into[moves]
+    for entries, weights in ((chain.switching, last.ends), (chain.resuming, resumed)):
+        paths[entries] += np.log(weights)[entries[1]]
     come_from = paths.argmax(axis=1)
     log_best = paths[chain.states, come_from] + np.log(emission)
     return ForwardStep(
-        share / share.sum(), log_best - log_best.max(), come_from, emission, resumed, segment.moves
+        share=share / share.sum(),
+        log_best=log_best - log_best.max(),
+        come_from=come_from,
+        emission=emission,
+        resumed=resumed,
+        ends=chain.ends(segment),
+        moves=segment.moves,
     )
 
 
@@ -79,14 +92,15 @@ def posterior(chain: Chain, steps: Sequence[ForwardStep], *, ended: bool) -> lis
 
     ended: the last segment is the demonstration's last.
     """
-    ahead = chain.end if ended else np.ones(chain.kind.size)
+    ahead = chain.end * steps[-1].ends if ended else np.ones(chain.kind.size)
     found = []
     for step, before in zip(steps[::-1], [*steps[-2::-1], None], strict=True):
         joint = step.share * ahead
         found.append(joint / joint.sum())
         if before is not None:
             weighed = step.emission * ahead
-            ahead = chain.next[int(step.moves)] @ weighed + step.resumed * (chain.resumes @ weighed)
+            begins, resumes = chain.switches[int(step.moves)] @ weighed, chain.resumes @ weighed
+            ahead = chain.goes_on @ weighed + before.ends * begins + step.resumed * resumes
             ahead = ahead / ahead.max()
     return found[::-1]
 
@@ -94,7 +108,7 @@ def posterior(chain: Chain, steps: Sequence[ForwardStep], *, ended: bool) -> lis
 def best_last(chain: Chain, step: ForwardStep, *, ended: bool) -> int:
     """Return the state of the last segment on the best path; ended: as for `posterior`."""
     with np.errstate(divide="ignore"):
-        return int(np.argmax(step.log_best + (np.log(chain.end) if ended else 0.0)))
+        return int(np.argmax(step.log_best + (np.log(chain.end * step.ends) if ended else 0.0)))
 
 
 def best_states(steps: Sequence[ForwardStep], last: int) -> list[int]:

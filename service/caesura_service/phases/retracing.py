@@ -30,14 +30,20 @@ class Way(NamedTuple):
 
 
 class Retraced(NamedTuple):
-    """Pieces of a segment, (memory,) by how many segments its phase has, this one included.
+    """What a segment retraces, (memory,) by how many segments its phase has, this one included.
 
-    again: those that are retraced; astray: those that are not, although the phase has retraced its way
-    before.
+    again: pieces of the segment that are retraced; astray: those that are not, although the phase has
+    retraced its way before. first: number of the first piece of the phase that is retraced so far, infinite
+    where none is: the phase has not come round. more_outside: what lies in the phase before that piece is no
+    part of a cycle; by how many pieces that is more than without this segment. pieces: of the demonstration,
+    up to the end of the segment.
     """
 
     again: Array
     astray: Array
+    first: Array
+    more_outside: Array
+    pieces: int
 
 
 NO_WAY = Way(np.zeros((0, 3)), np.zeros((0, 3)))
@@ -53,22 +59,33 @@ def way_of(places: Array) -> Way:
 
 def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, memory: int) -> Retraced:
     """What a segment retraces of the segments before it, the last one last, and of itself."""
+    pieces = before[-1][1].pieces if before else 0
+    first_before = np.append(np.inf, before[-1][1].first[:-1] if before else np.full(memory - 1, np.inf))
     if not len(way.middles):
-        return Retraced(np.zeros(memory), np.zeros(memory))
-    ways, counts = [way], [len(way.middles)]
+        return Retraced(np.zeros(memory), np.zeros(memory), first_before, np.zeros(memory), pieces)
+    ways, begins = [way], [pieces]
     for other, _ in before[:-memory:-1]:
-        if sum(counts[1:]) < MOST_EARLIER:
+        if begins[0] - begins[-1] < MOST_EARLIER:
             ways.append(other)
-            counts.append(len(other.middles))
-    places = [np.arange(count) - sum(counts[1 : number + 1]) for number, count in enumerate(counts)]
-    pieces = Way(*(np.concatenate(of_all) for of_all in zip(*ways, strict=True)))
-    follows = _follows(way, pieces, places[0][:, None] - np.concatenate(places), near_m)
-    found = np.logical_or.accumulate(follows, axis=1)[:, np.cumsum(counts) - 1]  # by the first segments
-    has_closed = [
-        any(before[-1 - i][1].again[age - 1 - i] > 0.0 for i in range(age)) for age in range(len(ways))
-    ]
-    astray = (np.logical_or.accumulate(found, axis=0) | has_closed) & ~found
-    return Retraced(*(np.pad(each.sum(axis=0), (0, memory - len(ways)), "edge") for each in (found, astray)))
+            begins.append(begins[-1] - len(other.middles))
+    numbers = np.concatenate(
+        [np.arange(begin, begin + len(of.middles)) for begin, of in zip(begins, ways, strict=True)]
+    )
+    every = Way(*(np.concatenate(of_all) for of_all in zip(*ways, strict=True)))
+    follows = _follows(way, every, np.arange(pieces, pieces + len(way.middles))[:, None] - numbers, near_m)
+    of_ages = np.cumsum([len(of.middles) for of in ways]) - 1
+    found = np.logical_or.accumulate(follows, axis=1)[:, of_ages]
+    astray = (np.logical_or.accumulate(found, axis=0) | np.isfinite(first_before[: len(ways)])) & ~found
+    first_now = np.minimum.accumulate(np.where(follows.any(axis=0), numbers, np.inf))[of_ages]
+    again, astray, first_now, begins_at = (
+        np.pad(each, (0, memory - len(ways)), "edge")
+        for each in (found.sum(axis=0), astray.sum(axis=0), first_now, begins)
+    )
+    first = np.minimum(first_before, first_now)
+    counted_from = np.where(np.isfinite(first_before), first_before, begins_at)
+    more_outside = np.where(np.isfinite(first), first - counted_from, 0.0)
+    more_outside[-1] = 0.0  # of a phase whose first segments are no longer looked at
+    return Retraced(again, astray, first, more_outside, pieces + len(way.middles))
 
 
 def _follows(way: Way, other: Way, pieces_between: NDArray[np.int64], near_m: float) -> NDArray[np.bool_]:

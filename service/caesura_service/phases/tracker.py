@@ -144,7 +144,7 @@ class PhaseTracker:
             aside, segment = bool(chain.aside[state]), one.segment
             if chain.age[state] == 1:
                 kind = chain.parameters.kinds[chain.kind[state]].name
-                probability = min(float(sure[number - self._first][state]), 1.0)
+                probability = min(float(sure[number - self._first] @ chain.starts(kind)), 1.0)
                 groups.append(_PhaseRun(kind, probability, segment.t0, segment.tn, number, number))
             else:
                 last = groups[-1]

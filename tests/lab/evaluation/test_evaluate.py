@@ -80,14 +80,14 @@ def test_default_without_a_principle_is_a_preset_too():
         ((BUTTON, "--suite", "real"), "either files or one --suite"),
         (
             ("--suite", "nonsense"),
-            "known: ['teacher', 'skills', 'real', 'sensors', 'tempo', 'windows', 'starts', 'thesis', "
+            "known: ['teacher', 'skills', 'hand', 'real', 'sensors', 'tempo', 'windows', 'starts', 'thesis', "
             "'roundtrip', 'realism', 'coaching']",
         ),
         (("--suite", "real", "--data", "/nowhere"), "no such directory"),
         (("--suite", "teacher", "--robot", "ur5"), "'ur5' is not known, expected one of"),
         (
             ("--suite", "real", "--robot", "ur5e"),
-            "--robot ur5e is for a --suite of ['teacher', 'skills', 'roundtrip']",
+            "--robot ur5e is for a --suite of ['teacher', 'skills', 'hand', 'roundtrip']",
         ),
         ((BUTTON, "--robot", "ur5e"), "--robot ur5e is for a --suite of"),
         ((BUTTON, "--speed", "optimal"), "--speed optimal is for --suite roundtrip"),
@@ -140,7 +140,10 @@ def test_the_hand_in_the_wrench_is_the_annotations_to_say(tmp_path: Path):
     assert FileCase(tmp_path / "b.npz").load()[0].wrench_source == "flange_sensor_with_hand"
 
 
-@pytest.mark.parametrize(("name", "scenarios"), [("teacher", BASIC), ("skills", SKILLS)])
+@pytest.mark.parametrize(
+    ("name", "scenarios"),
+    [("teacher", BASIC), ("skills", SKILLS), ("hand", {"wiping": BASIC["wiping"], **SKILLS})],
+)
 def test_the_teacher_teaches_every_scenario_with_each_profile_a_third(
     name: str, scenarios: Mapping[str, Scenario]
 ):
@@ -150,6 +153,12 @@ def test_the_teacher_teaches_every_scenario_with_each_profile_a_third(
     assert all(isinstance(case, SimulatedDemonstration) and case.seed > 0 for case in cases)
     profiles = [case.profile for case in cases]
     assert {profiles.count(profile) for profile in set(profiles)} == {len(scenarios)}
+
+
+def test_the_guiding_hand_is_in_the_wrench_where_the_suite_says_so():
+    case = next(case for case in suite("hand", SuiteOptions(seeds=1)) if case.group == "circle")
+    assert case.name.endswith("-hand")
+    assert case.load()[0].wrench_source == "flange_sensor_with_hand"
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from caesura_service.phases.tracker import PlacesBetween
 NAMES = {"free": "motion", "contact": "sliding", "transport": "transport"}
 CONTACT_OF = {"cycle": "free"}  # contact state of a phase kind, where it is not the kind's name
 CHAIN = Chain(PARAMETERS)
-FREE, CONTACT, TRANSPORT, CYCLE = PARAMETERS.kinds
+FREE, CONTACT, TRANSPORT, CYCLE, STROKES = PARAMETERS.kinds
 
 
 def segment(t0: float, seconds: float, contact: str, start: tuple, end: tuple, p: float = 0.999) -> Segment:
@@ -94,50 +94,130 @@ def normal(x: np.ndarray, mean: np.ndarray, sd: float) -> float:
     return math.exp(-0.5 * (math.dist(x, mean) / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi)) ** len(x)
 
 
-def weight_of(segments: list[SegmentFeatures], grouping: tuple, ended: bool, parameters) -> float:
+def pieces_gone_over(phase: list[SegmentFeatures], parameters) -> list[tuple[int, list[int]]]:
+    """Of each piece of way, its segment and which earlier pieces of the phase it goes over again."""
+    pieces = [
+        (i, middle, step)
+        for i, one in enumerate(phase)
+        for middle, step in zip(one.way.middles, one.way.steps, strict=True)
+    ]
+    return [
+        (
+            i,
+            [
+                earlier
+                for earlier, (_, there, other) in enumerate(pieces[:number])
+                if math.dist(middle, there) < parameters.near_m
+                and step @ other > math.cos(math.radians(45.0)) * math.hypot(*step) * math.hypot(*other)
+                and 0.02 * (number - earlier) > 3.0 * parameters.near_m
+            ],
+        )
+        for number, (i, middle, step) in enumerate(pieces)
+    ]
+
+
+class Cycles:
+    """What a cycle weighs over any other movement, by the numbers of its first and last segment."""
+
+    def __init__(self, segments: list[SegmentFeatures], parameters) -> None:
+        self._segments, self._parameters = segments, parameters
+        self._over = {
+            (first, last): pieces_gone_over(segments[first : last + 1], parameters)
+            for last in range(len(segments))
+            for first in range(last + 1)
+        }
+        self._unit = 0.02 / (3.0 * parameters.near_m)
+        self._astray = (1.0 - parameters.again) / (1.0 - parameters.by_chance)
+
+    def _remembered(self, start: int, last: int) -> int:
+        return max(start, last + 1 - self._parameters.memory)
+
+    def _before_the_round(self, start: int, last: int) -> int:
+        pieces = self._over[start, last] if last >= start else []
+        return min((earlier for _, over in pieces for earlier in over), default=0)
+
+    def gone_over(self, start: int, last: int) -> float:
+        """Density of the way of a phase's last segment."""
+        if int(self._segments[last].likelihood.argmax()) != 0:
+            return 1.0
+        first, weight, closed = self._remembered(start, last), 1.0, False
+        for i, over in self._over[first, last]:
+            closed |= bool(over)
+            if i == last - first and closed:
+                weight *= self._parameters.again / self._parameters.by_chance if over else self._astray
+        if last + 1 - start < self._parameters.memory:
+            weight *= self._astray ** (
+                self._before_the_round(start, last) - self._before_the_round(start, last - 1)
+            )
+        return weight**self._unit
+
+    def ends(self, start: int, last: int) -> float:
+        """How often a phase ends here, over how often its kind does."""
+        has_come_round = any(over for _, over in self._over[self._remembered(start, last), last])
+        return 1.0 if has_come_round else self._parameters.left_open
+
+
+def weight_of(
+    segments: list[SegmentFeatures], grouping: tuple, ended: bool, parameters, cycles: Cycles
+) -> float:
     """grouping: of each segment its kind's number, whether it interrupts, and whether a phase starts."""
     total, start = parameters.kinds[grouping[0][0]].bounds, 0
     for i, (one, (k, aside, starts)) in enumerate(zip(segments, grouping, strict=True)):
         kind = parameters.kinds[k]
+        if starts and aside:
+            return 0.0
         if i:
-            before_kind, before_aside, _ = grouping[i - 1]
-            before = parameters.kinds[before_kind]
-            if starts:
-                if before_aside or before_kind == k:
-                    return 0.0
-                if CONTACT_OF.get(kind.name, kind.name) == CONTACT_OF.get(before.name, before.name):
-                    total *= 1.0 / kind.moving if one.moves else 0.0
-                others = sum(each.weight for each in parameters.kinds) - before.weight
-                total *= before.ends * kind.weight / others
-            else:
-                if before_kind != k:
-                    return 0.0
-                own = {False: 1.0 - kind.ends - kind.interrupted, True: kind.interrupted}
-                total *= {True: {True: 1.0 - kind.resumed, False: kind.resumed}, False: own}[before_aside][
-                    aside
-                ]
+            total *= follows(segments, i, start, grouping[i - 1 : i + 1], parameters, cycles)
         if starts:
             start = i
-            if aside:
-                return 0.0
-        elif grouping[i - 1][1] and not aside:
-            total *= resumed(segments[max(start, i - parameters.memory) : i], one, kind, parameters)
-        classes, law = (kind.aside, kind.aside_s) if aside else (kind.own, kind.own_s)
-        whole, piece = (log_normal(each, one.seconds, one.grows) for each in (law, PIECE_S))
-        lasts = (1.0 - parameters.cut) * whole + parameters.cut * piece
-        over = parameters.last * kind.bounds * (1.0 - kind.resumed if aside else kind.ends)
-        lasts += over * (1.0 - lasts) if one.grows and not one.moves else 0.0
-        total *= float(np.dot(classes, one.likelihood)) * lasts
-        total *= (
-            1.0
-            if aside
-            else gone_over(segments[max(start, i + 1 - parameters.memory) : i + 1], kind, parameters)
-        )
-        moving = kind.moving
-        total *= moving * normal(one.end - one.start, np.zeros(3), kind.step_m) if one.moves else 1 - moving
+        total *= emitted(one, kind, aside, parameters)
+        total *= cycles.gone_over(start, i) if kind.retraces and not aside else 1.0
     last, last_aside, _ = grouping[-1]
     kind = parameters.kinds[last]
-    return total * (kind.bounds * (1.0 - kind.resumed if last_aside else kind.ends) if ended else 1.0)
+    if not ended:
+        return total
+    if last_aside:
+        return total * kind.bounds * (1.0 - kind.resumed)
+    return total * kind.bounds * kind.ends * (cycles.ends(start, i) if kind.retraces else 1.0)
+
+
+def follows(segments: list, i: int, start: int, pair: tuple, parameters, cycles: Cycles) -> float:
+    """Probability of a segment's state after the one before; start: where the phase before begins."""
+    (before_k, before_aside, _), (k, aside, starts) = pair
+    before, kind = parameters.kinds[before_k], parameters.kinds[k]
+    if (before_aside or before_k == k) if starts else before_k != k:
+        return 0.0
+    if starts:
+        ends = cycles.ends(start, i - 1) if before.retraces else 1.0
+        return ends * enters(before, kind, segments[i], parameters)
+    if not before_aside:
+        return kind.interrupted if aside else 1.0 - kind.ends - kind.interrupted
+    if aside:
+        return 1.0 - kind.resumed
+    phase = segments[max(start, i - parameters.memory) : i]
+    return kind.resumed * resumed(phase, segments[i], kind, parameters)
+
+
+def emitted(one: SegmentFeatures, kind, aside: bool, parameters) -> float:
+    """Density of a segment's contact state, duration and step."""
+    classes, law = (kind.aside, kind.aside_s) if aside else (kind.own, kind.own_s)
+    whole, piece = (log_normal(each, one.seconds, one.grows) for each in (law, PIECE_S))
+    lasts = (1.0 - parameters.cut) * whole + parameters.cut * piece
+    over = parameters.last * kind.bounds * (1.0 - kind.resumed if aside else kind.ends)
+    lasts += over * (1.0 - lasts) if one.grows and not one.moves else 0.0
+    far = normal(one.end - one.start, np.zeros(3), kind.step_m)
+    return (
+        float(np.dot(classes, one.likelihood)) * lasts * (kind.moving * far if one.moves else 1 - kind.moving)
+    )
+
+
+def enters(before, kind, one: SegmentFeatures, parameters) -> float:
+    """Probability that a phase ends and one of this kind follows."""
+    rests = CONTACT_OF.get(kind.name, kind.name) == CONTACT_OF.get(before.name, before.name)
+    begins = (1.0 / kind.moving if one.moves else 0.0) if rests else 1.0
+    return (
+        begins * before.ends * kind.weight / (sum(each.weight for each in parameters.kinds) - before.weight)
+    )
 
 
 def resumed(phase: list[SegmentFeatures], one: SegmentFeatures, kind, parameters) -> float:
@@ -149,31 +229,6 @@ def resumed(phase: list[SegmentFeatures], one: SegmentFeatures, kind, parameters
     anywhere = normal(one.start, strokes[-1].end, parameters.far_m)
     near = [normal(one.start, place, parameters.near_m) for s in strokes for place in (s.start, s.end)]
     return 1.0 - kind.repeats + kind.repeats * float(np.mean(near)) / anywhere
-
-
-def gone_over(phase: list[SegmentFeatures], kind, parameters) -> float:
-    """Density of what the last segment of a phase goes over again, over that of any other movement."""
-    if not kind.retraces or int(phase[-1].likelihood.argmax()) != 0:
-        return 1.0
-    pieces = [
-        (i, middle, step)
-        for i, one in enumerate(phase)
-        for middle, step in zip(one.way.middles, one.way.steps, strict=True)
-    ]
-    weight, closed = 1.0, False
-    for number, (i, middle, step) in enumerate(pieces):
-        again = any(
-            math.dist(middle, there) < parameters.near_m
-            and math.degrees(math.acos(np.clip(step @ other / math.hypot(*step) / math.hypot(*other), -1, 1)))
-            < 45.0
-            and 0.02 * (number - earlier) > 3.0 * parameters.near_m
-            for earlier, (_, there, other) in enumerate(pieces[:number])
-        )
-        closed |= again
-        if i == len(phase) - 1 and closed:
-            as_cycle, as_other = parameters.again, parameters.by_chance
-            weight *= as_cycle / as_other if again else (1.0 - as_cycle) / (1.0 - as_other)
-    return weight ** (0.02 / (3.0 * parameters.near_m))
 
 
 @cache
@@ -188,7 +243,9 @@ def groupings(count: int, kinds: int) -> list[tuple]:
 
 
 @pytest.mark.parametrize("memory", [2, 10])
-@pytest.mark.parametrize("kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT), (FREE, CYCLE)])
+@pytest.mark.parametrize(
+    "kinds", [(FREE, CONTACT, TRANSPORT), (CYCLE, CONTACT), (FREE, CYCLE), (FREE, STROKES)]
+)
 @pytest.mark.parametrize("ended", [True, False])
 def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kinds: tuple) -> None:
     parameters = replace(PARAMETERS, memory=memory, kinds=kinds)
@@ -196,7 +253,8 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
     every = [
         one.model_copy(update={"motion": "steady"}) if i in (5, 7) else one for i, one in enumerate(wiping())
     ]
-    for segments in (every[:4], every[2:6], [every[1], every[2], every[3], every[4], every[5]], every[3:8]):
+    to_and_fro = demonstration(*[("free", 1.2, end) for end in (LEFT, RIGHT, LEFT, RIGHT, AWAY)])
+    for segments in (every[:4], every[2:6], every[1:6], every[3:8], to_and_fro):
         places, shown = straight(segments), []
         for one in segments:
             grows = not ended and one is segments[-1]
@@ -205,7 +263,8 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
         for i in range(1, len(shown)):
             steps.append(next_step(chain, steps[-1], shown[i], shown[:i]))
         all_of_them = groupings(len(segments), len(parameters.kinds))
-        weights = np.array([weight_of(shown, each, ended, parameters) for each in all_of_them])
+        cycles = Cycles(shown, parameters)
+        weights = np.array([weight_of(shown, each, ended, parameters, cycles) for each in all_of_them])
         of_kind, is_aside, begins = np.moveaxis(np.array(all_of_them), 2, 0)
         sure = posterior(chain, steps, ended=ended)
         for i, k, aside in product(range(len(segments)), range(len(parameters.kinds)), (False, True)):
@@ -261,14 +320,6 @@ def test_a_hand_that_waits_after_its_retreat_is_in_contact_no_more() -> None:
     assert [one.kind for one in grouped(pressed, finished=False)] == ["free", "contact", "free"]
 
 
-def test_circles_in_free_space_are_a_phase_of_their_own() -> None:
-    circles = demonstration(
-        ("free", 1.5, LEFT), ("free", 8.0, LEFT), ("free", 1.0, LEFT), ("free", 1.5, AWAY)
-    )
-    assert [(one.kind, one.first_segment) for one in grouped(circles)][:2] == [("free", 0), ("cycle", 1)]
-    assert grouped(circles)[-1].kind == "free"
-
-
 RADIUS_M, ROUND_S = 0.08, 2.0
 
 
@@ -302,6 +353,26 @@ def test_strokes_to_and_fro_once_are_no_cycle() -> None:
     assert [one.kind for one in grouped(fro)] == ["free"]
 
 
+def test_strokes_to_and_fro_again_and_again_are_one_cycle() -> None:
+    """With the hand in the wrench a contact is not seen. The way shows where the strokes begin and end."""
+    strokes = [("free", 0.9, RIGHT), ("free", 0.7, ABOVE), ("free", 0.6, LEFT)]
+    peeled = demonstration(("free", 1.5, LEFT), *strokes, *strokes, *strokes, ("free", 1.5, AWAY))
+    assert shown(grouped(peeled)) == [("free", 0, 0, 1), ("cycle", 1, 9, 1), ("free", 10, 10, 1)]
+
+
+def test_a_long_way_there_and_back_is_no_cycle() -> None:
+    """It ends where it began, and goes over nothing again."""
+    t, y = [0.0, 1.5, 4.5, 7.5, 9.0], [-0.2, -0.2, 0.2, -0.2, -0.2]
+
+    def places(t0: float, tn: float) -> np.ndarray:
+        times = np.linspace(t0, tn, 81)
+        away = np.interp(times, t, [0.3, 0.0, 0.0, 0.0, 0.3])
+        return np.stack([0.4 - away, np.interp(times, t, y), 0.1 + away], axis=1)
+
+    back = demonstration(("free", 1.5, LEFT), ("free", 6.0, LEFT), ("free", 1.5, AWAY))
+    assert [one.kind for one in grouped(back, places=places)] == ["free"]
+
+
 def test_a_stroke_does_not_go_over_itself() -> None:
     """Its pieces lie near each other, in one direction; so do those of two that follow each other."""
     whole = demonstration(("free", 3.0, RIGHT), ("free", 3.0, (0.4, 0.6, 0.1)))
@@ -313,22 +384,22 @@ def test_a_stroke_does_not_go_over_itself() -> None:
 
 
 def test_a_rest_belongs_to_the_phase_before_it() -> None:
-    """A reach, a rest, a circle, a rest, a return: each ends with its rest."""
-    circles = demonstration(
-        ("free", 1.5, LEFT),
-        ("free", 1.0, LEFT),
-        ("free", 8.0, LEFT),
-        ("free", 1.0, LEFT),
-        ("free", 1.5, AWAY),
-    )
+    """A reach, a rest, four rounds, a rest, a return: each ends with its rest."""
+    edges = [0.0, 1.5, 2.5, 10.5, 11.5, 13.0]
+    motions = ["motion", "steady", "motion", "steady", "motion"]
+
+    def places(t0: float, tn: float) -> np.ndarray:
+        moving = np.interp(np.linspace(t0, tn, 81), edges, [0.0, 1.5, 1.5, 9.5, 9.5, 11.0])
+        return on_a_circle(moving, 1.5, 9.5)
+
     resting = [
-        one.model_copy(update={"motion": "steady"}) if i in (1, 3) else one for i, one in enumerate(circles)
+        segment(t0, tn - t0, "free", tuple(places(t0, tn)[0]), tuple(places(t0, tn)[-1])).model_copy(
+            update={"motion": motion}
+        )
+        for (t0, tn), motion in zip(pairwise(edges), motions, strict=True)
     ]
-    assert [(one.kind, one.first_segment) for one in grouped(resting)] == [
-        ("free", 0),
-        ("cycle", 2),
-        ("free", 4),
-    ]
+    phases = [(one.kind, one.first_segment) for one in grouped(resting, places=places)]
+    assert phases == [("free", 0), ("cycle", 2), ("free", 4)]
 
 
 def test_a_carry_is_a_phase_of_its_own() -> None:

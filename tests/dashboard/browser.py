@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from playwright.sync_api import Browser, Page, ViewportSize, WebSocketRoute, sync_playwright
+from playwright.sync_api import Browser, Error, Page, ViewportSize, WebSocketRoute, sync_playwright
 
 from harness.processes import eventually
 
@@ -161,7 +161,11 @@ class Visitor:
 
     def leave(self) -> None:
         """The browser keeps nothing of the page but its cache, and does not wait for its server."""
-        self.page.evaluate(FORGET)
+        try:
+            self.page.evaluate(FORGET)
+        except Error:  # a page whose server began again loads itself anew meanwhile
+            self.page.wait_for_load_state()
+            self.page.evaluate(FORGET)
         self.page.goto("about:blank")
 
     def is_called(self, author: str, url: str) -> None:

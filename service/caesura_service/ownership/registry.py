@@ -40,6 +40,7 @@ from caesura_service.journal import (
     Journal,
     JournalError,
     JournalShareError,
+    JournalSupersededError,
     Key,
     PeerJournals,
 )
@@ -554,7 +555,10 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
 
 
 class _JournalErrorsAs:
-    """Raises a JournalError of its context as a ProtocolError with the given code."""
+    """Raises a JournalError of its context as a ProtocolError with the given code.
+
+    One that says that another instance has the station is `overloaded`: a sender who asks again is served.
+    """
 
     def __init__(self, code: ErrorCode) -> None:
         self._code = code
@@ -565,6 +569,8 @@ class _JournalErrorsAs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if isinstance(error, JournalSupersededError):
+            raise ProtocolError("overloaded", str(error)) from error
         if isinstance(error, JournalShareError):
             raise ProtocolError(self._code, str(error), value=error.taken, limit=error.limit) from error
         if isinstance(error, JournalError):

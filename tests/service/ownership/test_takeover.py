@@ -254,6 +254,16 @@ def test_an_owner_that_was_frozen_neither_closes_nor_gives_up_what_its_successor
     assert reported(a.standing) == undisturbed()
 
 
+def test_an_owner_behind_its_successor_has_the_bridge_of_a_new_session_come_again(pair):
+    """Two instances that start open the same station: a bridge gives up at anything but `overloaded`."""
+    a, b = pair
+    a.open()
+    b.take()
+    refused = answer(a.registry.handle_command(STATION, opening().model_copy(update={"session": "s2"}), 0.0))
+    assert (type(refused), refused.code) == (ProtocolError, "overloaded")
+    assert "s2" not in a.registry.index.sessions.get(STATION, ())
+
+
 def test_epochs_rise_with_every_taking_whatever_the_clock_says(pair):
     a, b = pair
     a.open()

@@ -47,6 +47,7 @@ from caesura_service.journal import (
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
+from caesura_service.ownership.station_limit import StationLimit
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
@@ -97,7 +98,7 @@ class Registry:
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
         self._stations: dict[str, dict[str, Session]] = {}
         self._throttled: set[Session] = set()  # whose next status about refusals waits
-        self._received_s: dict[str, float] = {}  # [s] when a station with sessions last sent something
+        self._station_limit = StationLimit(limits, self._is_busy)
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
         self.index = SessionIndex({})
         self.stored = StoredSessions(journal, lambda: self.index, self.ownership.serves)
@@ -151,7 +152,7 @@ class Registry:
         self._throttled.difference_update(held.values())
         if taken:
             self._stations[station] = taken
-            self._received_s.setdefault(station, now)
+            self._station_limit.began(station, now)
             self._update_index()
         outputs: list[Output] = []
         for name, session in taken.items():
@@ -217,7 +218,7 @@ class Registry:
             return []  # the bridge still has it
         try:
             session = self._require_session(station, message.session)
-            self._received_s[station] = now
+            self._station_limit.received(station, now)
             with _AS_OVERLOADED:
                 outputs = self._track_throttled(session, session.receive(message, now))
         except ProtocolError as error:
@@ -240,7 +241,7 @@ class Registry:
         session = self._find_session(station, block.session)
         if session is None or self.ownership.rejection_reason(station) is not None:
             return 0, []
-        self._received_s[station] = now
+        self._station_limit.received(station, now)
         try:
             with _AS_OVERLOADED:
                 count, outputs = session.receive_together(block, now)
@@ -325,7 +326,7 @@ class Registry:
         return self._journal.report()
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
-        self._check_has_room(station, now)
+        self._station_limit.check_has_room(self._stations, station, now)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         with _AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
@@ -338,49 +339,23 @@ class Registry:
             outputs = session.begin(now)
         self._stations.setdefault(station, {})[command.session] = session
         outputs = [*self._make_room(station, now), *outputs]
-        self._received_s[station] = now
+        self._station_limit.received(station, now)
         outputs = [*self._release_stations(now), *outputs]
         self._update_index()
         return outputs
 
-    def _check_has_room(self, station: str, now: float) -> None:
-        """Raise ProtocolError `overloaded` for a new station where no other can be released for it."""
-        most = self._limits.stations
-        if station in self._stations or len(self._stations) < most or self._stations_to_release(now):
-            return
-        silent_s = self._limits.silent_s
-        why = f"{most} stations have an open session and sent something within {silent_s:g} s: try again"
-        raise ProtocolError("overloaded", why, value=station, limit=most)
-
-    def _stations_to_release(self, now: float) -> list[str]:
-        """Return the stations that make room for another, the first one first.
-
-        Those without an open session, by the opening of their last one; then those that are silent for
-        `silent_s` or longer: a bridge that is there sends heartbeats.
-        """
-        idle = [
-            station
-            for station in self._stations
-            if not self.slices.is_under_way(station)
-            and not self.ownership.in_takeover(station)
-            and not self._rebuilder.is_rebuilding_of(station)
-        ]
-        ended = [one for one in idle if not self._is_open(one)]
-        before = now - self._limits.silent_s
-        silent = [one for one in idle if self._is_open(one) and self._received_s.get(one, now) <= before]
-        return sorted(ended, key=self._last_opened) + sorted(silent, key=self._received_s.__getitem__)
-
-    def _is_open(self, station: str) -> bool:
-        return any(session.is_open for session in self._stations[station].values())
-
-    def _last_opened(self, station: str) -> float:
-        return max((session.state.opened or 0.0 for session in self._stations[station].values()), default=0.0)
+    def _is_busy(self, station: str) -> bool:
+        """Whether work on a station is under way."""
+        return (
+            self.slices.is_under_way(station)
+            or self.ownership.in_takeover(station)
+            or self._rebuilder.is_rebuilding_of(station)
+        )
 
     def _release_stations(self, now: float) -> list[Output]:
         """Close and release the sessions of stations beyond the limit, which stay in the journal."""
         outputs: list[Output] = []
-        excess = len(self._stations) - self._limits.stations
-        for station in self._stations_to_release(now)[:excess] if excess > 0 else ():
+        for station in self._station_limit.beyond(self._stations, now):
             sessions = self._stations[station]
             try:
                 for session in sessions.values():
@@ -535,7 +510,7 @@ class Registry:
     def _update_index(self) -> None:
         shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
         self.index = SessionIndex(shown)
-        self._received_s = {name: at for name, at in self._received_s.items() if name in self._stations}
+        self._station_limit.keep(self._stations)
 
 
 def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> bool:

@@ -9,14 +9,13 @@ import numpy as np
 
 from caesura_clients import query
 from caesura_clients.results import Update
-from caesura_protocol.codec import signals_of
+from caesura_clients.stated_recording import stated_recording
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.extremes import unpack_points
 from caesura_protocol.formats.raw_recording import Array
 from caesura_protocol.keys import MAX_BINS, MIN_BIN_S, SampleRange
 from caesura_protocol.messages import Gap, RecordedSamples
-from caesura_protocol.programs.safety import CellSettings
-from caesura_protocol.recording import ASSUMED_FRAME, Recording
+from caesura_protocol.recording import Recording
 from caesura_protocol.sample_runs import SPEED
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
 
@@ -83,17 +82,7 @@ def read_recording(transport: Transport, update: Update) -> Recording:
         rows = read_range(transport, key, columns, ends, step_s).rows
     except ProtocolError:
         rows = read_range(transport, key, columns, ends, step_s * SHORTEST_STEP).rows
-    wrench = update.status.wrench
-    return Recording(
-        rows[:, 0],
-        signals_of(columns, rows),
-        wrench_source=wrench.source if wrench.stated else None,
-        hand_on_robot=wrench.hand_on_robot,
-        force_frame=wrench.frame,
-        assumed=() if wrench.frame_stated else (ASSUMED_FRAME,),
-        name=update.session,
-        setting=CellSettings(up=wrench.up),
-    )
+    return stated_recording(columns, rows, update.status, update.program, unit="m")
 
 
 def _rows(recorded: RecordedSamples, columns: Sequence[str]) -> Array:

@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from caesura_clients import query
+from caesura_clients.stated_recording import stated_recording
 from caesura_protocol.codec import decode, signals_of, unpack_samples
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import ReplayRange, replay_parameters, session_key, station_key
@@ -28,7 +29,6 @@ from caesura_protocol.messages import (
     SessionStatus,
     Snapshot,
 )
-from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import ASSUMED_FRAME, Recording
 from caesura_protocol.session_clock import clock_from
 from caesura_protocol.transport.inbox import Inbox, Item, ReceivedSample
@@ -119,27 +119,20 @@ class Recorder:
                 ends = (unpack_samples(self.batches[seq]) for seq in (before, after))
                 yield float(next(ends)[-1, 0]), float(next(ends)[0, 0])
 
-    def recording(self, status: SessionStatus | None) -> Recording:
-        """Return the stored samples as a recording. Raises CaesuraError where there are none."""
+    def recording(self, found: Snapshot | None) -> Recording:
+        """Return the stored samples as a recording, with what the results state of them, where there are any.
+
+        Raises CaesuraError where there are no samples.
+        """
         if not self.batches:
             raise CaesuraError(f"{self.session}: no samples came")
         columns = self.batches[min(self.batches)].columns
         alike = [seq for seq in sorted(self.batches) if self.batches[seq].columns == columns]
-        matrix = np.concatenate([unpack_samples(self.batches[seq]) for seq in alike])
-        signals = signals_of(columns, matrix)
-        if status is None:
-            return Recording(matrix[:, 0], signals, name=self.session, assumed=(ASSUMED_FRAME,))
-        return Recording(
-            matrix[:, 0],
-            signals,
-            wrench_source=status.wrench.source if status.wrench.stated else None,
-            hand_on_robot=status.wrench.hand_on_robot,
-            force_frame=status.wrench.frame,
-            assumed=() if status.wrench.frame_stated else (ASSUMED_FRAME,),
-            length_unit=status.length_unit,
-            name=self.session,
-            setting=CellSettings(up=status.wrench.up),
-        )
+        rows = np.concatenate([unpack_samples(self.batches[seq]) for seq in alike])
+        if found is None:
+            signals = signals_of(columns, rows)
+            return Recording(rows[:, 0], signals, name=self.session, assumed=(ASSUMED_FRAME,))
+        return stated_recording(columns, rows, found.status, found.program, unit=found.status.length_unit)
 
 
 @dataclass(frozen=True)
@@ -211,7 +204,7 @@ def record(
         while _ask(transport, station, recorder) and clock() < until:
             pass
     found = _snapshot(transport, station, recorder.session)
-    recording = recorder.recording(None if found is None else found.status)
+    recording = recorder.recording(found)
     return RecordedSession(recording, found, recorder, live.closed)
 
 

@@ -18,6 +18,7 @@ from caesura_protocol.codec import encode, pack_samples
 from caesura_protocol.errors import CaesuraError
 from caesura_protocol.keys import ReplayRange, session_key, station_key
 from caesura_protocol.messages import SampleBatch
+from caesura_protocol.programs.safety import CellSettings
 from clients.answering import Answering
 from clients.examples import LiveSource, samples, snapshot
 from clients.fake_service import FakeService, eventually
@@ -68,6 +69,17 @@ def test_what_is_missing_in_the_end_is_named_with_its_time():
     late.add_batch(batch(3))
     recorded = RecordedSession(late.recording(None), snapshot(0), late, closed=True)
     assert "3 of 4 batches are missing: gaps before the first sample or after the last" in recorded.missed
+
+
+def test_a_recording_opens_a_session_with_the_same_robot_and_limits():
+    """They were left out: played again, its program had no robot and no limit of its forces."""
+    recorder, found = Recorder("s1"), snapshot(0)
+    recorder.add_batch(batch(0))
+    program = found.program.model_copy(update={"robot": "ur5e", "force_limit_n": 12.0})
+    wrench = found.status.wrench.model_copy(update={"up": (0.0, 0.0, -1.0)})
+    status = found.status.model_copy(update={"wrench": wrench})
+    setting = recorder.recording(found.model_copy(update={"program": program, "status": status})).setting
+    assert setting == CellSettings(12.0, robot="ur5e", up=(0.0, 0.0, -1.0))
 
 
 def test_a_question_without_an_answer_is_a_gap_in_the_end():

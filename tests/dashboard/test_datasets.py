@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,8 @@ from caesura_clients.dashboard.datasets import zipped_dataset
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.full_samples import read_recording
 from caesura_protocol.errors import NotFound
+from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import Recording
 from caesura_protocol.transport.zenoh_transport import ZenohTransport
 from dashboard.stage import Bridges
 from harness.demonstrations import guided
@@ -36,10 +40,15 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NetworkFollowe
         closing(Bridges(service, folder)) as bridges,
     ):
         for seed, name in enumerate(("s1", "s2")):
-            bridges.teach("cell-1", guided(seed), session=name, pace="fast")
+            bridges.teach("cell-1", demonstration(seed), session=name, pace="fast")
             bridges.wait("cell-1")
         eventually(lambda: all(is_closed(gateway, name) for name in ("s1", "s2")))
         yield gateway
+
+
+def demonstration(seed: int) -> Recording:
+    """In a cell that states its robot and its limit."""
+    return replace(guided(seed), setting=CellSettings(force_limit_n=15.0, robot="panda"))
 
 
 def is_closed(gateway: NetworkFollower, session: str) -> bool:
@@ -50,12 +59,13 @@ def is_closed(gateway: NetworkFollower, session: str) -> bool:
 def test_every_sample_is_read_from_the_journal_as_it_was_sent(gateway: NetworkFollower):
     update = gateway.world.update("cell-1", "s1")
     assert update is not None
-    found, sent = read_recording(gateway.transport, update), guided(0)
+    found, sent = read_recording(gateway.transport, update), demonstration(0)
     assert np.array_equal(found.t, sent.t)
     assert {name: values.tolist() for name, values in found.signals.items()} == {
         name: values.tolist() for name, values in sent.signals.items()
     }
     assert (found.wrench_source, found.force_frame) == (sent.wrench_source, sent.force_frame)
+    assert found.setting == sent.setting
 
 
 def test_each_session_is_an_episode_with_its_frames_and_its_task(gateway: NetworkFollower, tmp_path: Path):
@@ -63,6 +73,7 @@ def test_each_session_is_an_episode_with_its_frames_and_its_task(gateway: Networ
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         archive.extractall(tmp_path)
     frames = pq.read_table(tmp_path / "dataset/data/chunk-000/file-000.parquet").to_pydict()
+    assert json.loads((tmp_path / "dataset/meta/info.json").read_text())["robot_type"] == "panda"
     fps = 100
     for number, session in enumerate(("s1", "s2")):
         sent = guided(number)

@@ -1,0 +1,32 @@
+"""A recording of a session's samples, with what its results state of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from caesura_protocol.codec import signals_of
+from caesura_protocol.formats.raw_recording import Array
+from caesura_protocol.messages import LengthUnit, Program, SessionStatus
+from caesura_protocol.programs.safety import CellSettings
+from caesura_protocol.recording import ASSUMED_FRAME, Recording
+
+
+def stated_recording(
+    columns: Sequence[str], rows: Array, status: SessionStatus, program: Program, *, unit: LengthUnit
+) -> Recording:
+    """Return samples (n, columns), time first, as a recording that opens a session with the same statements.
+
+    unit: of their positions. The tolerances of paths are not in the results; the service's own apply then.
+    """
+    wrench = status.wrench
+    return Recording(
+        rows[:, 0],
+        signals_of(columns, rows),
+        wrench_source=wrench.source if wrench.stated else None,
+        hand_on_robot=wrench.hand_on_robot,
+        force_frame=wrench.frame,
+        assumed=() if wrench.frame_stated else (ASSUMED_FRAME,),
+        length_unit=unit,
+        name=status.session,
+        setting=CellSettings(program.force_limit_n, robot=program.robot, up=wrench.up),
+    )

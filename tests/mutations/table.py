@@ -285,4 +285,13 @@ MUTATIONS: tuple[Mutation, ...] = (
             "tests/service/ownership/test_edits_of_two_instances.py::test_an_edit_that_reaches_an_owner_behind_its_successor_takes_no_acknowledged_one_away",
         ),
     ),
+    Mutation(
+        "a station is served without what could not be copied",
+        "service/caesura_service/ownership/registry.py",
+        "                self.ownership.fall_behind(station, str(error))\n",
+        "",
+        (
+            "tests/service/ownership/test_takeover_on_a_full_disk.py::test_a_correction_that_cannot_be_copied_is_not_replaced_by_the_next_one",
+        ),
+    ),
 )

@@ -50,7 +50,7 @@ from caesura_service.ownership.session_rebuilder import SessionRebuilder
 from caesura_service.ownership.station_limit import StationLimit
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
-from caesura_service.ownership.takeover import SessionFactory, Takeover, is_behind
+from caesura_service.ownership.takeover import NotRecordedError, SessionFactory, Takeover, is_behind
 from caesura_service.program.taught_again import apps_for
 from caesura_service.publishing.events import (
     BatchRejected,
@@ -107,10 +107,16 @@ class Registry:
     # --- whose stations are whose -----------------------------------------------------------------------
 
     def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
-        """Take over these stations, or all with a session; return the sessions that could not be."""
-        wanted = self.known_stations() if stations is None else stations
-        steps = (step for station in sorted(wanted) for step in self.take_over(station, now))
-        return [output for step in steps for output in step if isinstance(output, TakeoverFailed)]
+        """Take over these stations, or all with a session; return the sessions that could not be.
+
+        A station whose records cannot be copied is to be taken over again.
+        """
+        failed: list[TakeoverFailed] = []
+        for station in sorted(self.known_stations() if stations is None else stations):
+            with suppress(NotRecordedError):
+                for step in self.take_over(station, now):
+                    failed += [output for output in step if isinstance(output, TakeoverFailed)]
+        return failed
 
     def known_stations(self) -> Set[str]:
         """Stations with a session, in memory or in a journal. Raises JournalError."""
@@ -126,7 +132,8 @@ class Registry:
         """Bring the station's sessions up to the furthest journal; gives way after every record.
 
         From then on results have a new epoch, higher than any before. renew: also where nothing was behind,
-        as after another instance may have owned the station; always where one has.
+        as after another instance may have owned the station; always where one has. Raises NotRecordedError,
+        and the station's messages are rejected until it is taken over again.
         """
         try:
             self._finish_work(station)
@@ -146,9 +153,14 @@ class Registry:
         held, owner = self._stations.get(station, {}), self.ownership.acquire(station, now)
         taken = {name: session for name, session in held.items() if name not in wanted}
         for name, copies in wanted.items():
-            session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
+            try:
+                session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
+            except NotRecordedError as error:
+                self.ownership.fall_behind(station, str(error))
+                raise
             if session is not None:
                 taken[name] = session
+        self.ownership.catch_up(station)
         self._throttled.difference_update(held.values())
         if taken:
             self._stations[station] = taken
@@ -377,7 +389,8 @@ class Registry:
         """
         name, why = command.session, "which is over"
         if not known.best.closed:
-            outputs = [output for each in self.take_over(station, now) for output in each]
+            with _AS_OVERLOADED:
+                outputs = [output for each in self.take_over(station, now) for output in each]
             if self._find_session(station, name) is not None:
                 return [*outputs, *self.handle_command(station, command, now)]
             failed = [out.error for out in outputs if isinstance(out, TakeoverFailed) and out.session == name]

@@ -25,7 +25,9 @@ class StationOwnership:
         self._journals = journals
         self._owners: dict[str, Owner] = {}  # this instance with its epoch, by station
         self._taking_over: set[str] = set()
-        self.superseded: set[str] = set()  # stations that another instance was found to have acquired since
+        self._behind: dict[str, str] = {}  # stations of which records are missing here, and why
+        self._unstored: set[str] = set()  # stations whose epoch is not in the journal
+        self.superseded: set[str] = set()  # stations to take over again: another instance has served them
 
     def owner(self, station: str, now: float) -> Owner:
         """Return this instance with its epoch at a station, which is acquired where it is not owned."""
@@ -37,9 +39,16 @@ class StationOwnership:
         last = max(before, self._journals.epoch_of(station))
         owner = Owner(self._instance.instance, max(int(now * 1000), last + 1))
         self._owners[station] = owner
+        self._unstored.add(station)
         with suppress(JournalError):  # which the journal has logged already
-            self._own.store_epoch(station, owner.epoch)
+            self._store_epoch(station)
         return owner
+
+    def _store_epoch(self, station: str) -> None:
+        """Store the epoch where that failed before. Raises JournalError."""
+        if station in self._unstored:
+            self._own.store_epoch(station, self._owners[station].epoch)
+            self._unstored.discard(station)
 
     def is_superseded(self, station: str) -> bool:
         """Whether another instance has acquired the station since this one did. Raises JournalError."""
@@ -51,7 +60,9 @@ class StationOwnership:
 
         An instance that was frozen does not know that it lost its stations. What it recorded then would
         count as much as what their owner has acknowledged. A directory that cannot be read says nothing.
+        Raises JournalError where the own epoch, by which the other one learns that, cannot be stored.
         """
+        self._store_epoch(station)
         if self._is_known_superseded(station):
             self.superseded.add(station)
             raise JournalSupersededError("another instance has served the station meanwhile: try again")
@@ -67,6 +78,17 @@ class StationOwnership:
         self._owners.pop(station, None)
         self.superseded.discard(station)
         self._taking_over.discard(station)
+        self._unstored.discard(station)
+        self._behind.pop(station, None)
+
+    def fall_behind(self, station: str, why: str) -> None:
+        """Reject messages of the station until `catch_up`, and have it taken over again."""
+        self._behind[station] = why
+        self.superseded.add(station)
+
+    def catch_up(self, station: str) -> None:
+        """All that other instances have recorded of the station is here."""
+        self._behind.pop(station, None)
 
     def begin_takeover(self, station: str) -> None:
         """Reject messages of the station until `end_takeover`."""
@@ -78,11 +100,11 @@ class StationOwnership:
 
     def in_takeover(self, station: str) -> bool:
         """Whether the station is being taken over."""
-        return station in self._taking_over
+        return station in self._taking_over or station in self._behind
 
     def stations_in_takeover(self) -> tuple[str, ...]:
         """Return the stations that are being taken over; any thread may ask."""
-        return tuple(self._taking_over)
+        return (*self._taking_over, *self._behind)
 
     def serves(self, station: str) -> bool:
         """Whether messages of the station are accepted now; any thread may ask."""
@@ -92,4 +114,6 @@ class StationOwnership:
         """Return why messages of the station are rejected now; None where they are accepted."""
         if self.served is not None and station not in self.served:
             return "another instance serves this station: try again"
+        if (why := self._behind.get(station)) is not None:
+            return f"{why}: try again"
         return "the station is being taken over: try again" if station in self._taking_over else None

@@ -2,13 +2,14 @@
 
 The records of another instance are processed like messages of a bridge: they pass the same checks and are
 recorded here; duplicates are skipped. So the progress of either instance does not matter, and batches that
-cannot be read are requested from the bridge.
+cannot be read are requested from the bridge. What cannot be recorded here is tried again, and the station is
+not served until then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 
 from caesura_protocol.errors import ProtocolError
@@ -19,6 +20,7 @@ from caesura_service.journal import (
     JournalDamagedError,
     JournalError,
     JournalMalformedError,
+    JournalShareError,
     Key,
     Outcome,
 )
@@ -31,6 +33,10 @@ from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Session
 
 Steps = Generator[list[Output], None, Session | None]  # gives way after every record, with outputs
+
+
+class NotRecordedError(JournalError):
+    """What another instance has recorded of a session cannot be recorded here, so far."""
 
 
 class SessionFactory:
@@ -105,16 +111,17 @@ class Takeover:
             if ended is not None:
                 return ended
         if held is not None and not (behind and not held.has_pipeline):
-            if behind:
-                yield from self._apply_peer(held, copies)
-            return held
+            return (yield from self._apply_peer(held, copies)) if behind else held
         return (yield from self.rebuild(copies, owner))
 
     def rebuild(self, copies: SessionCopies, owner: Owner) -> Steps:
-        """Return the session replayed from all its records; None where they do not suffice."""
+        """Return the session replayed from all its records; None where they do not suffice.
+
+        Raises NotRecordedError.
+        """
         session = yield from self._replay_or_open(copies, owner)
         if session is not None and is_behind(session, copies):
-            yield from self._apply_peer(session, copies)
+            return (yield from self._apply_peer(session, copies))
         return session
 
     def vanished_sessions(self) -> list[Key]:
@@ -153,6 +160,8 @@ class Takeover:
                     if copies.peer is None:
                         return None
             return self._open_from_peer(copies, owner)
+        except NotRecordedError:
+            raise
         except Exception as error:
             yield [TakeoverFailed(*key, error)]
             return None
@@ -180,17 +189,28 @@ class Takeover:
         if first is None:
             raise JournalError(f"{copies.peer.path} cannot be read")
         session = self._factory.new(copies.best.station, _require_open(first.message), owner, first.at)
-        session.begin(first.at)
+        with _recording(copies):
+            session.begin(first.at)
         return session
 
-    def _apply_peer(self, session: Session, copies: SessionCopies) -> Generator[list[Output], None, None]:
+    def _apply_peer(self, session: Session, copies: SessionCopies) -> Steps:
+        """Bring a session up to a peer's copy; return None where the station's share is too small for that.
+
+        Without the rest it would show less than was acknowledged, and a new correction would take the place
+        of one that is missing. Raises NotRecordedError.
+        """
         assert copies.peer is not None
         records = self._journals.peer_records(copies.peer, session.next_seq)
         try:
-            for _ in session.apply_peer_records(records, self._journals.peer_edits(copies.peer)):
-                yield []
+            with _recording(copies):
+                for _ in session.apply_peer_records(records, self._journals.peer_edits(copies.peer)):
+                    yield []
+        except NotRecordedError:
+            raise
         except Exception as error:
             yield [TakeoverFailed(*copies.best.key, error)]
+            return None if isinstance(error, JournalShareError) else session
+        return session
 
 
 def is_behind(session: Session, copies: SessionCopies) -> bool:
@@ -207,6 +227,18 @@ def is_current(outcome: Outcome, copy: Copy) -> bool:
     """Whether no correction or annotation came after it: the power may go before it is stored anew."""
     status, program = outcome.snapshot.status, outcome.snapshot.program
     return (status.revision, status.described + program.edit_revision) == (copy.edits, copy.described)
+
+
+@contextmanager
+def _recording(copies: SessionCopies) -> Iterator[None]:
+    """Raise a JournalError of the context as NotRecordedError, but for the share of the station."""
+    try:
+        yield
+    except JournalShareError:
+        raise
+    except JournalError as error:
+        name = "/".join(copies.best.key)
+        raise NotRecordedError(f"{name} of another instance cannot be recorded: {error}") from error
 
 
 def _require_open(message: object) -> Open:

@@ -15,6 +15,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Ack, SessionStatus
 from caesura_service.journal import JournalError, JournalSettings, PeerJournals, SqliteJournal
 from caesura_service.ownership.registry import Registry
+from caesura_service.ownership.takeover import NotRecordedError
 from caesura_service.publishing.events import (
     Output,
     Owner,
@@ -377,7 +378,7 @@ def test_what_only_another_instance_has_cannot_be_asked_for_once_that_is_deleted
     assert b.registry.index.sessions == {}
 
 
-def test_a_session_that_could_not_be_taken_is_when_its_bridge_comes_again(pair, monkeypatch):
+def test_a_session_that_cannot_be_recorded_is_refused_until_it_can(pair, monkeypatch):
     a, b = pair
     a.open()
     a.feed(*range(5))
@@ -388,10 +389,12 @@ def test_a_session_that_could_not_be_taken_is_when_its_bridge_comes_again(pair, 
 
     with monkeypatch.context() as patched:
         patched.setattr(b.journal, "append", full)
-        assert [str(out.error) for out in b.take() if isinstance(out, TakeoverFailed)] == ["the disk is full"]
+        with pytest.raises(NotRecordedError, match="the disk is full"):
+            b.take()
         refusal = b.open()
         assert isinstance(refusal, ProtocolError)
         assert (refusal.code, "the disk is full" in refusal.message) == ("overloaded", True)
+    b.take()
     assert b.open() == Ack(session=NAME, next_seq=5, state="open")
     b.feed(*range(5, COUNT))
     b.close()

@@ -294,4 +294,22 @@ MUTATIONS: tuple[Mutation, ...] = (
             "tests/service/ownership/test_takeover_on_a_full_disk.py::test_a_correction_that_cannot_be_copied_is_not_replaced_by_the_next_one",
         ),
     ),
+    Mutation(
+        "a session opens before the last one of an instance whose clock was ahead",
+        "service/caesura_service/ownership/registry.py",
+        "max(now, _after(copies.values()))",
+        "now",
+        (
+            "tests/service/ownership/test_takeover.py::test_the_last_session_of_a_station_is_the_current_one_whatever_the_clocks_said",
+        ),
+    ),
+    Mutation(
+        "an instance that was frozen shows what it had before",
+        "service/caesura_service/ownership/registry.py",
+        "        self.ownership.begin_catching_up(station)\n",
+        "",
+        (
+            "tests/service/ownership/test_edits_of_two_instances.py::test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of_its_successor",
+        ),
+    ),
 )

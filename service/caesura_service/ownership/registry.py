@@ -15,7 +15,7 @@ state.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Mapping, Set
+from collections.abc import Collection, Generator, Iterable, Mapping, Set
 from contextlib import suppress
 from types import TracebackType
 
@@ -69,6 +69,7 @@ from caesura_service.sessions.batch_block import BatchBlock
 from caesura_service.sessions.limits import Limits
 from caesura_service.sessions.session import Awaited, Session
 
+STEP_S = 1e-3  # between the openings of two sessions whose clocks disagree
 REBUILDING = "/rebuilding"  # what `step` does, among the slices; the name of no station
 
 
@@ -139,7 +140,7 @@ class Registry:
             self._finish_work(station)
             known, held = self._journals.copies_of_station(station), self._stations.get(station, {})
             wanted = self._to_hold(known)
-            renew = renew or self.ownership.is_superseded(station)
+            renew = renew or self.ownership.is_behind(station) or self.ownership.is_superseded(station)
             if renew or any(_is_missing_or_behind(held.get(name), known[name]) for name in wanted):
                 yield from self._take_over(station, now, {name: known[name] for name in wanted})
         finally:
@@ -149,6 +150,7 @@ class Registry:
         self, station: str, now: float, wanted: Mapping[str, SessionCopies]
     ) -> Generator[list[Output], None, None]:
         self.ownership.begin_takeover(station)
+        self.ownership.begin_catching_up(station)
         self._rebuilder.cancel(station)
         held, owner = self._stations.get(station, {}), self.ownership.acquire(station, now)
         taken = {name: session for name, session in held.items() if name not in wanted}
@@ -342,13 +344,14 @@ class Registry:
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
         with _AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
-        session = self._factory.new(station, opening, owner, now)
         with _AS_OVERLOADED:
-            known = self._journals.copies_of_station(station, command.session).get(command.session)
+            copies = self._journals.copies_of_station(station)
+        known, opened = copies.get(command.session), max(now, _after(copies.values()))
+        session = self._factory.new(station, opening, owner, opened)
         with _AS_CONFLICT:
             if known is not None:
                 return self._reopen(station, command, known, now)
-            outputs = session.begin(now)
+            outputs = session.begin(opened)
         self._stations.setdefault(station, {})[command.session] = session
         outputs = [*self._make_room(station, now), *outputs]
         self._station_limit.received(station, now)
@@ -540,6 +543,15 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
         session.check_revision(command)
         return True
     return False
+
+
+def _after(copies: Collection[SessionCopies]) -> float:
+    """Return a time [s] after the openings of these sessions, where several instances have opened them.
+
+    They are ordered by it, and the last one is the station's current session, whatever the clocks did.
+    """
+    opened = [one.opened for one in copies]
+    return max(opened) + STEP_S if any(one.peer for one in copies) else float("-inf")
 
 
 class _JournalErrorsAs:

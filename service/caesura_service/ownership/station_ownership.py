@@ -13,6 +13,8 @@ from caesura_service.journal import Journal, JournalError, JournalSupersededErro
 from caesura_service.ownership.session_copies import JournalSet
 from caesura_service.publishing.events import Owner
 
+IN_TAKEOVER = "the station is being taken over"
+
 
 class StationOwnership:
     """The owned stations by name, with their epochs."""
@@ -27,6 +29,7 @@ class StationOwnership:
         self._taking_over: set[str] = set()
         self._behind: dict[str, str] = {}  # stations of which records are missing here, and why
         self._unstored: set[str] = set()  # stations whose epoch is not in the journal
+        self.is_unlinked = False  # from the loss of the own link until the stations are assigned again
         self.superseded: set[str] = set()  # stations to take over again: another instance has served them
 
     def owner(self, station: str, now: float) -> Owner:
@@ -86,13 +89,30 @@ class StationOwnership:
         self._behind[station] = why
         self.superseded.add(station)
 
+    def is_behind(self, station: str) -> bool:
+        """Whether records of the station are missing here."""
+        return station in self._behind
+
     def catch_up(self, station: str) -> None:
         """All that other instances have recorded of the station is here."""
         self._behind.pop(station, None)
 
+    def may_be_behind(self, station: str) -> bool:
+        """Whether another instance may have served the station since; any thread may ask.
+
+        What this instance has of it then is not shown: corrections that were acknowledged would be missing.
+        """
+        is_uncertain = self.is_unlinked or station in self._taking_over
+        return station in self._behind or (is_uncertain and self._is_known_superseded(station))
+
     def begin_takeover(self, station: str) -> None:
         """Reject messages of the station until `end_takeover`."""
         self._taking_over.add(station)
+
+    def begin_catching_up(self, station: str) -> None:
+        """Reject messages of a station that another instance has acquired until `catch_up`."""
+        if self.is_superseded(station):
+            self._behind[station] = IN_TAKEOVER
 
     def end_takeover(self, station: str) -> None:
         """Accept messages of the station again."""
@@ -116,4 +136,4 @@ class StationOwnership:
             return "another instance serves this station: try again"
         if (why := self._behind.get(station)) is not None:
             return f"{why}: try again"
-        return "the station is being taken over: try again" if station in self._taking_over else None
+        return f"{IN_TAKEOVER}: try again" if station in self._taking_over else None

@@ -254,8 +254,11 @@ class QueryServer(BackgroundThread):
         """
         with answering(query):
             found = [(key, state) for key, state in states if query.matches(key)]
+            ownership = self._registry.ownership
+            behind = set(filter(ownership.may_be_behind, {state.station for _, state in found}))
+            found = [(key, state) for key, state in found if state.station not in behind]
             there = {state.station for _, state in found}
-            taking = [name for name in self._registry.ownership.stations_in_takeover() if name not in there]
+            taking = [name for name in {*ownership.stations_in_takeover(), *behind} if name not in there]
             taking = [name for name in taking if query.matches(keys_of(name))]
             for name in taking:
                 reply_in_takeover(query, name, self._instance)

@@ -101,6 +101,7 @@ class StationManager:
                 logger.warning("the router is %s", "back" if up else "gone: trying until it is back")
                 self._membership.link_restored(now) if up else self._membership.link_lost()
                 self._reassign(now, renew=up)
+                self._registry.ownership.is_unlinked = not up
             case LivelinessChanged("service", name, alive):
                 fresh = alive and self._membership.add(name, now)
                 if not alive:

@@ -235,6 +235,8 @@ class ZenohServer:
 
     def _handle_link(self, up: bool) -> None:
         self._link.report(up)
+        if not up:  # at once: the next query may come before the event
+            self._registry.ownership.is_unlinked = True
         self._queue.put_unbounded(RouterLinkChanged(up))
 
     def _handle_command(self, query: IncomingQuery) -> None:

@@ -85,6 +85,35 @@ def test_an_edit_that_reaches_an_owner_behind_its_successor_takes_no_acknowledge
     assert corrected(a, 1).revision == 2
 
 
+def test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of_its_successor(pair):
+    """A reader had a revision lower than an acknowledged one while the takeover lasted, some seconds."""
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.journal.commit()
+    b.take()
+    assert corrected(b, 0, Insert(t=0.5)).revision == 1
+    ownership = a.registry.ownership
+    assert not ownership.may_be_behind(STATION)  # as far as it can know
+    ownership.is_unlinked = True
+    assert ownership.may_be_behind(STATION)
+    ownership.begin_takeover(STATION)
+    ownership.is_unlinked = False
+    shown = []
+    for _ in a.registry.take_over(STATION, 0.0):
+        shown.append((ownership.may_be_behind(STATION), a.standing.revision))
+    assert shown[0] == (True, 0)
+    assert shown[-1] == (False, 1)
+
+
+def test_a_station_without_another_owner_is_shown_while_it_is_taken_over_again(pair):
+    a, _ = pair
+    a.open()
+    a.feed(*range(9))
+    for _ in a.registry.take_over(STATION, 0.0):
+        assert not a.registry.ownership.may_be_behind(STATION)
+
+
 def test_an_edit_of_the_program_behind_a_successor_takes_no_acknowledged_one_away(pair):
     a, b = pair
     a.open()

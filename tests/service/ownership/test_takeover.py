@@ -265,6 +265,21 @@ def test_an_owner_behind_its_successor_has_the_bridge_of_a_new_session_come_agai
     assert "s2" not in a.registry.index.sessions.get(STATION, ())
 
 
+def test_the_last_session_of_a_station_is_the_current_one_whatever_the_clocks_said(pair):
+    """The clock of one instance had been an hour ahead: its closed session stayed the current one."""
+    a, b = pair
+    assert isinstance(answer(a.registry.handle_command(STATION, opening(), 3600.0)), Ack)
+    a.feed(*range(5))
+    a.registry.release(STATION)
+    b.take(10.0)
+    second = opening().model_copy(update={"session": "s2"})
+    assert isinstance(answer(b.registry.handle_command(STATION, second, 10.0)), Ack)
+    b.registry.release(STATION)
+    a.take(3620.0)
+    assert [one.name for one in a.registry.index.sessions[STATION]] == [NAME, "s2"]
+    assert [one.session for one in a.registry.index.newest_states()] == ["s2"]
+
+
 def test_epochs_rise_with_every_taking_whatever_the_clock_says(pair):
     a, b = pair
     a.open()

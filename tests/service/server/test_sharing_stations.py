@@ -165,6 +165,30 @@ def test_a_station_that_is_being_taken_over_is_not_said_to_have_nothing(floor, p
         assert refusal.code == "overloaded"
 
 
+def test_what_another_instance_has_served_since_is_not_answered_from_before(floor, peer):
+    """As when an instance that was frozen goes on: its link is lost, and it takes its stations over again."""
+    station = WESTS[0]
+    key = session_key(station, "s1", "snapshot")
+    with floor.serving("east") as east, floor.serving("west") as west, bridge_at(peer, station):
+        opens(peer, station)
+        eventually(lambda: holds(west, station))
+        ownership = west.registry.ownership
+
+        def is_refused() -> bool:
+            """West takes it over at any moment by itself, and shows it then."""
+            east.registry.ownership.acquire(station, time.time() + 60.0)
+            replies, refusals = peer.get(key)
+            return not list(replies) and f"west is taking {station} over" in refusals[0].message
+
+        ownership.is_unlinked = True
+        eventually(is_refused)
+        ownership.is_unlinked = False
+        ownership.begin_takeover(station)
+        eventually(is_refused)
+        ownership.end_takeover(station)
+        eventually(lambda: len(list(peer.get(key)[0])) == 1)
+
+
 def test_a_second_instance_of_a_name_does_not_start_beside_the_first(floor, tmp_path, monkeypatch):
     """Each would carry out every command, and publish every result."""
     monkeypatch.setattr("caesura_service.server.zenoh_server.NAMED_S", 0.3)

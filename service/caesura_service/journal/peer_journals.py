@@ -25,6 +25,7 @@ from caesura_service.journal.rows import (
     copies_in,
     edits_of,
     epoch_in,
+    last_opened_in,
     outcome_of,
     record_of,
     stations_in,
@@ -82,6 +83,11 @@ class PeerJournals:
         """Return the highest epoch of a station in the peer journals; -1 without one."""
         asked = (self._query(path, lambda kept: epoch_in(kept, station)) for path in self._paths())
         return max((epoch for epoch in asked if epoch is not None), default=-1)
+
+    def last_opened(self, station: str) -> float | None:
+        """Return when the last session of a station was opened [s], by the peers; None without one."""
+        asked = (self._query(path, lambda kept: last_opened_in(kept, station)) for path in self._paths())
+        return max((opened for opened in asked if opened is not None), default=None)
 
     def outcome(self, found: PeerCopy) -> Outcome | None:
         """Return the outcome of a session; None where there is none or it is unreadable."""

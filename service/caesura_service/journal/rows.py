@@ -33,6 +33,7 @@ from caesura_service.journal.journal import (
 from caesura_service.journal.schema import (
     SELECT_EPOCH,
     SELECT_INDEXES,
+    SELECT_LAST_OPENED,
     SELECT_PAGE,
     SELECT_STATIONS,
     select_copies,
@@ -213,6 +214,12 @@ def epoch_in(database: sqlite3.Connection, station: str) -> int:
         logger.warning("the epoch of station %s is damaged: the next one is taken from the clock", station)
         return -1
     return int(epoch)
+
+
+def last_opened_in(database: sqlite3.Connection, station: str) -> float | None:
+    """Return when the last session of a station was opened [s], by a journal; None without one."""
+    (opened,) = database.execute(SELECT_LAST_OPENED, (station,)).fetchone()
+    return None if opened is None else float(opened)
 
 
 def stations_in(database: sqlite3.Connection) -> list[str]:

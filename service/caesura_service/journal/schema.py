@@ -116,6 +116,7 @@ HAS_COLUMN = "SELECT 1 FROM pragma_table_info(?) WHERE name = ?"
 KNOWN = "station != '' AND session NOT LIKE '%.%'"
 SELECT_STATIONS = f"SELECT DISTINCT station FROM sessions WHERE {KNOWN}"
 SELECT_SESSIONS = f"SELECT station, session FROM sessions WHERE {KNOWN} ORDER BY id"
+SELECT_LAST_OPENED = f"SELECT max(opened) FROM sessions WHERE {KNOWN} AND station = ?"
 SELECT_CLOSED = f"SELECT station, session FROM sessions WHERE {KNOWN} AND closed"
 SELECT_ROWS = "SELECT * FROM sessions WHERE station != ''"
 # What each station takes: summed up by SQLite, without the interpreter, because there may be many sessions.

@@ -15,7 +15,7 @@ state.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Iterable, Mapping, Set
+from collections.abc import Generator, Iterable, Mapping, Set
 from contextlib import suppress
 from types import TracebackType
 
@@ -47,7 +47,7 @@ from caesura_service.journal import (
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.session_rebuilder import SessionRebuilder
-from caesura_service.ownership.station_limit import StationLimit
+from caesura_service.ownership.station_limit import StationLimit, last_opened
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
 from caesura_service.ownership.takeover import NotRecordedError, SessionFactory, Takeover, is_behind
@@ -345,8 +345,8 @@ class Registry:
         with _AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
         with _AS_OVERLOADED:
-            copies = self._journals.copies_of_station(station)
-        known, opened = copies.get(command.session), max(now, _after(copies.values()))
+            known = self._journals.copies_of_station(station, command.session).get(command.session)
+            opened = self._opening_time(station, now)
         session = self._factory.new(station, opening, owner, opened)
         with _AS_CONFLICT:
             if known is not None:
@@ -358,6 +358,17 @@ class Registry:
         outputs = [*self._release_stations(now), *outputs]
         self._update_index()
         return outputs
+
+    def _opening_time(self, station: str, now: float) -> float:
+        """Return the time of an opening [s], after those of all sessions where several instances opened them.
+
+        They are ordered by it, and the last one is the station's current session, whatever the clocks did.
+        """
+        others = self._journals.peer_last_opened(station)
+        if others is None:
+            return now
+        own = last_opened(self._stations.get(station, {}))
+        return max(now, max(others, own) + STEP_S)
 
     def _is_busy(self, station: str) -> bool:
         """Whether work on a station is under way."""
@@ -543,15 +554,6 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
         session.check_revision(command)
         return True
     return False
-
-
-def _after(copies: Collection[SessionCopies]) -> float:
-    """Return a time [s] after the openings of these sessions, where several instances have opened them.
-
-    They are ordered by it, and the last one is the station's current session, whatever the clocks did.
-    """
-    opened = [one.opened for one in copies]
-    return max(opened) + STEP_S if any(one.peer for one in copies) else float("-inf")
 
 
 class _JournalErrorsAs:

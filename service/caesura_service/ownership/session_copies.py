@@ -60,6 +60,10 @@ class JournalSet:
         """Return the highest epoch under which another instance had the station; -1 if none had."""
         return self._peers.epoch_of(station)
 
+    def peer_last_opened(self, station: str) -> float | None:
+        """Return when another instance last opened a session of the station [s]; None where none did."""
+        return self._peers.last_opened(station)
+
     def outcome(self, copies: SessionCopies) -> Outcome | None:
         """Return the outcome that the best copy has; None without one."""
         if copies.peer is not None and copies.best is copies.peer.copy:

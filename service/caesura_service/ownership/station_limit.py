@@ -58,10 +58,11 @@ class StationLimit:
         before = now - self._limits.silent_s
         ended = [name for name in idle if not has_open[name]]
         silent = [name for name in idle if has_open[name] and self._received_s.get(name, now) <= before]
-        return sorted(ended, key=lambda name: _last_opened(stations[name])) + sorted(
+        return sorted(ended, key=lambda name: last_opened(stations[name])) + sorted(
             silent, key=self._received_s.__getitem__
         )
 
 
-def _last_opened(sessions: Mapping[str, Session]) -> float:
+def last_opened(sessions: Mapping[str, Session]) -> float:
+    """Return when the last of the sessions was opened [s]; 0 where that is not known."""
     return max((session.state.opened or 0.0 for session in sessions.values()), default=0.0)

@@ -9,8 +9,10 @@ import pytest
 
 from caesura_clients.dashboard import program_edits
 from caesura_clients.dashboard.apps import Timeline
+from caesura_clients.dashboard.conflicts import EditConflict
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
+from caesura_clients.program_editing import reference
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, Program
 from caesura_protocol.programs import document
@@ -111,6 +113,60 @@ def test_a_refusal_of_the_service_is_said_in_words(monkeypatch):
     undo = {"session": "s1", "revision": 0, "author": "Ann", "action": {"do": "undo"}}
     with pytest.raises(EditRefused, match="another operator changed this meanwhile"):
         ProgramDesk(None).carry_out("cell-1", undo)  # type: ignore[arg-type]
+
+
+class Overtaken:
+    """A service whose program another operator has just edited: the page has not heard of it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, now: Program) -> None:
+        self.now, self.made = now, list[Any]()
+        monkeypatch.setattr(program_edits, "send", self._send)
+        monkeypatch.setattr(program_edits, "snapshot", lambda *_: SimpleNamespace(program=now))
+
+    def _send(self, _transport: object, _station: str, command: Any) -> None:
+        if command.revision != self.now.edit_revision:
+            limit = self.now.edit_revision
+            raise ProtocolError("conflict", "edited meanwhile", value=command.revision, limit=limit)
+        self.made.append(command)
+
+
+def saved(app: App, seen: dict[str, Any], **values: Any) -> dict[str, Any]:
+    action = {"do": "change", "app": reference(app).model_dump(), **values}
+    return {"session": "s1", "revision": 0, "author": "Ann", "action": action, "seen": seen}
+
+
+def by_bob(app: App, field: str, **values: Any) -> App:
+    return app.model_copy(update={"changes": (AppChange(field=field, author="Bob", edit=1),), **values})
+
+
+def test_an_edit_that_was_overtaken_by_one_of_another_field_counts_beside_it(monkeypatch: pytest.MonkeyPatch):
+    (taught, *_) = press()
+    x, y, z = taught.target or (0.0, 0.0, 0.0)
+    moved = by_bob(taught, "target", target=(x, y, z + 0.01))
+    service = Overtaken(monkeypatch, program(moved, edit_revision=1))
+    request = saved(taught, {"target": [round(1000 * x, 1), None, None]}, target=[x + 0.02, y, z])
+    ProgramDesk(None).carry_out("cell-1", request, program=program(taught))  # type: ignore[arg-type]
+    (made,) = service.made
+    assert made.revision == 1
+    assert made.action.target == pytest.approx((x + 0.02, y, z + 0.01)), "a coordinate is a field of its own"
+
+
+def test_an_edit_that_was_overtaken_by_one_of_the_same_field_is_refused_with_both_values(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    taught = press()[1]
+    pressed = by_bob(taught, "force_n", force=(0.0, 0.0, -6.0))
+    service = Overtaken(monkeypatch, program(pressed, edit_revision=1))
+    request = saved(taught, {"force_n": 10.0}, force_n=4.0)
+    with pytest.raises(
+        EditConflict, match="Bob has set the force to 6 N meanwhile; you set it to 4 N"
+    ) as asked:
+        ProgramDesk(None).carry_out("cell-1", request, program=program(taught))  # type: ignore[arg-type]
+    assert asked.value.found == {"force_n": 6.0}
+    assert service.made == []
+    anyway = saved(taught, asked.value.found, force_n=4.0)
+    ProgramDesk(None).carry_out("cell-1", anyway)  # type: ignore[arg-type]
+    assert [one.action.force_n for one in service.made] == [4.0]
 
 
 @pytest.mark.parametrize("count", [3, CHECKED + 1])

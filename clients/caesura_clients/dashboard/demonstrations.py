@@ -10,10 +10,12 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from caesura_clients.dashboard.conflicts import ATTEMPTS, redescribed
 from caesura_clients.dashboard.editing import EditRefused, said
 from caesura_clients.dashboard.station_summary import DashboardState
 from caesura_clients.describing import ask_bridge
 from caesura_clients.editing import send
+from caesura_clients.query import snapshot
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import BridgeStatus, Describe, Description, Start, Stop
 from caesura_protocol.transport.network import Transport
@@ -33,11 +35,11 @@ class Desk:
         self._transport = transport
 
     def carry_out(self, station: str, request: Request) -> str:
-        """Start, stop or describe. Raises EditRefused, which says why in words."""
+        """Start, stop or describe. Raises EditRefused, which says why in words, and EditConflict."""
         command = parse(request)
         try:
             if isinstance(command, Describe):
-                send(self._transport, station, command)
+                self._describe(station, command)
                 return _described(command)
             ack = ask_bridge(self._transport, station, command)
         except ProtocolError as error:
@@ -45,6 +47,21 @@ class Desk:
         except CaesuraError as error:
             raise EditRefused(f"Not done: {error}") from error
         return f"{ack.session} is over." if isinstance(command, Stop) else f"{ack.session} has begun."
+
+    def _describe(self, station: str, command: Describe) -> None:
+        """Change what is stated by now, unless another operator has changed the same."""
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                send(self._transport, station, command)
+            except ProtocolError as refusal:
+                if attempt == ATTEMPTS or refusal.code != "conflict":
+                    raise
+                present = snapshot(self._transport, station, command.session).status.description
+                if present == command.before:  # another conflict
+                    raise
+                command = redescribed(command, present)
+            else:
+                return
 
 
 def parse(request: Request) -> Start | Stop | Describe:

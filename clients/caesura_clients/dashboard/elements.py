@@ -109,9 +109,9 @@ class DescriptionForm(LiveElement, component="web/description.js"):
         self._props |= {"editable": editable, "live": live}
         self.on("ask", on_ask)
 
-    def answered(self, message: str, *, failed: bool) -> None:
-        """Show what became of a change."""
-        self.run_method("answered", message, failed)
+    def answered(self, message: str, *, failed: bool, found: dict[str, Any] | None = None) -> None:
+        """Show what became of a change. found: what another operator has set meanwhile."""
+        self.run_method("answered", message, failed, found)
 
 
 class RecordingDrop(LiveElement, component="web/recordings.js"):
@@ -188,9 +188,9 @@ class ProgramTimeline(LiveElement, component="web/program.js"):
         """Show what became of a simulation (`Simulator.run`)."""
         self.run_method("simulated", found)
 
-    def answered(self, message: str, *, failed: bool) -> None:
-        """Show what became of an edit."""
-        self.run_method("answered", message, failed)
+    def answered(self, message: str, *, failed: bool, found: dict[str, Any] | None = None) -> None:
+        """Show what became of an edit. found: what another operator has set meanwhile."""
+        self.run_method("answered", message, failed, found)
 
 
 class SessionView(LiveElement, component="web/session_view.js"):

@@ -5,22 +5,24 @@ Nothing that a browser sends is trusted: it has to be an `EditProgram` as the wi
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from caesura_clients.dashboard.app_values import shown_numbers, shown_texts
+from caesura_clients.dashboard.conflicts import ATTEMPTS, edited_again
 from caesura_clients.dashboard.editing import EditRefused, said
-from caesura_clients.editing import send
+from caesura_clients.editing import is_stale, send
 from caesura_clients.program_editing import FIELD_WORDS, in_words, reference
+from caesura_clients.query import snapshot
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.messages import App, AppChange, EditProgram, Program, ProgramEdit
 from caesura_protocol.number_words import fixed
-from caesura_protocol.programs.app_times import PLACED, edited_times, may_retime
+from caesura_protocol.programs.app_times import PLACED, edited_times
 from caesura_protocol.programs.checks import document_findings
 from caesura_protocol.programs.document import document
 from caesura_protocol.programs.formats import WRITERS, formats_of
@@ -39,20 +41,48 @@ class ProgramDesk:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def carry_out(self, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
-        """Edit a program; what was done, in words. Raises EditRefused.
+    def carry_out(
+        self,
+        station: str,
+        request: Request,
+        clock: SessionClock = NO_OFFSET,
+        program: Program | None = None,
+    ) -> str:
+        """Edit a program; what was done, in words. Raises EditRefused, and EditConflict.
 
-        clock: of the session, for the words.
+        request: with `seen` it has the values of which a form was filled, and the edit counts for the program
+        as it is now. clock: of the session, for the words. program: as it was received last.
         """
-        command = parse(request)
+        seen = request.get("seen")
+        command = parse({name: value for name, value in request.items() if name != "seen"})
         try:
-            send(self._transport, station, command)
+            if isinstance(seen, dict):
+                self._edit(station, command, seen, program)
+            else:
+                send(self._transport, station, command)
         except ProtocolError as error:
             raise EditRefused(said(error, command.action, clock)) from error
         except CaesuraError as error:
             raise EditRefused(clock.text(f"Not done: {error}")) from error
         words = in_words(command.action, clock)
         return f"{words[0].upper()}{words[1:]}."
+
+    def _edit(
+        self, station: str, command: EditProgram, seen: dict[str, Any], program: Program | None
+    ) -> None:
+        """Edit the program as it is now, unless another operator has changed the same."""
+        is_known = program is not None and program.session == command.session
+        now = program if is_known else None
+        for attempt in range(1, ATTEMPTS + 1):
+            now = now or snapshot(self._transport, station, command.session).program
+            try:
+                send(self._transport, station, edited_again(command, seen, now))
+            except ProtocolError as refusal:
+                if attempt == ATTEMPTS or not is_stale(refusal):
+                    raise
+                now = None
+            else:
+                return
 
 
 def parse(request: Request) -> EditProgram:
@@ -128,10 +158,8 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
     return {
         "reference": reference(app).model_dump(),
         "target": app.target,
-        "name": app.name or "",
-        "note": app.note or "",
-        "target_name": app.target_name or "",
-        "values": {name: read(app) for name, has, read in _VALUES if has(app)},
+        **shown_texts(app),
+        "values": shown_numbers(app),
         "changes": [_change(mark) for mark in app.changes],
         "set": [mark.field for mark in app.changes if mark.field not in PLACED],
         "earlier": _behind(apps, index - 2) if index > 0 else None,
@@ -161,35 +189,6 @@ _UNITS: Mapping[str, tuple[float, str]] = {
     "tolerance_m": (1000.0, "mm"),
     "gripper_width": (1000.0, "mm"),
 }
-
-
-def _rounded(value: float, scale: float = 1.0, digits: int = 2) -> float:
-    return round(scale * value, digits)
-
-
-_VALUES: Sequence[tuple[str, Callable[[App], bool], Callable[[App], Any]]] = (
-    (
-        "target",
-        lambda app: "target" in APP_KINDS[app.kind].ports and app.target is not None,
-        lambda app: [_rounded(x, 1000.0, 1) for x in app.target or ()],
-    ),
-    ("speed", may_retime, lambda app: round(100 * (app.speed or 1.0))),
-    (
-        "force_n",
-        lambda app: APP_KINDS[app.kind].presses and app.force is not None,
-        lambda app: _rounded(math.hypot(*(app.force or ()))),
-    ),
-    (
-        "tolerance_m",
-        lambda app: app.path is not None,
-        lambda app: _rounded(app.path.tolerance_m if app.path else 0.0, 1000.0),
-    ),
-    (
-        "gripper_width",
-        lambda app: "width" in APP_KINDS[app.kind].ports,
-        lambda app: None if app.gripper_width is None else _rounded(app.gripper_width, 1000.0, 1),
-    ),
-)
 
 
 class CheckedProgram(NamedTuple):

@@ -9,6 +9,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from caesura_clients.dashboard.apps import Timeline
+from caesura_clients.dashboard.conflicts import EditConflict
 from caesura_clients.dashboard.demonstrations import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct, preview
@@ -122,6 +123,8 @@ class SessionPage:
         asked_by = self._form if describes or self._start_stop is None else self._start_stop
         try:
             said = await run.io_bound(self._desk.carry_out, self._station, event.args)
+        except EditConflict as conflict:
+            self._form.answered(str(conflict), failed=True, found=conflict.found)
         except EditRefused as refused:
             asked_by.answered(str(refused), failed=True)
         else:
@@ -183,7 +186,9 @@ class SessionPage:
             return
         try:
             carry_out, clock = self._program_desk.carry_out, self._clock
-            said = await run.io_bound(carry_out, self._station, event.args, clock)
+            said = await run.io_bound(carry_out, self._station, event.args, clock, self._timeline_of)
+        except EditConflict as conflict:
+            self._program.answered(str(conflict), failed=True, found=conflict.found)
         except EditRefused as refused:
             self._program.answered(str(refused), failed=True)
         else:

@@ -1,36 +1,50 @@
 // What people state about a session. Each field is stored when it is left; the last change can be undone.
+//
+// `filled` has the texts that the fields were filled with: a change says what it was typed over, so that nobody
+// overwrites what another operator has stated in the same field meanwhile.
+import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 
 const AUTHOR = "caesura-author";
 const empty = () => ({ task: null, operator: null, note: null, tags: [], success: null, deleted: false });
-const TEXTS = ["task", "operator", "note"];
+const asTags = (text) => [...new Set(text.split(",").map((one) => one.trim()).filter(Boolean))];
+const asLine = (text) => text.trim() || null;
+const READ = { task: asLine, operator: asLine, note: asLine, tags: asTags }; // what is typed, as it is stored
+const FIELDS = Object.keys(READ);
+const asText = (value) => (Array.isArray(value) ? value.join(", ") : value || "");
+const pick = (values, names) => Object.fromEntries(Object.keys(names).map((name) => [name, values[name]]));
+const isSame = (one, other) => JSON.stringify(one) === JSON.stringify(other);
+const unfilled = () => ({ task: "", operator: "", note: "", tags: "" });
 
 export default {
   mixins: [live],
+  components: { Conflict },
   props: { editable: Boolean, live: Boolean },
   emits: ["ask"],
   data: () => ({
-    session: "", opened: null, closed: true, tasks: [], known: empty(), draft: { task: "", operator: "", note: "", tags: "" },
-    before: null, asked: [], message: "", failed: false, open: false,
+    session: "", opened: null, closed: true, tasks: [], stored: empty(), known: empty(), draft: unfilled(), filled: unfilled(),
+    last: null, refused: null, asked: [], message: "", failed: false, open: false,
   }),
   template: `
     <details v-if="session" class="description" :open="open" @toggle="open = $event.target.open">
       <summary><strong>{{ title }}</strong> {{ stated }}</summary>
       <div v-if="editable" class="fields">
         <label>Task <input class="name-task" v-model="draft.task" maxlength="120" list="known-tasks" placeholder="unnamed"
-          @change="saveText('task')" autocomplete="off"></label>
+          @change="saveTyped('task')" autocomplete="off"></label>
         <datalist id="known-tasks"><option v-for="one in tasks" :key="one" :value="one"></option></datalist>
-        <label>Operator <input class="name-operator" v-model="draft.operator" maxlength="64" @change="saveText('operator')"></label>
-        <label>Tags <input class="name-tags" v-model="draft.tags" maxlength="300" placeholder="left, new" @change="saveTags" autocomplete="off"></label>
-        <label class="wide">Note <input class="name-note" v-model="draft.note" maxlength="1000" @change="saveText('note')"></label>
+        <label>Operator <input class="name-operator" v-model="draft.operator" maxlength="64" @change="saveTyped('operator')"></label>
+        <label>Tags <input class="name-tags" v-model="draft.tags" maxlength="300" placeholder="left, new" @change="saveTyped('tags')" autocomplete="off"></label>
+        <label class="wide">Note <input class="name-note" v-model="draft.note" maxlength="1000" @change="saveTyped('note')"></label>
         <span class="outcome" role="group" aria-label="Did it succeed?"><span>Success</span>
           <button class="yes" :aria-pressed="String(known.success === true)" @click="judge(true)">Yes</button>
           <button class="no" :aria-pressed="String(known.success === false)" @click="judge(false)">No</button></span>
         <button class="delete" @click="save({ deleted: !known.deleted })">{{ known.deleted ? "Restore" : "Delete" }}</button>
       </div>
-      <p class="saved" role="status" :class="{ failed }"><template v-if="message || known.deleted">{{ message || gone }}
-        <button v-if="before && !failed" class="take-back" @click="undo">Undo</button></template></p>
+      <p class="saved" role="status" :class="{ failed }"><template v-if="!refused && (message || known.deleted)">{{ message || gone }}
+        <button v-if="last && !failed" class="take-back" @click="undo">Undo</button></template></p>
+      <conflict v-if="editable && refused" :words="message" :is-met="refused.found !== null" :busy="asked.length > 0"
+        @anyway="saveAnyway" @new-value="takeNew"></conflict>
     </details>`,
   computed: {
     title() {
@@ -47,52 +61,78 @@ export default {
   },
   methods: {
     apply(payload) {
-      if (payload.session !== this.session) Object.assign(this, { before: null, message: "", failed: false });
-      const isOver = payload.closed && !this.closed && payload.session === this.session;
+      const isOther = payload.session !== this.session;
+      if (isOther) this.leave();
+      const isOver = payload.closed && !this.closed && !isOther;
       if (isOver) this.open = true; // now is the time to name it, and to state whether it succeeded
-      Object.assign(this, { session: payload.session, opened: payload.opened, closed: payload.closed, tasks: payload.tasks });
-      if (!this.asked.some((one) => one.session === this.session)) this.learn(payload.description);
+      Object.assign(this, { session: payload.session, opened: payload.opened, closed: payload.closed, tasks: payload.tasks, stored: payload.description });
+      if (isOther) for (const name of FIELDS) this.fill(name, payload.description);
+      if (!this.isAsking()) this.learn(payload.description);
     },
-    learn(description) { // fields that are being typed in stay as they are
-      const typing = document.activeElement && this.$el && this.$el.contains && this.$el.contains(document.activeElement) ? document.activeElement.className : "";
+    leave() { // another session takes the place of this one, of which something may be typed still
+      if (this.editable && this.session && !this.refused) for (const name of FIELDS) this.saveTyped(name);
+      Object.assign(this, { last: null, refused: null, message: "", failed: false });
+    },
+    learn(description) { // what was typed stays, and what it was typed over
       this.known = description;
-      for (const name of TEXTS) if (typing !== `name-${name}`) this.draft[name] = description[name] || "";
-      if (typing !== "name-tags") this.draft.tags = description.tags.join(", ");
+      for (const name of FIELDS) if (this.draft[name] === this.filled[name]) this.fill(name, description);
     },
-    saveText(name) {
-      this.save({ [name]: this.draft[name].trim() || null });
+    fill(name, description) {
+      this.draft[name] = this.filled[name] = asText(description[name]);
     },
-    saveTags() {
-      const tags = this.draft.tags.split(",").map((one) => one.trim()).filter(Boolean);
-      this.save({ tags: [...new Set(tags)] });
+    isAsking() {
+      return this.asked.some((one) => one.session === this.session);
+    },
+    saveTyped(name) {
+      const value = READ[name](this.draft[name]), over = READ[name](this.filled[name]);
+      if (!isSame(value, over)) return this.save({ [name]: value }, { [name]: over });
+      this.fill(name, this.known);
+      if (this.refused && name in this.refused.changes) Object.assign(this, { refused: null, message: "", failed: false });
     },
     judge(success) {
       this.save({ success: this.known.success === success ? null : success });
     },
-    save(changes) {
-      this.replace(this.known, { ...this.known, ...changes });
-    },
     undo() {
-      this.replace(this.known, this.before);
+      this.save(this.last.before, this.last.changes);
     },
-    replace(before, description) { // one change at a time is under way: the next one builds on it
-      if (JSON.stringify(before) === JSON.stringify(description)) return;
-      this.asked.push({ session: this.session, before, description });
-      Object.assign(this, { message: "Saving …", failed: false });
-      this.learn(description);
+    // before: what the changed fields were, as they were seen. One change at a time is under way.
+    save(changes, before = pick(this.known, changes)) {
+      this.asked.push({ session: this.session, changes, before, rest: this.known });
+      Object.assign(this, { message: "Saving …", failed: false, refused: null, known: { ...this.known, ...changes } });
+      for (const name of FIELDS) if (name in changes) this.fill(name, changes);
       if (this.asked.length === 1) this.ask();
     },
     ask() {
-      const author = (localStorage.getItem(AUTHOR) || "").trim();
-      this.$emit("ask", { type: "describe", author, ...this.asked[0] });
+      const author = (localStorage.getItem(AUTHOR) || "").trim(), { session, changes, before, rest } = this.asked[0];
+      this.$emit("ask", { type: "describe", author, session, before: { ...rest, ...before }, description: { ...rest, ...changes } });
     },
-    answered(message, failed) {
-      const { session, before } = this.asked.shift();
-      if (failed) this.asked = this.asked.filter((one) => one.session !== session); // they built on what was refused
+    answered(message, failed, found = null) { // found: what another operator has set meanwhile
+      const { session, changes, before } = this.asked.shift();
       if (this.asked.length) this.ask();
-      if (session !== this.session || this.asked.some((one) => one.session === session)) return;
-      if (failed) this.learn(before);
-      Object.assign(this, { message, failed, before: failed ? this.before : before });
+      if (session !== this.session) return;
+      if (!failed) Object.assign(this, { stored: { ...this.stored, ...changes }, last: { changes, before } });
+      if (!this.isAsking()) this.learn(this.stored);
+      if (!failed && this.refused) return; // one before it was not saved: that is what stands there
+      Object.assign(this, { message, failed });
+      if (failed) this.refuse(changes, before, found);
+    },
+    refuse(changes, before, found) { // what was typed stays, unless something else is typed there by now
+      for (const name of FIELDS) {
+        if (!(name in changes) || this.draft[name] !== this.filled[name]) continue;
+        this.draft[name] = asText(changes[name]);
+        this.filled[name] = asText(before[name]);
+      }
+      this.refused = { changes, before, found };
+    },
+    saveAnyway() {
+      const { changes, before, found } = this.refused;
+      const typed = Object.fromEntries(Object.keys(changes).map((name) => [name, READ[name] ? READ[name](this.draft[name]) : changes[name]]));
+      this.save(typed, { ...before, ...found });
+    },
+    takeNew() {
+      for (const name of FIELDS) if (name in this.refused.changes) this.fill(name, this.stored);
+      this.learn(this.stored);
+      Object.assign(this, { refused: null, message: "", failed: false });
     },
   },
 };

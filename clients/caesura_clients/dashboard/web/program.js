@@ -1,3 +1,4 @@
+import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
 import NewApp from "caesura-dashboard/new_app.js";
@@ -11,13 +12,13 @@ const gripperKey = () => `caesura-gripper/${location.pathname.split("/")[2]}`; /
 
 export default {
   mixins: [live],
-  components: { AppCard, NewApp, ProgramPath, ProgramVersions },
+  components: { AppCard, Conflict, NewApp, ProgramPath, ProgramVersions },
   props: { editable: Boolean, speeds: Array },
   emits: ["edit", "simulate", "cancel", "compare"],
   provide() {
     return { appsShown: () => this.program.apps };
   },
-  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
+  data: () => ({ program: null, message: "", failed: false, busy: false, name: "", nameSeen: "", nameConflict: null, afterwards: null, gripper: localStorage.getItem(gripperKey()) || "", asked: null, draft: "", sent: {}, made: {}, inserts: false }),
   template: `
     <div class="program">
     <section class="program-column" aria-labelledby="program-title">
@@ -27,6 +28,7 @@ export default {
         <template v-if="editable">
           <label>Program name <input class="program-name" v-model="name" maxlength="120" placeholder="unnamed" autocomplete="off"
             @change="rename"></label>
+          <conflict v-if="nameConflict" :words="nameConflict.words" :busy="busy" @anyway="renameAnyway" @new-value="takeNewName"></conflict>
           <button v-show="program.undoable" class="undo-edit" :disabled="busy" @click="say({ do: 'undo' })">Undo edit</button>
           <button v-show="program.redoable" class="redo-edit" :disabled="busy" @click="say({ do: 'redo' })">Redo edit</button>
         </template>
@@ -81,8 +83,9 @@ export default {
       for (const name of ["apps", "path"]) {
         if (payload[name]) now[name] = this.rows(held[name] || [], payload[name], now.before);
       }
-      if (now.name !== held.name || now.session !== held.session) this.name = now.name;
-      if (now.session !== held.session) this.message = "";
+      const isOther = now.session !== held.session, typed = this.name.trim();
+      if (isOther || typed === this.nameSeen || typed === now.name) this.fillName(now.name); // else what was typed stays
+      if (isOther) this.message = "";
       const follows = !now.complete && this.isAtEnd();
       this.program = Object.freeze(now); // Vue compares cards and rows by their identity, and looks into none
       if (follows) this.$nextTick(this.goToEnd);
@@ -109,16 +112,30 @@ export default {
     },
     rename() {
       const name = this.name.trim();
-      if (name && name !== this.program.name) this.say({ do: "name", name });
+      if (!name) this.fillName(this.program.name);
+      else if (name !== this.nameSeen) this.say({ do: "name", name }, { name: this.nameSeen }, this.renamed);
     },
-    say(action) { // with the name that corrections have too
+    renamed(words, failed, found) {
+      this.nameConflict = found ? { words, name: found.name } : null;
+    },
+    renameAnyway() {
+      this.nameSeen = this.nameConflict.name;
+      this.rename();
+    },
+    takeNewName() {
+      this.fillName(this.nameConflict.name);
+    },
+    fillName(name) {
+      Object.assign(this, { name, nameSeen: name, nameConflict: null });
+    },
+    say(action, seen = null, answered = null) { // with the name that corrections have too. seen: of which a form was filled
       const author = (localStorage.getItem(AUTHOR) || "").trim();
-      if (!author) return this.askName(action);
-      Object.assign(this, { busy: true, message: "", failed: false });
+      if (!author) return this.askName([action, seen, answered]);
+      Object.assign(this, { busy: true, message: "", failed: false, afterwards: answered });
       const { session, editRevision } = this.program, { made } = this; // an edit of this page may be there before its program
       const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;
       this.sent = { session, revision: revision + 1 };
-      this.$emit("edit", { session, revision, author, action });
+      this.$emit("edit", { session, revision, author, action, ...(seen && { seen }) });
     },
     askName(action) { // of who edits, at the first edit; then it is made
       Object.assign(this, { asked: action, draft: "" });
@@ -130,10 +147,12 @@ export default {
       localStorage.setItem(AUTHOR, name);
       window.dispatchEvent(new CustomEvent(AUTHOR, { detail: name }));
       this.asked = null;
-      this.say(action);
+      this.say(...action);
     },
-    answered(message, failed) {
-      Object.assign(this, { message, failed, busy: false, made: failed ? {} : this.sent });
+    answered(message, failed, found = null) { // found: what another operator has set meanwhile; the form states it
+      Object.assign(this, { message: found ? "" : message, failed, busy: false, made: failed ? {} : this.sent });
+      this.afterwards?.(message, failed, found);
+      this.afterwards = null;
     },
   },
 };

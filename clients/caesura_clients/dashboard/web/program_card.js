@@ -22,7 +22,7 @@ export default {
       <ul v-if="app.findings.length" class="findings" aria-label="Findings">
         <li v-for="[severity, reason] in app.findings" :key="reason" :class="severity">{{ severity }}: {{ reason }}</li>
       </ul>
-      <app-edit v-if="editable" :app="app" :sessions="sessions" :kinds="kinds" :busy="busy" @edit="$emit('edit', $event)"></app-edit>
+      <app-edit v-if="editable" :app="app" :sessions="sessions" :kinds="kinds" :busy="busy" @edit="(...asked) => $emit('edit', ...asked)"></app-edit>
     </li>`,
   methods: { percent },
 };

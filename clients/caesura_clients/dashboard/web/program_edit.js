@@ -1,20 +1,27 @@
 // Editing an app at its card: its values, its place, a copy, another app behind it. One form, one edit, one undo.
+//
+// `base` has the values that the form was filled from. What arrives meanwhile replaces what was not typed into. An edit
+// says what it was typed over, so that nobody overwrites what another operator has set in the same field.
+import Conflict from "caesura-dashboard/conflict.js";
 import NewApp from "caesura-dashboard/new_app.js";
 
 const MM = 1000;
 const FIELDS = {
-  speed: { label: "Speed [%]", scale: 100, step: 5, min: 10, max: 200 },
-  force_n: { label: "Force [N]", scale: 1, step: 0.5, min: 0 },
-  tolerance_m: { label: "Tolerance [mm]", scale: MM, step: 0.5, min: 0.1 },
-  gripper_width: { label: "Gripper width [mm]", scale: MM, step: 1, min: 0 },
+  speed: { label: "Speed [%]", scale: 100, step: 5, min: 10, max: 200, rounded: 0.5 },
+  force_n: { label: "Force [N]", scale: 1, step: 0.5, min: 0, rounded: 0.005 },
+  tolerance_m: { label: "Tolerance [mm]", scale: MM, step: 0.5, min: 0.1, rounded: 0.005 },
+  gripper_width: { label: "Gripper width [mm]", scale: MM, step: 1, min: 0, rounded: 0.05 },
 };
+const TEXTS = ["name", "note", "target_name"], AXES = [0, 1, 2], TARGET_ROUNDED = 0.05;
+// The same, but for what is rounded on the way.
+const alike = (one, other, rounded) => one === other || (typeof one === "number" && typeof other === "number" && Math.abs(one - other) <= 1.01 * rounded);
 
 export default {
-  components: { NewApp },
+  components: { Conflict, NewApp },
   props: { app: Object, sessions: Array, kinds: Array, busy: Boolean },
   inject: ["appsShown"],
   emits: ["edit"],
-  data: () => ({ open: false, draft: null, last: 0, session: "" }),
+  data: () => ({ open: false, draft: null, base: null, sent: {}, conflict: null, last: 0, session: "" }),
   template: `
     <details class="app-edit" :open="open" @toggle="toggled($event.target.open)">
       <summary :aria-label="'Edit app ' + app.number">Edit</summary>
@@ -29,6 +36,7 @@ export default {
           <input :class="'app-' + name" type="number" step="any" :min="field.min" :max="field.max" v-model.number="draft[name]"></label>
         <div class="row"><button class="save" :disabled="busy || !changed">Save</button>
           <button type="button" class="as-taught" :disabled="busy || !app.set.length" @click="asTaught">As taught</button></div>
+        <conflict v-if="conflict" :words="conflict.words" :busy="busy" @anyway="saveAnyway" @new-value="takeNew"></conflict>
       </form>
       <div v-if="open" class="row" role="group" :aria-label="'Place of app ' + app.number">
         <button :disabled="busy || !app.earlier" :aria-label="'Run app ' + app.number + ' earlier'" @click="move(app.earlier)">◀</button>
@@ -65,29 +73,56 @@ export default {
   methods: {
     toggled(open) {
       this.open = open;
-      if (open) Object.assign(this, { draft: this.start(this.app), last: this.app.number, session: "" });
+      if (open) Object.assign(this, { draft: this.start(this.app), base: this.start(this.app), sent: {}, conflict: null, last: this.app.number, session: "" });
       if (open) this.$nextTick(() => this.$el.scrollIntoView({ block: "nearest", inline: "nearest" }));
       else this.$nextTick(() => this.$el.parentElement.scrollIntoView({ block: "nearest", inline: "nearest" })); // others may be shown again
     },
     start({ name, note, target_name, values }) {
       return { name, note, target_name, ...values, target: values.target && [...values.target] };
     },
-    changes() { // only what differs from what is shown, in the units of the wire
-      const { draft, app } = this, found = {}, cleared = [];
-      for (const name of ["name", "note", "target_name"]) {
+    changes() { // what was typed, in the units of the wire
+      const { draft, base, app } = this, found = {}, cleared = [];
+      for (const name of TEXTS) {
         const text = draft[name].trim();
-        if (text && text !== app[name]) found[name] = text;
-        if (!text && app[name]) cleared.push(name);
+        if (text && text !== base[name]) found[name] = text;
+        if (!text && base[name]) cleared.push(name);
       }
-      const moved = (value, i) => value !== app.values.target[i];
-      if (draft.target && draft.target.some(moved)) found.target = draft.target.map((value, i) => moved(value, i) ? value / MM : app.target[i]);
+      const moved = (i) => draft.target[i] !== base.target[i];
+      if (draft.target && AXES.some(moved)) found.target = AXES.map((i) => (moved(i) ? draft.target[i] / MM : app.target[i]));
       for (const [name, { scale }] of this.numbers) {
-        if (draft[name] !== app.values[name] && draft[name] !== "" && draft[name] !== null) found[name] = draft[name] / scale;
+        if (draft[name] !== base[name] && draft[name] !== "" && draft[name] !== null) found[name] = draft[name] / scale;
       }
       return cleared.length ? { ...found, as_taught: cleared } : found;
     },
     save() {
-      this.say({ do: "change", app: this.app.reference, ...this.changes() });
+      const { draft, base } = this, { as_taught = [], ...found } = this.changes();
+      const names = [...Object.keys(found), ...as_taught];
+      const seen = Object.fromEntries(names.map((name) => [name, base[name] ?? null]));
+      if (seen.target) seen.target = AXES.map((i) => (draft.target[i] === base.target[i] ? null : base.target[i]));
+      this.sent = Object.fromEntries(names.map((name) => [name, name === "target" ? [...draft.target] : draft[name]]));
+      this.say({ do: "change", app: this.app.reference, ...this.changes() }, seen, this.answered);
+    },
+    answered(words, failed, found) {
+      if (failed) this.sent = {};
+      this.conflict = found ? { words, found } : null;
+    },
+    saveAnyway() {
+      this.meet(this.base);
+      this.save();
+    },
+    takeNew() {
+      this.meet(this.base);
+      this.meet(this.draft);
+      this.conflict = null;
+    },
+    meet(values) { // what another operator has set takes their place
+      const { target, ...found } = this.conflict.found;
+      Object.assign(values, found);
+      if (target) values.target = AXES.map((i) => target[i] ?? values.target[i]);
+    },
+    learn(draft, base, name, now, sent, rounded) { // of one field, or one coordinate of the target
+      if (draft[name] === base[name] || alike(draft[name], now, rounded)) draft[name] = base[name] = now;
+      else if (alike(sent, now, rounded)) base[name] = now; // saved here, and typed on since
     },
     asTaught() {
       this.say({ do: "change", app: this.app.reference, as_taught: this.app.set });
@@ -98,17 +133,18 @@ export default {
     replace() {
       this.say({ do: "replace_part", first: this.app.reference, last: this.lastApp.reference, session: this.session });
     },
-    say(action) {
-      this.$emit("edit", action);
+    say(action, seen = null, answered = null) {
+      this.$emit("edit", action, seen, answered);
     },
   },
   watch: {
-    app(now, before) { // what arrives while the form is open replaces what was not typed into
+    app(app) {
       if (!this.draft) return;
-      const was = this.start(before), is = this.start(now);
-      for (const name of Object.keys(is)) {
-        if (JSON.stringify(this.draft[name]) === JSON.stringify(was[name])) this.draft[name] = is[name];
-      }
+      const { draft, base, sent } = this, { target, ...now } = this.start(app);
+      for (const [name, value] of Object.entries(now)) this.learn(draft, base, name, value, sent[name], FIELDS[name] ? FIELDS[name].rounded : 0);
+      if (target && draft.target) AXES.forEach((i) => this.learn(draft.target, base.target, i, target[i], sent.target && sent.target[i], TARGET_ROUNDED));
+      else Object.assign(draft, { target }), Object.assign(base, { target: target && [...target] });
+      for (const name of Object.keys(sent)) if (JSON.stringify(draft[name]) === JSON.stringify(base[name])) delete sent[name];
     },
   },
 };

@@ -1,0 +1,159 @@
+"""What an operator typed into a form, beside what another one has changed since the form was filled.
+
+Where both changed the same field, the operator is asked. Where they changed different ones, both count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from caesura_clients.dashboard.app_values import SCALES, shown_value, shown_values
+from caesura_clients.dashboard.editing import EditRefused
+from caesura_clients.program_editing import FIELD_WORDS, reference
+from caesura_protocol.messages import (
+    App,
+    ChangeApp,
+    Describe,
+    Description,
+    EditProgram,
+    NameProgram,
+    Program,
+)
+
+Values = Mapping[str, Any]
+ATTEMPTS = 5  # to carry out a change that another operator is always a little faster than
+UNKNOWN_AUTHOR = "another operator"
+UNITS: Mapping[str, str] = {"speed": "%", "force_n": "N"}  # of the page; other numbers are in mm
+_SUCCESS: Mapping[bool | None, str] = {True: "yes", False: "no", None: ""}
+
+
+class EditConflict(EditRefused):
+    """Another operator has changed what was typed into. found: the values by now, as the page has them."""
+
+    def __init__(self, words: str, found: dict[str, Any]) -> None:
+        super().__init__(words)
+        self.found = found
+
+
+def redescribed(command: Describe, present: Description) -> Describe:
+    """The same change, of the present description. Raises EditConflict."""
+    before, wanted = dict(command.before), dict(command.description)
+    typed = {name: value for name, value in wanted.items() if value != before[name]}
+    now = dict(present)
+    found = {name: now[name] for name, value in typed.items() if now[name] not in (before[name], value)}
+    if found:
+        words = [
+            _met_in_words(UNKNOWN_AUTHOR, name, _stated(name, now[name]), _stated(name, typed[name]))
+            for name in found
+        ]
+        raise EditConflict(_refusal(words), found)
+    return command.model_copy(
+        update={"before": present, "description": present.model_copy(update=typed)},
+    )
+
+
+def _stated(field: str, value: Any) -> str:
+    """A value of a description."""
+    if field == "success":
+        return _SUCCESS[value]
+    return _quoted(", ".join(value) if field == "tags" else value)
+
+
+def edited_again(command: EditProgram, seen: Values, program: Program) -> EditProgram:
+    """The same edit, of the program as it is now. Raises EditConflict.
+
+    seen: what the form showed of each field before it was typed into, in the units of the page; of a target
+    None for each coordinate that was not typed.
+    """
+    action = command.action
+    if isinstance(action, NameProgram):
+        _check_name(action, seen, program)
+    elif isinstance(action, ChangeApp):
+        app = next((one for one in program.apps if reference(one) == action.app), None)
+        if app is None:  # inferred anew since: the service decides by the revision
+            return command
+        action = _changed(action, seen, app)
+    return command.model_copy(update={"revision": program.edit_revision, "action": action})
+
+
+def _check_name(action: NameProgram, seen: Values, program: Program) -> None:
+    now = program.name or ""
+    if "name" in seen and now not in (seen["name"], action.name):
+        named = [edit.author for edit in program.edits if edit.action == NameProgram(name=now)]
+        author = named[-1] if named else UNKNOWN_AUTHOR
+        raise EditConflict(
+            _refusal([_met_in_words(author, "name", _quoted(now), _quoted(action.name))]), {"name": now}
+        )
+
+
+def _changed(action: ChangeApp, seen: Values, app: App) -> ChangeApp:
+    """The change, with what was not typed of its target as it is now."""
+    now, found = shown_values(app), dict[str, Any]()
+    for name, wanted in _wanted(action):
+        if name in seen and (present := _met(seen[name], now.get(name), wanted)) is not None:
+            found[name] = present[0]
+    if found:
+        wishes = dict(_wanted(action))
+        words = [
+            _met_in_words(_author(app, name), name, _valued(name, there), _valued(name, wishes[name], there))
+            for name, there in found.items()
+        ]
+        raise EditConflict(_refusal(words), found)
+    old = seen.get("target")
+    if action.target is None or app.target is None or not isinstance(old, list) or len(old) != 3:
+        return action
+    axes = zip(action.target, app.target, old, strict=True)
+    target = tuple(held if was is None else typed for typed, held, was in axes)
+    return action.model_copy(update={"target": target})
+
+
+def _wanted(action: ChangeApp) -> Iterator[tuple[str, Any]]:
+    """The fields that a change sets, with their values as the page has them; "" where one is cleared."""
+    for name in FIELD_WORDS:
+        if (value := getattr(action, name, None)) is not None:
+            yield name, shown_value(name, value)
+        elif name in action.as_taught:
+            yield name, ""
+
+
+def _met(seen: Any, now: Any, wanted: Any) -> tuple[Any] | None:
+    """What is there now, in a tuple, where it is neither what was seen nor what is wanted."""
+    both = isinstance(now, list) and isinstance(wanted, list)
+    if both and isinstance(seen, list) and len(seen) == len(now):
+        rows = zip(seen, now, wanted, strict=True)
+        axes = [None if was is None or held in (was, wish) else held for was, held, wish in rows]
+        return (axes,) if any(one is not None for one in axes) else None
+    return None if now in (seen, wanted) else (now,)
+
+
+def _author(app: App, field: str) -> str:
+    return next((mark.author for mark in app.changes if mark.field == field), UNKNOWN_AUTHOR)
+
+
+def _valued(field: str, value: Any, there: Any = None) -> str:
+    """A value of an app in the units of the page. there: of a target, None for axes that are left out."""
+    if field not in SCALES:
+        return _quoted(value)
+    unit = UNITS.get(field, "mm")
+    if isinstance(value, list):
+        rows = zip("xyz", value, there or value, strict=True)
+        axes = [f"{axis} = {one:g}" for axis, one, other in rows if None not in (one, other)]
+        return f"{', '.join(axes)} {unit}"
+    return "" if value is None or value == "" else f"{value:g} {unit}"
+
+
+def _met_in_words(author: str, field: str, there: str, typed: str) -> str:
+    """Who has changed what to what, and what was typed; "" where a field is cleared."""
+    what = FIELD_WORDS.get(field, field)
+    did = f"has set the {what} to {there}" if there else f"has cleared the {what}"
+    return f"{author} {did} meanwhile; you {f'set it to {typed}' if typed else 'cleared it'}"
+
+
+def _quoted(text: str | None) -> str:
+    return f"'{text}'" if text else ""
+
+
+def _refusal(words: list[str]) -> str:
+    first, *others = words
+    return " ".join([f"Not saved: {first}.", *(f"{one[0].upper()}{one[1:]}." for one in others)])

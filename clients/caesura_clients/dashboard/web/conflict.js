@@ -1,0 +1,11 @@
+// What another operator has set meanwhile, beside what was typed here: saved anyway, or given up.
+export default {
+  props: { words: String, busy: Boolean, isMet: { type: Boolean, default: true } },
+  emits: ["anyway", "new-value"],
+  template: `
+    <div class="conflict" role="group" aria-label="Changed by another operator">
+      <p role="alert">{{ words }}</p>
+      <div class="row"><button type="button" class="save-anyway" :disabled="busy" @click="$emit('anyway')">{{ isMet ? "Save anyway" : "Try again" }}</button>
+        <button type="button" class="take-new" :disabled="busy" @click="$emit('new-value')">{{ isMet ? "Take the new value" : "Give up" }}</button></div>
+    </div>`,
+};

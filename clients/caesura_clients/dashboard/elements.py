@@ -59,6 +59,12 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
         self._sent[self._number] = time.monotonic()
         self.run_method("take", self._number, payload)
 
+    def allow(self, *, editable: bool, why: str = "") -> None:
+        """Offer what changes something, or take it away. why: it is not offered, in a sentence."""
+        if self._props.get("editable") != editable:
+            self._props |= {"editable": editable, "why": why}
+            self.update()
+
     def _begin(self) -> None:
         """It is there, for the first time or again."""
         self._ready, self._last = True, None

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
@@ -35,8 +36,14 @@ from caesura_clients.dashboard.station_summary import (
 from caesura_clients.dashboard.versions import compared_versions
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
+from caesura_protocol.errors import CaesuraError, ProtocolError
 from caesura_protocol.number_words import counted
 from caesura_protocol.session_clock import NO_OFFSET, clock_of
+
+ONLY_READ = (
+    "Newer sessions have taken the place of this one in the service: it can be read, exported and replayed, "
+    "and cannot be changed."
+)
 
 
 class SessionPage:
@@ -77,6 +84,8 @@ class SessionPage:
                 speeds=() if site.simulator is None else SPEEDS,
             )
         self._clock = NO_OFFSET  # of the session that is shown
+        self._is_known = False  # was it ever shown?
+        self._reads = False  # it was asked for in the journal
         self._timeline_of: wire.Program | None = None
         self._timeline_clock = NO_OFFSET
         self._timeline = Timeline()
@@ -94,6 +103,7 @@ class SessionPage:
         update = world.update(self._station, self._session)
         seen = glance(world, self._station, received, gateway.clock(), gateway.began)
         self._clock = NO_OFFSET if update is None else session_clock(update)
+        self._offer_tools(update)
         live = self._session is None
         self._banner.say(warning_of(seen, world) if live else world.trouble)
         line = line_of(seen, update) if live else line_of_past(update)
@@ -108,6 +118,23 @@ class SessionPage:
         self._view.follow(update, self._more(update))
         if update is not None:
             self._show_program(update.program)
+
+    def _offer_tools(self, update: Update | None) -> None:
+        """Take what changes a session away where it is too old to be held by the service."""
+        world, named = self._gateway.world, (self._station, self._session or "")
+        if update is None and self._is_known and not self._reads and self._session is not None:
+            self._reads = True  # newer ones took its place while it was shown
+            background_tasks.create(self._read_again(self._session))
+        self._is_known = self._is_known or update is not None
+        may = named in world.updates or named not in world.stored
+        tools = {self._view: self._corrector, self._form: self._desk, self._program: self._program_desk}
+        for element, desk in tools.items():
+            if desk is not None:
+                element.allow(editable=may, why=ONLY_READ)
+
+    async def _read_again(self, session: str) -> None:
+        with suppress(CaesuraError, ProtocolError):  # the page states that it is not known
+            await run.io_bound(self._gateway.read_stored, self._station, session)
 
     def _controls(self) -> dict[str, Any]:
         return controls(self._gateway.world, self._station, may_operate=self._desk is not None)

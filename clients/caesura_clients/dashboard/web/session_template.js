@@ -16,7 +16,7 @@ const correcting = `
     </template>
     <p v-if="editable" class="message" role="status" :class="{ failed }">{{ inList ? "" : message }}<span v-if="doubt" class="doubt">{{ " " + doubt }}</span></p>
   </div>
-  <p v-if="!editable && !linked" class="empty">Corrections are off: this dashboard only reads.</p>`;
+  <p v-if="!editable && !linked" class="empty only-read">{{ why }}</p>`;
 
 const floating = `
   <correct-menu v-if="menu && cursor !== null" v-bind="menu" :t="cursor" :start="start" :selected="selected" :segment="segmentAtCursor" :phase="phaseAtCursor" :kinds="kinds" :author="author" :effect="effect"

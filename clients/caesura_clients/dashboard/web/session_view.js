@@ -51,7 +51,7 @@ const chosen = () => {
 export default {
   mixins: [clock, live, keyboard, view, pair, pointer, effect, undoing],
   components: { CorrectMenu, Corrections, EffectWords },
-  props: { station: String, editable: Boolean, replay: Boolean },
+  props: { station: String, editable: Boolean, replay: Boolean, why: { type: String, default: "Corrections are off: this dashboard only reads." } },
   emits: ["edit", "preview", "run-lengths"],
   template,
   data() {
@@ -86,6 +86,9 @@ export default {
   watch: {
     span: "moved", end: "moved", cursor: "redraw", selected: "redraw", ghost: "redraw", columns: "goOn",
     panels: "arrange",
+    editable() {
+      Object.assign(this, { menu: null, asked: null });
+    },
     chosen: (names) => localStorage.setItem(SHOWN, JSON.stringify(names)),
     author: (name) => localStorage.setItem(AUTHOR, name),
   },

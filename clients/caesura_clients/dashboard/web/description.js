@@ -2,6 +2,7 @@
 //
 // `filled` has the texts that the fields were filled with: a change says what it was typed over, so that nobody
 // overwrites what another operator has stated in the same field meanwhile.
+import { changes as counted } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
@@ -97,6 +98,7 @@ export default {
     },
     // before: what the changed fields were, as they were seen. One change at a time is under way.
     save(changes, before = pick(this.known, changes)) {
+      counted();
       this.asked.push({ session: this.session, changes, before, rest: this.known });
       Object.assign(this, { message: "Saving …", failed: false, refused: null, known: { ...this.known, ...changes } });
       for (const name of FIELDS) if (name in changes) this.fill(name, changes);

@@ -1,3 +1,4 @@
+import { changes } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";
 import { dayAndTime } from "caesura-dashboard/numbers.js";
@@ -131,6 +132,7 @@ export default {
     say(action, seen = null, answered = null) { // with the name that corrections have too. seen: of which a form was filled
       const author = (localStorage.getItem(AUTHOR) || "").trim();
       if (!author) return this.askName([action, seen, answered]);
+      changes();
       Object.assign(this, { busy: true, message: "", failed: false, afterwards: answered });
       const { session, editRevision } = this.program, { made } = this; // an edit of this page may be there before its program
       const revision = made.session === session ? Math.max(editRevision, made.revision) : editRevision;

@@ -1,5 +1,6 @@
 // A session: the plots with everything that can be done in them, and the tools that correct what was found.
 import { contextOf, inkOf, Painter, watchLook } from "caesura-dashboard/canvas.js";
+import { changes } from "caesura-dashboard/clicks.js";
 import { clock, isOfDay } from "caesura-dashboard/clock.js";
 import Corrections from "caesura-dashboard/corrections.js";
 import CorrectMenu from "caesura-dashboard/correct_menu.js";
@@ -317,6 +318,7 @@ export default {
       if (!this.editable || this.session === "" || this.busy) return;
       if (!this.author.trim()) return this.askName(action, how);
       this.preview(null);
+      changes();
       this.act = { number: action.do === "take_back" ? action.number : null, ...how, seen: this.revision };
       Object.assign(this, { busy: true, message: "", failed: false, relabelled: action.do === "relabel" ? action.t : null,
         inList: action.do === "take_back" && !how.redoes });

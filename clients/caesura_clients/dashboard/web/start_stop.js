@@ -1,4 +1,5 @@
 // Start and Stop of a station: two large buttons, and the reason beside one that cannot be pressed.
+import { changes } from "caesura-dashboard/clicks.js";
 import { live } from "caesura-dashboard/live.js";
 
 const OPERATOR = "caesura-author";
@@ -49,6 +50,7 @@ export default {
       if (!this.typed && payload.task) this.task = payload.task; // what was taught last, as a suggestion
     },
     ask(busy, command) {
+      changes();
       Object.assign(this, { busy, message: `${busy} …`, failed: false });
       this.$emit("ask", command);
     },

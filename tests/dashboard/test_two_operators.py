@@ -98,6 +98,7 @@ def test_a_speed_that_another_operator_has_set_meanwhile_is_asked_for(beside: Be
     conflict = card.locator(".conflict")
     words = "Not saved: Bob has set the speed to 40 % meanwhile; you set it to 50 %."
     expect(conflict.locator("p")).to_have_text(words)
+    expect(conflict.locator(".save-anyway"), "it comes into sight").to_be_in_viewport(ratio=1)
     assert (beside.app.speed, beside.app.note) == (0.4, None)
     expect(card.locator(".app-speed"), "what was typed is kept").to_have_value("50")
     looks_right(beside.visitor, "program-conflict")

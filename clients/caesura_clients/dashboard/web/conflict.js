@@ -2,6 +2,9 @@
 export default {
   props: { words: String, busy: Boolean, isMet: { type: Boolean, default: true } },
   emits: ["anyway", "new-value"],
+  mounted() { // also where it stands below what is in sight
+    this.$el.scrollIntoView({ block: "nearest" });
+  },
   template: `
     <div class="conflict" role="group" aria-label="Changed by another operator">
       <p role="alert">{{ words }}</p>

@@ -253,7 +253,7 @@ def test_a_session_states_the_direction_in_status_program_and_recording(endpoint
         assert read_recording(transport, Update(found.status, (), (), None, found.program)).up == CEILING
     recorder = Recorder("s-hangs")
     recorder.add_batch(first_batch(recording, "s-hangs"))
-    assert recorder.recording(found.status).up == CEILING
+    assert recorder.recording(found).up == CEILING
 
 
 def first_batch(recording: Recording, session: str) -> SampleBatch:

@@ -165,7 +165,7 @@ def test_a_recorded_session_states_what_the_session_stated(endpoint):
         found = taught(endpoint, stating(source, hand), name)
         recorder = Recorder(name)
         recorder.add_batch(batch_of(stating(source, hand), name))
-        kept = recorder.recording(found.status)
+        kept = recorder.recording(found)
         assert (kept.wrench_source, kept.hand_on_robot) == (source, hand)
 
 
@@ -353,7 +353,7 @@ def test_a_recorded_session_does_not_state_a_frame_that_was_assumed(endpoint, tm
         assert found.status.wrench.frame_stated is stated
         recorder = Recorder(name)
         recorder.add_batch(batch_of(recording, name))
-        assert ("force_frame" in recorder.recording(found.status).stated_options) is stated
+        assert ("force_frame" in recorder.recording(found).stated_options) is stated
         with ZenohTransport(endpoint, timeout_s=20.0) as transport:
             update = Update(found.status, (), (), None, found.program)
             assert ("force_frame" in read_recording(transport, update).stated_options) is stated

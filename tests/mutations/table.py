@@ -297,7 +297,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a session opens before the last one of an instance whose clock was ahead",
         "service/caesura_service/ownership/registry.py",
-        "max(now, _after(copies.values()))",
+        "max(now, max(others, own) + STEP_S)",
         "now",
         (
             "tests/service/ownership/test_takeover.py::test_the_last_session_of_a_station_is_the_current_one_whatever_the_clocks_said",

@@ -16,6 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
+from caesura_service.journal.wal import log_of
+
 logger = logging.getLogger(__name__)
 
 NAMED = 20  # damages
@@ -47,7 +49,7 @@ def _found_in(database: sqlite3.Connection) -> str | None:
 
 def read_through(path: Path) -> None:
     """Read a file and its log to their ends. Raises OSError where that fails; a missing file is no error."""
-    for part in (path, path.with_name(path.name + "-wal")):
+    for part in (path, log_of(path)):
         with suppress(FileNotFoundError), part.open("rb") as file:
             while file.read(CHUNK_BYTES):
                 pass
@@ -68,7 +70,7 @@ def repair_indices(database: sqlite3.Connection, path: Path, damage: str) -> boo
 
 def open_damaged(aside: Path) -> sqlite3.Connection:
     """Open a file that was moved aside, read-only."""
-    has_log = aside.with_name(aside.name + "-wal").exists()
+    has_log = log_of(aside).exists()
     how = "mode=ro" if has_log else "immutable=1"
     return sqlite3.connect(f"file:{quote(str(aside))}?{how}", uri=True, isolation_level=None)
 

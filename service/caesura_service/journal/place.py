@@ -11,8 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from caesura_service.journal.journal import JournalError
-
-LOG = "-wal"  # the suffix of SQLite's log
+from caesura_service.journal.wal import log_of
 
 
 class Place:
@@ -24,7 +23,7 @@ class Place:
 
     def remember(self) -> None:
         """Take the present files for those of the journal."""
-        for path in (self._journal, self._journal.with_name(self._journal.name + LOG)):
+        for path in (self._journal, log_of(self._journal)):
             with suppress(OSError):
                 self._known[path] = _identity(path)
 

@@ -19,12 +19,17 @@ _FRAME = struct.Struct(">6I")  # page, pages after a commit or 0, two salts, two
 _MASK = 0xFFFFFFFF
 
 
+def log_of(path: Path) -> Path:
+    """Return where SQLite keeps the log of a database."""
+    return path.with_name(path.name + "-wal")
+
+
 def log_integrity_error(path: Path) -> str | None:
     """Return which frames of a journal's log SQLite skips, or None; a copy of the log is kept then.
 
     Call it before anything is written.
     """
-    log = path.with_name(path.name + "-wal")
+    log = log_of(path)
     if not log.exists() or log.stat().st_size < _HEADER.size + _FRAME.size:
         return None
     written = max(_commits(log), default=0)

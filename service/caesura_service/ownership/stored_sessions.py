@@ -47,8 +47,7 @@ class StoredSessions:
 
     def has(self, station: str, session: str) -> bool:
         """Whether the journal has the outcome of a session that is not held. Raises JournalError."""
-        key = (station, session)
-        return self.answers_for(*key) and any(one.key == key for one in self._journal.outcomes())
+        return self.answers_for(station, session) and self._journal.outcome(station, session) is not None
 
     def program(self, station: str, session: str) -> Program | None:
         """The program of an outcome, with its edits; None without one. Raises JournalError."""

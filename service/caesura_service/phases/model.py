@@ -206,12 +206,12 @@ class Chain:
         ends, interrupted, resumed, bounds = (
             np.array([getattr(one, name) for one in parameters.kinds])[self.kind] for name in _SHARES[:4]
         )
-        begins, is_aside = (self.age == 1) & (self.aside == 0), self.aside == 1
-        self.first = begins * bounds
+        self._begins, is_aside = (self.age == 1) & (self.aside == 0), self.aside == 1
+        self.first = self._begins * bounds
         self.end = bounds * np.where(is_aside, 1.0 - resumed, ends)
         older = self.age == np.minimum(self.age + 1, parameters.memory)[:, None]
         goes_on = older & (self.kind == self.kind[:, None])
-        switches = begins & (self.kind != self.kind[:, None])
+        switches = self._begins & (self.kind != self.kind[:, None])
         ends, interrupted, resumed, after_aside = (
             each[:, None] for each in (ends, interrupted, resumed, is_aside)
         )
@@ -241,7 +241,7 @@ class Chain:
     def starts(self, name: Name) -> NDArray[np.bool_]:
         """(states,) whether a phase of that name starts."""
         named = np.array([one.name == name for one in self.parameters.kinds])[self.kind]
-        found: NDArray[np.bool_] = named & (self.age == 1) & (self.aside == 0)
+        found: NDArray[np.bool_] = named & self._begins
         return found
 
     def emission(self, segment: SegmentFeatures) -> Array:

@@ -59,10 +59,8 @@ from caesura_service.sessions.batch_block import BatchBlock
 
 logger = logging.getLogger(__name__)
 
-NAMED_S = (
-    10.0  # so long a start waits for an instance of the same name to go: one that hung or lost its power
-)
-NAMED_AGAIN_S = 0.2
+NAMED_S = 10.0  # that a start waits for an instance of its name to go: one that hung or lost its power
+NAMED_AGAIN_S = 0.2  # between two looks whether it is gone
 
 
 class ZenohServer:

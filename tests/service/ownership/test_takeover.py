@@ -106,7 +106,7 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
 
 
 def has_checked(instance: Instance, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has seen that nobody else has acquired the station, just before somebody does."""
+    """It has seen that no other instance has acquired the station, just before one does."""
     monkeypatch.setattr(instance.registry._journals, "peer_epoch_of", lambda _station: -1)
 
 

@@ -83,10 +83,15 @@ def asked(peer: Peer, command: Open | Close, station: str) -> Ack | None:
     return None
 
 
-def opens(peer: Peer, station: str) -> Ack:
+def accepted(peer: Peer, command: Open | Close, station: str) -> Ack:
+    """As a bridge, which asks again after `overloaded`."""
     acks: list[Ack] = []
-    eventually(lambda: bool(acks.extend(filter(None, [asked(peer, opening(), station)])) or acks))
+    eventually(lambda: bool(acks.extend(filter(None, [asked(peer, command, station)])) or acks))
     return acks[0]
+
+
+def opens(peer: Peer, station: str) -> Ack:
+    return accepted(peer, opening(), station)
 
 
 def holds(service: Service, *stations: str) -> bool:
@@ -131,7 +136,7 @@ def test_a_station_is_taken_over_once_the_journal_can_be_read(floor, peer, monke
             eventually(lambda: holds(west, station))
             assert opens(peer, station).state == "open"
             peer.send(batch(0), station)
-            assert peer.command(closing(0), station).state == "closed"
+            assert accepted(peer, closing(0), station).state == "closed"
             eventually(lambda: holds(east))
             monkeypatch.setattr(SqliteJournal, "copies", unreadable)
         eventually(lambda: f"{station} is not taken over" in caplog.text)

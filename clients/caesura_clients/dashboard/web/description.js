@@ -1,7 +1,7 @@
 // What people state about a session. Each field is stored when it is left; the last change can be undone.
 //
-// `filled` has the texts that the fields were filled with: a change says what it was typed over, so that nobody
-// overwrites what another operator has stated in the same field meanwhile.
+// `filled` has the texts that the fields were filled with: a change says what it was typed over, so that it
+// does not overwrite what another operator has stated in the same field meanwhile.
 import { changes as counted } from "caesura-dashboard/clicks.js";
 import Conflict from "caesura-dashboard/conflict.js";
 import { live } from "caesura-dashboard/live.js";

@@ -1,7 +1,7 @@
 // Editing an app at its card: its values, its place, a copy, another app behind it. One form, one edit, one undo.
 //
 // `base` has the values that the form was filled from. What arrives meanwhile replaces what was not typed into. An edit
-// says what it was typed over, so that nobody overwrites what another operator has set in the same field.
+// says what it was typed over, so that it does not overwrite what another operator has set there.
 import Conflict from "caesura-dashboard/conflict.js";
 import NewApp from "caesura-dashboard/new_app.js";
 

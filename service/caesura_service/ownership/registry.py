@@ -205,16 +205,9 @@ class Registry:
         if (rejection := self.ownership.rejection_reason(station)) is not None:
             return [Reply(ProtocolError("overloaded", rejection, value=station))]
         try:
-            if isinstance(command, Open) and self._find_session(station, command.session) is None:
-                return self._open(station, command, now)
-            session = self._require_session(station, command.session)
-            with _AS_OVERLOADED:
-                if not session.has_pipeline and _needs_rebuilding(command, session):
-                    owner = self.ownership.owner(station, now)
-                    return [Reply(self._rebuilder.request(station, session, owner))]
-                if isinstance(command, EditProgram) and not session.is_repeated(command):
-                    command = self._with_apps(station, session, command)
-                return self._track_throttled(session, session.receive(command, now))
+            return self._carry_out(station, command, now)
+        except JournalSupersededError as error:
+            return [Reply(ProtocolError("overloaded", str(error), value=station))]
         except ProtocolError as error:
             # A refusal of these concerns the editor and not the session's bridge.
             if isinstance(command, Edit | Preview | Describe | EditProgram):
@@ -223,6 +216,19 @@ class Registry:
                     self._count_refused(station, error)
                 return [Reply(error)]
             return [*self._count_rejection(station, command.session, error), Reply(error)]
+
+    def _carry_out(self, station: str, command: Command, now: float) -> list[Output]:
+        """Raises ProtocolError, JournalSupersededError."""
+        if isinstance(command, Open) and self._find_session(station, command.session) is None:
+            return self._open(station, command, now)
+        session = self._require_session(station, command.session)
+        with _AS_OVERLOADED:
+            if not session.has_pipeline and _needs_rebuilding(command, session):
+                owner = self.ownership.owner(station, now)
+                return [Reply(self._rebuilder.request(station, session, owner))]
+            if isinstance(command, EditProgram) and not session.is_repeated(command):
+                command = self._with_apps(station, session, command)
+            return self._track_throttled(session, session.receive(command, now))
 
     def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
@@ -235,6 +241,8 @@ class Registry:
             self._station_limit.received(station, now)
             with _AS_OVERLOADED:
                 outputs = self._track_throttled(session, session.receive(message, now))
+        except JournalSupersededError:
+            return []
         except ProtocolError as error:
             return self._count_rejection(station, message.session, error)
         return self._with_limits(station, session, outputs, now)
@@ -559,7 +567,8 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
 class _JournalErrorsAs:
     """Raises a JournalError of its context as a ProtocolError with the given code.
 
-    One that says that another instance has the station is `overloaded`: a sender who asks again is served.
+    Except one that says that another instance has the station: like the time of a takeover, it concerns
+    no session.
     """
 
     def __init__(self, code: ErrorCode) -> None:
@@ -572,7 +581,7 @@ class _JournalErrorsAs:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if isinstance(error, JournalSupersededError):
-            raise ProtocolError("overloaded", str(error)) from error
+            return
         if isinstance(error, JournalShareError):
             raise ProtocolError(self._code, str(error), value=error.taken, limit=error.limit) from error
         if isinstance(error, JournalError):

@@ -25,13 +25,14 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import AppliedEdit
 from caesura_service.publishing.events import TakeoverFailed
-from caesura_service.publishing.session_state import program_of
+from caesura_service.publishing.session_state import program_of, status_of
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
 from harness.sessions import (
     NAME,
     STATION,
     answer,
     closing,
+    opening,
     published,
 )
 from service.ownership.test_takeover import COUNT, Instance, has_checked
@@ -83,6 +84,21 @@ def test_an_edit_that_reaches_an_owner_behind_its_successor_takes_no_acknowledge
     a.take(renew=False)
     assert compared(a.standing) == compared(b.standing)
     assert corrected(a, 1).revision == 2
+
+
+@pytest.mark.parametrize("command", [closing(8), opening("s2")], ids=["close", "open"])
+def test_a_command_that_reaches_an_owner_behind_its_successor_is_no_refusal_of_its_session(pair, command):
+    """The bridge asks again; the operator would read of a fault where there is none."""
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.journal.commit()
+    b.take()
+    outputs = a.registry.handle_command(STATION, command, 9.0)
+    assert refused(answer(outputs)).code == "overloaded"
+    assert published(outputs, SessionStatus) == []
+    a.take(renew=False)
+    assert status_of(a.standing).refused == {}
 
 
 def test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of_its_successor(pair):

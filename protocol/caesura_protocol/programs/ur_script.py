@@ -113,7 +113,7 @@ class _Writer:
         app, held = planned.app, self._check_held(planned.app)
         lines = list(held)
         if APP_KINDS[app.kind].carries:
-            lines.append(f"set_payload(tool_kg + {app.load_kg or 0.0:.3f}, tool_cog)")
+            lines.append(f"carry({app.load_kg or 0.0:.3f})")
         if planned.start is not None:
             near = "get_actual_joint_positions()" if app.joints is None else _list(self._six(planned))
             pose = _pose(*planned.start)
@@ -199,7 +199,7 @@ class _Writer:
             raise ValueError(not_driven(planned.name, "URScript", held_by, GRIPPER_CALLS))
         lines = [] if planned.stands is None else [f"check_stands({_list(planned.stands)})"]
         lines += calls(held_by, planned.app)
-        return [*lines, *(["set_payload(tool_kg, tool_cog)"] if planned.app.kind == "gripper_move" else [])]
+        return [*lines, *(["carry(0.0)"] if planned.app.kind == "gripper_move" else [])]
 
 
 def _press_moves(app: App, begins: Vector, legs: Sequence[Leg]) -> list[str]:

@@ -228,7 +228,7 @@ class Robot:
     def set_load(self, load_mass: float, F_x_Cload: list[float], load_inertia: list[float]) -> None:  # noqa: N803
         assert len(F_x_Cload) == 3
         assert len(load_inertia) == 9
-        _note("load", kg=load_mass)
+        _note("load", kg=load_mass, at=F_x_Cload)
 
     def move(self, motion: _Motion, asynchronous: bool = False) -> None:
         _note("move", motion=motion, asynchronous=asynchronous)

@@ -161,6 +161,9 @@ class Controller:
     def get_target_payload_cog(self) -> list[float]:
         return [0.0, 0.0, 0.05]
 
+    def get_tcp_offset(self) -> list[float]:
+        return [0.01, 0.0, 0.16, 0.0, 0.0, 0.0]
+
     def norm(self, values: list[float]) -> float:
         return math.hypot(*values)
 

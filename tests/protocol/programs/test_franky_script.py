@@ -49,7 +49,9 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go() -> None:
     calls = run(as_file(pick_and_place()))
     names = [name for name, _ in calls if name in ("grasp", "fingers", "load")]
     assert names == ["grasp", "load", "load", "fingers", "load"]
-    assert [a["kg"] for name, a in calls if name == "load"] == [0.25, 0.25, 0.0]
+    hand = [0.0, 0.0, 0.1034]
+    loads = [(a["kg"], a["at"]) for name, a in calls if name == "load"]
+    assert loads == [(0.25, hand), (0.25, hand), (0.0, [0.0, 0.0, 0.0])]
     ends = [len(motion.reactions) for motion in motions(calls)]
     assert ends == [
         1,

@@ -103,7 +103,9 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     assert settings["FOR"] == 0  # 20 N is the least that it has
     assert settings["SPE"] == round(255 * (0.05 - 0.02) / 0.13)
     assert [one["m"] for one in controller.named("set_payload")] == pytest.approx([1.15, 1.15, 0.9])
-    assert all(one["cog"] == [0.0, 0.0, 0.05] for one in controller.named("set_payload"))  # the tool's
+    of_tool, carrying = [0.0, 0.0, 0.05], [0.25 * 0.01 / 1.15, 0.0, (0.9 * 0.05 + 0.25 * 0.16) / 1.15]
+    centres = [one["cog"] for one in controller.named("set_payload")]
+    assert centres == [pytest.approx(carrying), pytest.approx(carrying), of_tool]
 
 
 def test_what_is_not_grasped_stops_the_program():

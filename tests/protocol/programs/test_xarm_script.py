@@ -98,7 +98,8 @@ def test_pick_and_place_grips_carries_its_load_and_lets_it_go():
     ]
     assert counts == [(123, 59, 0), (16, 59, 0)]
     loads = [(call.args[0], call.args[1]) for call in arm.calls("set_tcp_load")]
-    assert loads == [(pytest.approx(kg), [0.0, 0.0, 50.0]) for kg in (1.05, 1.05, 0.8)]
+    carrying = pytest.approx([0.0, 0.0, (0.8 * 50.0 + 0.25 * 172.0) / 1.05])
+    assert loads == [*[(pytest.approx(1.05), carrying)] * 2, (0.8, [0.0, 0.0, 50.0])]
 
 
 @pytest.mark.parametrize(

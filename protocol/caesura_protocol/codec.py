@@ -3,8 +3,9 @@
 >>> encode(Close(session="s1", last_seq=7)).encoding
 'application/msgpack;caesura.Close.v1'
 
-Reading checks size, version, type and the number of items before it unpacks (`bounds.py`), and every refusal
-is a ProtocolError that names what was found and what the limit is. Nothing here can execute what it reads.
+Reading checks size, version, type and the number of items before it unpacks (`payload_limits.py`), and every
+refusal is a ProtocolError that names what was found and what the limit is. Nothing here can execute what it
+reads.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from caesura_protocol import messages
-from caesura_protocol.bounds import Bounds, bounds_of, unpacked
 from caesura_protocol.columns import signal_columns
 from caesura_protocol.errors import MAX_SHOWN, ProtocolError, printable
 from caesura_protocol.messages import (
@@ -33,6 +33,7 @@ from caesura_protocol.messages import (
     SampleBatch,
 )
 from caesura_protocol.packing import Packing
+from caesura_protocol.payload_limits import Bounds, bounds_of, unpacked
 
 MAJOR_VERSION = 1
 FLOAT_OF_SIZE: Mapping[int, np.dtype[Any]] = {4: np.dtype("<f4"), 8: np.dtype("<f8")}  # [bytes]

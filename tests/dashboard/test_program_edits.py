@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from caesura_clients.dashboard import program_edits
-from caesura_clients.dashboard.apps import Timeline
 from caesura_clients.dashboard.conflicts import EditConflict
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.program_edits import CHECKED, ProgramDesk, parse
+from caesura_clients.dashboard.program_timeline import Timeline
 from caesura_clients.program_editing import reference
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import App, AppChange, Program

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import msgpack
 import numpy as np
 
-from caesura_protocol.bounds import TEXT_BYTES
 from caesura_protocol.codec import decode, encode_error, encoding_of, unpack_samples
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
@@ -32,6 +31,7 @@ from caesura_protocol.messages import (
     ServiceStatus,
     SessionStatus,
 )
+from caesura_protocol.payload_limits import TEXT_BYTES
 
 # What a station can send to anybody, and what is answered to a query of its.
 OF_STATIONS: tuple[type[Message], ...] = (

@@ -66,5 +66,5 @@ def test_the_version_changes_with_what_computes(folders, monkeypatch, tmp_path, 
 
 def test_what_is_imported_in_a_function_or_by_way_of_another_counts():
     found = imported_by(TEACHER)
-    assert {"caesura_lab.teacher.guided_arm", "caesura_service.robot.kinematics", "caesura_lab"} <= found
+    assert {"caesura_lab.teacher.guided_arm", "caesura_service.robot.robot_model", "caesura_lab"} <= found
     assert "caesura_clients.cli" not in found

@@ -20,8 +20,8 @@ from caesura_protocol.errors import AccessDenied, CaesuraError, NotFound, Protoc
 from caesura_protocol.keys import check_name
 from caesura_protocol.messages import FORCE_FRAMES, HANDS_ON_ROBOT, WRENCH_SOURCES, Vector
 from caesura_protocol.plausibility import UNITS
+from caesura_protocol.programs.default_safety import cell_safety
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.robot_limits import cell_safety
 from caesura_protocol.programs.safety import UNSET, CellSettings, Safety, read_safety
 from caesura_protocol.recording import UnknownColumnsError
 from caesura_protocol.robots import grippers, robot_description

@@ -47,7 +47,7 @@ def dashboard(
     config: Config = None,
 ) -> None:
     """Show stations in a browser: signals, segments, programs; and correct what was found."""
-    from caesura_clients.dashboard.demonstrations import Desk  # noqa: PLC0415
+    from caesura_clients.dashboard.demonstration_control import DemonstrationDesk  # noqa: PLC0415
     from caesura_clients.dashboard.editing import corrector  # noqa: PLC0415
     from caesura_clients.dashboard.network_follower import NetworkFollower  # noqa: PLC0415
     from caesura_clients.dashboard.pages.layout import Site  # noqa: PLC0415
@@ -76,7 +76,9 @@ def dashboard(
                 site = (
                     Site(gateway, None)
                     if read_only
-                    else Site(gateway, corrector(transport), Desk(transport), recordings, simulator)
+                    else Site(
+                        gateway, corrector(transport), DemonstrationDesk(transport), recordings, simulator
+                    )
                 )
                 serve(site, address)
 

@@ -16,8 +16,8 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.apps import changes
 from caesura_clients.dashboard.drawing import beginning, correction_rows, delta
+from caesura_clients.dashboard.program_timeline import changes
 from caesura_clients.dashboard.station_summary import session_clock
 from caesura_clients.results import Update
 

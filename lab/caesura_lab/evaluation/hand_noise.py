@@ -25,7 +25,7 @@ from caesura_lab.evaluation.observations import Signals, grid_signals
 from caesura_lab.evaluation.suites import OPEN, SuiteOptions, suite
 from caesura_lab.evaluation.tables import Grid, rich_grid
 from caesura_service.changepoint.channel_model import AXES
-from caesura_service.changepoint.default import guided_motion
+from caesura_service.changepoint.default_presets import guided_motion
 from caesura_service.changepoint.evidence import log_mean_exp, student_log_density
 from caesura_service.changepoint.preset import STEP_S
 

@@ -22,7 +22,7 @@ from caesura_protocol.formats.read import load_recording
 from caesura_protocol.number_words import counted
 from caesura_protocol.recording import Recording, RecordingError
 from caesura_service.changepoint.channel_model import ChannelModel
-from caesura_service.changepoint.default import STROKES, early_moves, even_moves
+from caesura_service.changepoint.default_presets import STROKES, early_moves, even_moves
 from caesura_service.changepoint.offline_posterior import segment_offline
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.profile_model import ProfileModel

@@ -21,7 +21,7 @@ from caesura_lab.teacher.hand_force import ForceProfile, ForceSetpoint, force_go
 from caesura_lab.teacher.motion_profiles import Array, Movement, Stroke, Vector, path, time_of_share
 from caesura_lab.teacher.noise import band_noise, ornstein_uhlenbeck
 from caesura_lab.teacher.person import Person
-from caesura_lab.teacher.phases import PhaseStart
+from caesura_lab.teacher.phase_truth import PhaseStart
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, Kind, Scenario, Step, tips
 from caesura_lab.teacher.shapes import HorizontalCylinder
 from caesura_lab.teacher.submovements import Sweep, draw_bow, draw_submovements

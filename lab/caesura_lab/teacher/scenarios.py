@@ -21,7 +21,7 @@ from typing import Literal
 
 from caesura_lab.teacher.fingertip_contact import Surface
 from caesura_lab.teacher.motion_profiles import Vector
-from caesura_lab.teacher.phases import Event
+from caesura_lab.teacher.phase_truth import Event
 from caesura_lab.teacher.shapes import Hole, HorizontalCylinder, Screw
 
 FINGERS_BELOW_FLANGE_M = 0.1034

@@ -25,7 +25,7 @@ from caesura_lab.teacher.guided_arm import GuidedArmSimulation, SimulationTrace
 from caesura_lab.teacher.habits import IDEAL
 from caesura_lab.teacher.motion_profiles import Array, Profile
 from caesura_lab.teacher.person import THESIS, Person, draw_person, habits_stream, with_habits
-from caesura_lab.teacher.phases import phases_of
+from caesura_lab.teacher.phase_truth import phases_of
 from caesura_lab.teacher.plan import DT, make_plan
 from caesura_lab.teacher.scenarios import SCENARIOS, Scenario, moved
 from caesura_lab.teacher.screw_truth import screws_of

@@ -29,7 +29,7 @@ from caesura_protocol.formats.csv_layout import (
 from caesura_protocol.formats.csv_text import cell_of, is_comment, read_lines, rows_of, stated_in_comments
 from caesura_protocol.formats.foreign_csv import read_foreign_csv
 from caesura_protocol.formats.mapping_text import mapping_text
-from caesura_protocol.formats.npz import read_npz
+from caesura_protocol.formats.npz_read import read_npz
 from caesura_protocol.formats.raw_recording import Array, RawRecording, WrenchStatement
 from caesura_protocol.formats.sample_checks import (
     check_clock,

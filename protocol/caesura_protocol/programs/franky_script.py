@@ -14,7 +14,7 @@ from caesura_protocol.force_limit import is_path_limited
 from caesura_protocol.messages import Vector
 from caesura_protocol.programs.app_times import goes_on, rests_of
 from caesura_protocol.programs.document import ProgramFile, ProgramStep
-from caesura_protocol.programs.limits import (
+from caesura_protocol.programs.export_limits import (
     CONSTANTS,
     force_in_tool,
     refuse_beyond_limits,

@@ -10,7 +10,7 @@ from caesura_protocol.app_kinds import app_name, ends_in_contact
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.app_times import rest_newtons, rests_of
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.limits import press_direction, without_friction
+from caesura_protocol.programs.export_limits import press_direction, without_friction
 from caesura_protocol.programs.straight_legs import Leg, Quaternion, straight_legs
 
 STANDOFF_M = 0.02  # before a contact, from where it is looked for slowly

@@ -16,13 +16,13 @@ import numpy as np
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import LEFT_OUT, ProgramFile
-from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import (
+from caesura_protocol.programs.export_limits import (
     acting_limits,
     force_in_tool,
     refuse_beyond_limits,
     within_robot,
 )
+from caesura_protocol.programs.gripping import gripper_of, not_driven
 from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
 from caesura_protocol.programs.script_templates import (
     filled_template,

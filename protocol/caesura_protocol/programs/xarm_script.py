@@ -14,8 +14,7 @@ from typing import Any
 from caesura_protocol.app_kinds import APP_KINDS, step_title
 from caesura_protocol.messages import App, Vector
 from caesura_protocol.programs.document import ProgramFile
-from caesura_protocol.programs.gripping import gripper_of, not_driven
-from caesura_protocol.programs.limits import (
+from caesura_protocol.programs.export_limits import (
     acting_limits,
     force_in_tool,
     orientation_halfway,
@@ -23,6 +22,7 @@ from caesura_protocol.programs.limits import (
     within_robot,
     without_friction,
 )
+from caesura_protocol.programs.gripping import gripper_of, not_driven
 from caesura_protocol.programs.planned_apps import GRIPS, PlannedApp, planned_apps
 from caesura_protocol.programs.safety import Safety
 from caesura_protocol.programs.script_templates import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from caesura_service.changepoint.default import DEFAULT, STROKES, WITHOUT
+from caesura_service.changepoint.default_presets import DEFAULT, STROKES, WITHOUT
 from caesura_service.changepoint.preset import Preset
 from caesura_service.changepoint.thesis_presets import THESIS_PRESETS
 

@@ -1,11 +1,11 @@
 """Live coaching: hints to the teacher while a demonstration goes on.
 
 `measures` reduces an observation to the few numbers that the rules compare with their limits. `rules` is the
-table of rules. `coach` raises and clears hints by them. All of it is pure and O(1) an observation.
+table of rules. `hint_log` raises and clears hints by them. All of it is pure and O(1) an observation.
 """
 
 from caesura_service.coaching.boundaries import BoundaryCoach
-from caesura_service.coaching.coach import HintLog, all_hints
+from caesura_service.coaching.hint_log import HintLog, all_hints
 from caesura_service.coaching.measures import ArmLimits, CoachingSetup, ObservedPose
 from caesura_service.coaching.signal_coach import SignalCoach
 

@@ -21,7 +21,7 @@ from itertools import takewhile
 from typing import NamedTuple, Protocol
 
 from caesura_protocol.messages import Hint, HintKind
-from caesura_service.coaching.coach import HintLog
+from caesura_service.coaching.hint_log import HintLog
 
 LAG = 5  # observations after a boundary at which it is judged: the look-ahead at a corner of 0.3 s
 REACH = 3  # observations to either side at which the same boundary may lie

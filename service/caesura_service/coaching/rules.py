@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from caesura_protocol.wrench_faults import FROZEN_S
-from caesura_service.coaching.coach import LOUD, Trigger, Words
+from caesura_service.coaching.hint_log import LOUD, Trigger, Words
 from caesura_service.coaching.measures import AHEAD_S, PUSH_LIMIT, CoachingSetup, Measures
 
 ALONG_SCALES, SIZE_SCALES = 2.33, 3.37  # that 99 % stay below, of one component and of three

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from caesura_protocol.messages import Hint
-from caesura_service.coaching.coach import HintLog
+from caesura_service.coaching.hint_log import HintLog
 from caesura_service.coaching.measures import CoachingSetup, Meter, MotionState, ObservedPose
 from caesura_service.coaching.rules import RULES
 

@@ -44,9 +44,9 @@ from caesura_service.journal import (
     Key,
     PeerJournals,
 )
+from caesura_service.ownership.closed_session_rebuilder import ClosedSessionRebuilder
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
-from caesura_service.ownership.session_rebuilder import SessionRebuilder
 from caesura_service.ownership.station_limit import StationLimit, last_opened
 from caesura_service.ownership.station_ownership import StationOwnership
 from caesura_service.ownership.stored_sessions import StoredSessions
@@ -95,7 +95,7 @@ class Registry:
             pipeline_factory, default_preset, journal, limits, self.ownership.check_current
         )
         self._takeover = Takeover(self._factory, self._journals, journal)
-        self._rebuilder = SessionRebuilder(self._takeover, self._journals)
+        self._rebuilder = ClosedSessionRebuilder(self._takeover, self._journals)
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
         self._stations: dict[str, dict[str, Session]] = {}
         self._throttled: set[Session] = set()  # whose next status about refusals waits

@@ -1,6 +1,6 @@
 """The robot: kinematics and dynamics of an arm behind one typed interface."""
 
-from caesura_service.robot.kinematics import (
+from caesura_service.robot.robot_model import (
     FlangePose,
     HandDynamics,
     ReachError,

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from caesura_protocol.rotations import matrices_of
-from caesura_service.changepoint.default import TOOL_M
+from caesura_service.changepoint.default_presets import TOOL_M
 from caesura_service.constants import HANDS_BREADTH_M, REST_M_PER_S
 from caesura_service.segmentation.screwing import Course
 

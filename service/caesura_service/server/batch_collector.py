@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from caesura_service.server.inbound import RawPayload
-from caesura_service.server.transport import Payload
+from caesura_service.server.network_interface import Payload
 from caesura_service.sessions.batch_block import ENCODING, BatchBlock, BatchLayout
 from caesura_service.sessions.session import Awaited
 

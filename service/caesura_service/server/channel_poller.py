@@ -19,7 +19,7 @@ from typing import TypeVar
 from caesura_protocol.token_bucket import LOG_RATE, RateLimit
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.server.background_thread import BackgroundThread
-from caesura_service.server.transport import Channel, Declaration, Incoming, Network, received
+from caesura_service.server.network_interface import Channel, Declaration, Incoming, Network, received
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from caesura_protocol.messages import MAX_MESSAGE_BYTES
 from caesura_protocol.token_bucket import SENDERS
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.publishing.events import ReplayEnded, RequestReplay
-from caesura_service.server.transport import Payload
+from caesura_service.server.network_interface import Payload
 from caesura_service.sessions.batch_block import BatchBlock
 
 UNKNOWN = "?"  # the station of keys that name none

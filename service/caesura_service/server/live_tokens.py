@@ -11,7 +11,7 @@ from caesura_protocol.keys import parse_service_key, parse_station_key, service_
 from caesura_protocol.transport.inbox import TokenChange
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import Arrival, LivelinessChanged
-from caesura_service.server.transport import TOKENS, Channel, Network, received
+from caesura_service.server.network_interface import TOKENS, Channel, Network, received
 from caesura_service.server.work_queue import WorkQueue
 
 SERVICES, STATIONS = service_key("*", "alive"), station_key("*", "alive")

@@ -16,7 +16,7 @@ from caesura_protocol.transport.inbox import IncomingQuery, TokenChange
 from caesura_protocol.transport.memory import CallbackInbox, MemoryNetwork, MemoryTransport
 from caesura_protocol.transport.network import Priority
 from caesura_service.server.network import NetworkSettings
-from caesura_service.server.transport import TOKENS, Channel, Incoming
+from caesura_service.server.network_interface import TOKENS, Channel, Incoming
 
 Received = TypeVar("Received")
 

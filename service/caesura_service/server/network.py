@@ -38,7 +38,7 @@ from caesura_service.security.zenoh_files import (
     ROUTER_MAX_BYTES,
     with_handshake_timeout,
 )
-from caesura_service.server.transport import Network, NetworkError
+from caesura_service.server.network_interface import Network, NetworkError
 from caesura_service.server.zenoh_network import ZenohNetwork
 
 logger = logging.getLogger(__name__)

@@ -47,8 +47,8 @@ from caesura_service.server.inbound import (
     sources_of,
 )
 from caesura_service.server.lanes import Lanes
+from caesura_service.server.network_interface import Incoming, Network, NetworkError, Publisher
 from caesura_service.server.replay_blocks import ReplayBlocks
-from caesura_service.server.transport import Incoming, Network, NetworkError, Publisher
 from caesura_service.server.work_queue import WorkQueue
 from caesura_service.sessions.batch_block import BatchBlock
 

@@ -12,7 +12,7 @@ from caesura_protocol.keys import station_key
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_service.server.channel_poller import ChannelPoller
 from caesura_service.server.live_tokens import STATIONS, TokenChanges
-from caesura_service.server.transport import Declaration, Network
+from caesura_service.server.network_interface import Declaration, Network
 
 ALL = "*"
 

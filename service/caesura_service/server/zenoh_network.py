@@ -22,7 +22,7 @@ from caesura_protocol.transport.zenoh_transport import (
     reason,
     token_change,
 )
-from caesura_service.server.transport import TOKENS, Channel, Declaration, Incoming, NetworkError
+from caesura_service.server.network_interface import TOKENS, Channel, Declaration, Incoming, NetworkError
 
 Raw = TypeVar("Raw")
 Received = TypeVar("Received")

@@ -43,6 +43,7 @@ from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
+from caesura_service.server.network_interface import Incoming, Network, NetworkError
 from caesura_service.server.overload_monitor import OverloadMonitor
 from caesura_service.server.query_server import QueryServer, too_many_waiting
 from caesura_service.server.rate_limits import RateLimits
@@ -52,7 +53,6 @@ from caesura_service.server.samples import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
 from caesura_service.server.stored import StoredServer
-from caesura_service.server.transport import Incoming, Network, NetworkError
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
 from caesura_service.sessions.batch_block import BatchBlock

@@ -22,7 +22,7 @@ from caesura_lab.evaluation.library_comparison import (
 from caesura_lab.evaluation.suites import FileCase
 from caesura_protocol.recording import RecordingError
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.default import DEFAULT, STROKES, human_motion_library
+from caesura_service.changepoint.default_presets import DEFAULT, STROKES, human_motion_library
 from caesura_service.changepoint.hazard import Geometric
 from caesura_service.changepoint.offline_posterior import segment_offline
 

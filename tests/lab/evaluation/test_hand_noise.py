@@ -11,7 +11,7 @@ from scipy.stats import multivariate_t
 from caesura_lab.annotations import TrueChangepoint, Truth
 from caesura_lab.evaluation.hand_noise import BEGIN, END, HandNoise, best, movements
 from caesura_lab.evaluation.observations import Signals
-from caesura_service.changepoint.default import guided_motion
+from caesura_service.changepoint.default_presets import guided_motion
 
 TRUE = HandNoise(floor=0.0008, share=0.06, correlation=0.8, nu=4.0)
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from caesura_lab.annotations import truth_of
 from caesura_lab.teacher.person import THESIS
-from caesura_lab.teacher.phases import PhaseStart, phases_of
+from caesura_lab.teacher.phase_truth import PhaseStart, phases_of
 from caesura_lab.teacher.scenarios import FINGERS_BELOW_FLANGE_M, SKILLS, Scenario, Step
 from caesura_lab.teacher.simulated_teaching import Demonstration, SimulatedTeaching, teach
 from caesura_service.robot import Robot

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from caesura_protocol.messages import AppPath, ViaPoint
+from caesura_protocol.programs.export_limits import touching_force
 from caesura_protocol.programs.franky_script import franky_script
-from caesura_protocol.programs.limits import touching_force
 from caesura_protocol.programs.safety import Safety
 from harness.programs import (
     DOWN,

@@ -10,8 +10,8 @@ import pytest
 
 from caesura_protocol.messages import App
 from caesura_protocol.programs.document import ProgramFile
+from caesura_protocol.programs.export_limits import press_direction, without_friction
 from caesura_protocol.programs.franky_script import franky_script
-from caesura_protocol.programs.limits import press_direction, without_friction
 from caesura_protocol.programs.ur_script import ur_script
 from caesura_protocol.programs.xarm_script import xarm_script
 from harness.programs import as_file, move, press, wiped

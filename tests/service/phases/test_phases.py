@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.messages import Phase, Segment
-from caesura_service.changepoint.default import DEFAULT
+from caesura_service.changepoint.default_presets import DEFAULT
 from caesura_service.phases import PARAMETERS, Chain, PhaseTracker
 from caesura_service.phases.model import CONTACT_STATES, PIECE_S, SegmentFeatures, seen
 from caesura_service.phases.posterior import best_last, best_states, first_step, next_step, posterior

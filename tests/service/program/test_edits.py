@@ -27,7 +27,7 @@ from caesura_protocol.messages import (
     Undo,
 )
 from caesura_protocol.programs.document import document
-from caesura_protocol.programs.limits import refuse_beyond_limits
+from caesura_protocol.programs.export_limits import refuse_beyond_limits
 from caesura_service.program import edit_draft
 from caesura_service.program.edit_log import EditLog, log_of
 from caesura_service.program.edits import apply, check_applies, with_edits

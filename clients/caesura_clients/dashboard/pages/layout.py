@@ -10,7 +10,7 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
-from caesura_clients.dashboard.demonstrations import Desk
+from caesura_clients.dashboard.demonstration_control import DemonstrationDesk
 from caesura_clients.dashboard.editing import Corrector
 from caesura_clients.dashboard.network_follower import NetworkFollower
 from caesura_clients.dashboard.recordings import RecordingDesk
@@ -35,7 +35,7 @@ class Site(NamedTuple):
 
     gateway: NetworkFollower
     corrector: Corrector | None
-    desk: Desk | None = None
+    desk: DemonstrationDesk | None = None
     recordings: RecordingDesk | None = None
     simulator: Simulator | None = None
 

@@ -12,7 +12,7 @@ from fastapi.responses import PlainTextResponse
 from nicegui import run, ui
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.demonstrations import ONLY_READS
+from caesura_clients.dashboard.demonstration_control import ONLY_READS
 from caesura_clients.dashboard.editing import EditRefused
 from caesura_clients.dashboard.elements import RecordingDrop
 from caesura_clients.dashboard.pages.layout import Site, page, text

@@ -9,9 +9,8 @@ from nicegui import background_tasks, run, ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from caesura_clients.dashboard.apps import Timeline
 from caesura_clients.dashboard.conflicts import EditConflict
-from caesura_clients.dashboard.demonstrations import controls, description_of
+from caesura_clients.dashboard.demonstration_control import controls, description_of
 from caesura_clients.dashboard.drawing import run_lengths
 from caesura_clients.dashboard.editing import EditRefused, correct, preview
 from caesura_clients.dashboard.elements import (
@@ -24,6 +23,7 @@ from caesura_clients.dashboard.elements import (
 from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
+from caesura_clients.dashboard.program_timeline import Timeline
 from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.station_summary import (

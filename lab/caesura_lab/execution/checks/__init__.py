@@ -1,10 +1,10 @@
 """Pre-run checks of a task program: what cannot be run is refused before anything moves.
 
 Seven checks, one module each, of which six need no robot and are in `caesura_protocol.programs.checks`:
-`timing` of what was re-timed, `value_ranges` of every app for itself, `gripping` of what the gripper has,
-`preconditions` of what holds before each app, `workspace` of targets, and `fidelity` of what was taught and
-is not reproduced. Once the numbers are sane, `reachability` checks the arm: joints, inverse kinematics along
-the way, what stands in it.
+`timing` of what was re-timed, `value_ranges` of every app for itself, `gripper_capability` of what the
+gripper has, `preconditions` of what holds before each app, `workspace` of targets, and `fidelity` of what was
+taught and is not reproduced. Once the numbers are sane, `reachability` checks the arm: joints, inverse
+kinematics along the way, what stands in it.
 """
 
 from __future__ import annotations

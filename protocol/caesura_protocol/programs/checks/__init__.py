@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from caesura_protocol.programs.checks.fidelity import DemonstrationQuality, fidelity_findings
 from caesura_protocol.programs.checks.findings import Finding
-from caesura_protocol.programs.checks.gripping import gripper_findings
+from caesura_protocol.programs.checks.gripper_capability import gripper_findings
 from caesura_protocol.programs.checks.mounting import mounting_findings
 from caesura_protocol.programs.checks.preconditions import order_findings
 from caesura_protocol.programs.checks.timing import timing_findings

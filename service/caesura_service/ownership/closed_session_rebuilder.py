@@ -16,7 +16,7 @@ from caesura_service.publishing.events import Output, Owner, TakeoverFailed
 from caesura_service.sessions.session import Session
 
 
-class SessionRebuilder:
+class ClosedSessionRebuilder:
     """The rebuilds under way, by station and session."""
 
     def __init__(self, takeover: Takeover, journals: JournalSet) -> None:

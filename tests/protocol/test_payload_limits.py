@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from caesura_protocol.bounds import HEADER_BYTES, TEXT_BYTES
 from caesura_protocol.codec import MESSAGE_TYPES, decode, encode, encode_error, encoding_of
 from caesura_protocol.errors import ERROR_CODES, MAX_MESSAGE, ProtocolError
 from caesura_protocol.messages import (
@@ -52,6 +51,7 @@ from caesura_protocol.messages import (
     StationBudgets,
     WrenchReport,
 )
+from caesura_protocol.payload_limits import HEADER_BYTES, TEXT_BYTES
 from caesura_service.publishing.session_state import SessionCounters
 from caesura_service.server.budgets import USES
 from harness.heavy import (

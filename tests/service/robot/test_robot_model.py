@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from caesura_service.constants import JOINTS
 from caesura_service.robot import ReachError, Robot, load_panda
-from caesura_service.robot.kinematics import SINGULAR_BELOW
+from caesura_service.robot.robot_model import SINGULAR_BELOW
 
 Array = NDArray[np.float64]
 

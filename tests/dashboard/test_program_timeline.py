@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from caesura_clients.dashboard.apps import ROWS, Timeline, card, changes, vector
+from caesura_clients.dashboard.program_timeline import ROWS, Timeline, card, changes, vector
 from caesura_protocol.app_kinds import APP_KINDS, AppKind
 from caesura_protocol.messages import App, Program
 from caesura_protocol.session_clock import SessionClock

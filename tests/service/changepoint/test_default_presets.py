@@ -13,7 +13,7 @@ import pytest
 from caesura_protocol.formats.read import load_recording
 from caesura_protocol.recording import Recording
 from caesura_service.changepoint.channel_model import ModelInput
-from caesura_service.changepoint.default import DEFAULT, WITHOUT, default_channels
+from caesura_service.changepoint.default_presets import DEFAULT, WITHOUT, default_channels
 from caesura_service.changepoint.presets import PRESETS, preset_named
 from caesura_service.changepoint.profiles import minimum_jerk
 from caesura_service.changepoint.segments import stretches

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from caesura_protocol.programs.default_safety import cell_safety, safety_for
 from caesura_protocol.programs.document import document_of_apps, on_robot
-from caesura_protocol.programs.robot_limits import cell_safety, safety_for
 from caesura_protocol.programs.safety import DEFAULT
 from harness.programs import pick_and_place
 

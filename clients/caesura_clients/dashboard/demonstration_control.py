@@ -28,7 +28,7 @@ ACTIONS: TypeAdapter[Start | Stop | Describe] = TypeAdapter(
 )
 
 
-class Desk:
+class DemonstrationDesk:
     """Carries out what an operator asks for at a station; returns what was done, in words."""
 
     def __init__(self, transport: Transport) -> None:

@@ -23,7 +23,7 @@ def zenoh_files() -> Iterator[str]:
 
 
 def kustomization() -> Iterator[str]:
-    """It names files that exist, and all that belong to it."""
+    """Yield what the kustomization names and is not there, and what it does not name."""
     folder = DEPLOY / "kubernetes"
     named = set(_documents(folder / "kustomization.yaml")[0]["resources"])
     there = {file.name for file in folder.glob("*.yaml")} - {"kustomization.yaml", "secrets.example.yaml"}
@@ -32,7 +32,7 @@ def kustomization() -> Iterator[str]:
 
 
 def selectors() -> Iterator[str]:
-    """Every selector and every secret or claim that a pod mounts is met by something."""
+    """Yield selectors without a pod, and secrets and claims that a pod mounts and nothing provides."""
     documents = [one for file in sorted((DEPLOY / "kubernetes").rglob("*.yaml")) for one in _documents(file)]
     pods = [one["spec"]["template"] for one in documents if one["kind"] in {"Deployment", "StatefulSet"}]
     labels = [pod["metadata"]["labels"] for pod in pods]

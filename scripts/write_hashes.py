@@ -47,7 +47,7 @@ def main() -> int:
 
 
 def drifted() -> list[str]:
-    """What of the files is not what constraints.txt says."""
+    """Return the pinned versions and files that do not agree with constraints.txt."""
     lines = (TOP / "constraints.txt").read_text().split()
     pinned = {canonical(name): version for name, _, version in (line.partition("==") for line in lines)}
     files = {image: FOLDER / f"{image}.txt" for image in IMAGES}

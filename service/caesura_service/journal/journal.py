@@ -70,6 +70,14 @@ class JournalEmptyError(JournalError):
     """There is no journal in the file yet: its owner is about to create it."""
 
 
+class JournalForeignError(JournalError):
+    """The file is no journal, or is one of a newer version."""
+
+
+class PeerJournalError(JournalError):
+    """The journal of another instance cannot be read just now: what it has recorded is unknown."""
+
+
 class Record(NamedTuple):
     """A message that changed a session, with the time at which it came."""
 

@@ -1,9 +1,11 @@
 """The journals of other instances in the same directory, read as they are on disk.
 
-They are read while their owners run, hang or are dead, and nothing is written to them. One that is damaged,
-locked or of another version counts as not there, with one line in the log. Where the directory cannot be
-listed, which sessions there are is unknown: that is an error. Only instances on one machine may share a
-directory: SQLite's log does not work over a network file system.
+They are read while their owners run, hang or are dead, and nothing is written to them. One that is damaged
+or of another version counts as not there, with one line in the log. One that the system does not let us read
+(locked, no permission, a disk that fails) is an error for UNREADABLE_S: it may have corrections that were
+acknowledged. After that it counts as not there, so that one file cannot keep every station from being served.
+Where the directory cannot be listed, which sessions there are is unknown: that is an error. Only instances on
+one machine may share a directory: SQLite's log does not work over a network file system.
 """
 
 from __future__ import annotations
@@ -11,15 +13,25 @@ from __future__ import annotations
 import logging
 import os
 import sqlite3
+import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 from urllib.parse import quote
 
 from caesura_protocol.errors import ProtocolError
 from caesura_service.journal.edits import AppliedEdit
-from caesura_service.journal.journal import Copy, JournalEmptyError, JournalError, Outcome, Record
+from caesura_service.journal.journal import (
+    Copy,
+    JournalDamagedError,
+    JournalEmptyError,
+    JournalError,
+    JournalForeignError,
+    Outcome,
+    PeerJournalError,
+    Record,
+)
 from caesura_service.journal.rows import (
     Stored,
     copies_in,
@@ -46,6 +58,8 @@ logger = logging.getLogger(__name__)
 SUFFIX = ".sqlite"
 WARNED = 256  # errors that are remembered
 BUSY_S = 0.5  # for an owner that is just starting
+UNREADABLE_S = 30.0  # that stations wait for a journal that cannot be read; a bridge keeps its samples longer
+IN_ITS_CONTENT = (JournalDamagedError, JournalEmptyError, JournalForeignError)  # errors that stay
 T = TypeVar("T")
 
 
@@ -59,12 +73,20 @@ class PeerCopy(NamedTuple):
 class PeerJournals:
     """Every journal in the directory of `own` except that one; none if `own` is None.
 
-    All that looks for journals raises JournalError where the directory cannot be listed.
+    All that looks for journals raises JournalError where the directory cannot be listed, and PeerJournalError
+    while one cannot be read.
     """
 
-    def __init__(self, own: Path | None) -> None:
+    def __init__(self, own: Path | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._own = own
+        self._clock = clock
+        self._unreadable: dict[Path, float] = {}  # journals that may be readable again, and since when not [s]
         self._warned: set[str] = set()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every journal could be read when it was last asked, of those that are there."""
+        return all(map(_is_gone, tuple(self._unreadable)))
 
     def copies(self, station: str | None = None, session: str | None = None) -> list[PeerCopy]:
         """Return the peers' copies of every session, of a station's, or of one."""
@@ -75,9 +97,12 @@ class PeerJournals:
         ]
 
     def stations(self) -> frozenset[str]:
-        """Return the stations with a session in a peer journal."""
-        asked = (self._query(path, stations_in) for path in self._paths())
-        return frozenset(station for known in asked for station in known or ())
+        """Return the stations with a session in a peer journal that can be read."""
+        known: set[str] = set()
+        for path in self._paths():
+            with suppress(PeerJournalError):
+                known.update(self._query(path, stations_in) or ())
+        return frozenset(known)
 
     def epoch_of(self, station: str) -> int:
         """Return the highest epoch of a station in the peer journals; -1 without one."""
@@ -99,14 +124,14 @@ class PeerJournals:
         try:
             rows = self._query(found.path, lambda kept: kept.execute(SELECT_EDITS, found.copy.key).fetchall())
             return edits_of(found.copy.key, rows or ())
-        except (JournalError, ProtocolError) as error:
+        except (JournalDamagedError, ProtocolError) as error:
             self._warn_once(error)
             return ()
 
     def records(self, found: PeerCopy, first_seq: int = 0) -> Iterator[Record]:
         """Return a copy's records without batches before `first_seq`, with those appended meanwhile.
 
-        Ends early where the journal cannot be read.
+        Ends early where the journal is damaged.
         """
         wanted = {"station": found.copy.station, "session": found.copy.session, "first_seq": first_seq}
         place = -1
@@ -116,8 +141,10 @@ class PeerJournals:
                     for row in page:
                         yield record_of(found.copy.key, verify(found.copy.key, Stored(*row)))
                     place = page[-1][0]
-        except (JournalError, ProtocolError) as error:
+        except ProtocolError as error:
             self._warn_once(error)
+        except JournalError as error:
+            self._pass_over(found.path, error)
 
     def _paths(self) -> list[Path]:
         own = self._own
@@ -126,10 +153,22 @@ class PeerJournals:
     def _query(self, path: Path, question: Callable[[sqlite3.Connection], T]) -> T | None:
         try:
             with open_for_reading(path) as kept:
-                return question(kept)
+                answer = question(kept)
         except JournalError as error:
-            self._warn_once(error)
+            self._pass_over(path, error)
             return None
+        self._unreadable.pop(path, None)
+        return answer
+
+    def _pass_over(self, path: Path, error: JournalError) -> None:
+        """Log that a journal counts as not there. Raises PeerJournalError where that is not yet so."""
+        self._warn_once(error)
+        if isinstance(error, IN_ITS_CONTENT) or _is_gone(path):
+            self._unreadable.pop(path, None)
+            return
+        now = self._clock()
+        if now - self._unreadable.setdefault(path, now) < UNREADABLE_S:
+            raise PeerJournalError(str(error)) from error
 
     def _warn_once(self, error: Exception) -> None:
         """Log each error once: the journals are polled. One that its owner is about to create is no error."""
@@ -153,6 +192,16 @@ def journals_in(directory: Path) -> list[Path]:
         is_limit = error.errno in TOO_MANY_FILES
         remedy = RAISE_LIMIT if is_limit else f"let this user read it, or look after its disk ({error})"
         raise JournalError(f"journal directory {directory} cannot be listed: {remedy}") from error
+
+
+def _is_gone(path: Path) -> bool:
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return True
+    except OSError:
+        pass
+    return False
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from caesura_service.journal.journal import (
     JournalDamagedError,
     JournalEmptyError,
     JournalError,
+    JournalForeignError,
     JournalFullError,
     JournalMalformedError,
 )
@@ -261,6 +262,7 @@ KINDS = {
     "SQLITE_IOERR_SHMSIZE": JournalFullError,
     "SQLITE_BUSY": JournalBusyError,
     "SQLITE_CORRUPT": JournalMalformedError,
+    "SQLITE_NOTADB": JournalForeignError,
 }
 
 
@@ -454,10 +456,10 @@ def check(database: sqlite3.Connection, path: Path) -> None:
     if _is_empty(database):
         raise JournalEmptyError(f"journal {path} is empty: start the service that writes it")
     if _number(database, "application_id") != APPLICATION_ID:
-        raise JournalError(f"journal {path} is another program's database: name another --journal")
+        raise JournalForeignError(f"journal {path} is another program's database: name another --journal")
     version = _number(database, "user_version")
     if version > SCHEMA_VERSION:
-        raise JournalError(
+        raise JournalForeignError(
             f"journal {path} was written by a newer caesura (journal version {version}, this one reads "
             f"{SCHEMA_VERSION}): update caesura, or name another --journal"
         )

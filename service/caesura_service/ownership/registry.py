@@ -42,6 +42,7 @@ from caesura_service.journal import (
     JournalShareError,
     JournalSupersededError,
     Key,
+    PeerJournalError,
     PeerJournals,
 )
 from caesura_service.ownership.closed_session_rebuilder import ClosedSessionRebuilder
@@ -110,13 +111,15 @@ class Registry:
     def restore(self, now: float = 0.0, stations: Set[str] | None = None) -> list[TakeoverFailed]:
         """Take over these stations, or all with a session; return the sessions that could not be.
 
-        A station whose records cannot be copied is to be taken over again.
+        A station whose records cannot be read or copied is to be taken over again.
         """
         failed: list[TakeoverFailed] = []
         for station in sorted(self.known_stations() if stations is None else stations):
-            with suppress(NotRecordedError):
+            try:
                 for step in self.take_over(station, now):
                     failed += [output for output in step if isinstance(output, TakeoverFailed)]
+            except (NotRecordedError, PeerJournalError) as error:
+                self.ownership.fall_behind(station, str(error))
         return failed
 
     def known_stations(self) -> Set[str]:
@@ -157,7 +160,7 @@ class Registry:
         for name, copies in wanted.items():
             try:
                 session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
-            except NotRecordedError as error:
+            except (NotRecordedError, PeerJournalError) as error:
                 self.ownership.fall_behind(station, str(error))
                 raise
             if session is not None:

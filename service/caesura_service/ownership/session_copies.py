@@ -36,6 +36,11 @@ class JournalSet:
         self._own = own
         self._peers = peers
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether every journal could be read when it was last asked."""
+        return self._peers.is_complete
+
     def stations(self) -> frozenset[str]:
         """Return the stations with a session."""
         return self._peers.stations().union(station for station, _ in self._own.sessions())
@@ -79,9 +84,12 @@ class JournalSet:
         return self._own.edits(*copy.key) if copy.edits else ()
 
     def peer_edits(self, found: PeerCopy) -> Sequence[AppliedEdit]:
-        """Return a peer's edits of a session; none where they cannot be read."""
+        """Return a peer's edits of a session; none where they are damaged. Raises PeerJournalError."""
         return self._peers.edits(found) if found.copy.edits else ()
 
     def peer_records(self, found: PeerCopy, first_seq: int) -> Iterator[Record]:
-        """Return a peer's records of a session without batches before `first_seq`, as far as readable."""
+        """Return a peer's records of a session without batches before `first_seq`, up to a damaged one.
+
+        Raises PeerJournalError on the way.
+        """
         return self._peers.records(found, first_seq)

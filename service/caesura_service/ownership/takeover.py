@@ -2,8 +2,8 @@
 
 The records of another instance are processed like messages of a bridge: they pass the same checks and are
 recorded here; duplicates are skipped. So the progress of either instance does not matter, and batches that
-cannot be read are requested from the bridge. What cannot be recorded here is tried again, and the station is
-not served until then.
+are damaged are requested from the bridge. What cannot be read or recorded just now is tried again, and the
+station is not served until then.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Steps = Generator[list[Output], None, Session | None]  # gives way after every r
 
 
 class NotRecordedError(JournalError):
-    """What another instance has recorded of a session cannot be recorded here, so far."""
+    """What another instance has recorded of a session cannot be read or recorded here, so far."""
 
 
 class SessionFactory:
@@ -125,11 +125,16 @@ class Takeover:
         return session
 
     def vanished_sessions(self) -> list[Key]:
-        """Return the closed sessions that only a peer had and has deleted; each once."""
+        """Return the closed sessions that only a peer had and has deleted; each once.
+
+        No one while a journal cannot be read: what it has is not deleted.
+        """
         known = {
             station: self._journals.copies_of_station(station)
             for station in {key[0] for key in self._peer_only}
         }
+        if not self._journals.is_complete:
+            return []
         gone = [key for key in self._peer_only if key[1] not in known[key[0]]]
         self._peer_only.difference_update(gone)
         return gone
@@ -185,7 +190,8 @@ class Takeover:
     def _open_from_peer(self, copies: SessionCopies, owner: Owner) -> Session:
         """Open the session as a peer has recorded it, and record that here."""
         assert copies.peer is not None
-        first = next(self._journals.peer_records(copies.peer, 0), None)
+        with _recording(copies):
+            first = next(self._journals.peer_records(copies.peer, 0), None)
         if first is None:
             raise JournalError(f"{copies.peer.path} cannot be read")
         session = self._factory.new(copies.best.station, _require_open(first.message), owner, first.at)
@@ -238,7 +244,7 @@ def _recording(copies: SessionCopies) -> Iterator[None]:
         raise
     except JournalError as error:
         name = "/".join(copies.best.key)
-        raise NotRecordedError(f"{name} of another instance cannot be recorded: {error}") from error
+        raise NotRecordedError(f"{name} of another instance cannot be copied: {error}") from error
 
 
 def _require_open(message: object) -> Open:

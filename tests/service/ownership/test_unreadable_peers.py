@@ -1,0 +1,138 @@
+"""The journal of another instance cannot be read for a moment: what it has does not count as absent."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from caesura_protocol.messages import Ack, Insert
+from caesura_service.journal import peer_journals
+from caesura_service.journal.peer_journals import UNREADABLE_S
+from caesura_service.publishing.events import SessionDeleted
+from caesura_service.server.station_manager import StationManager
+from harness.sessions import NAME, STATION
+from service.ownership.test_edits_of_two_instances import corrected
+from service.ownership.test_takeover import COUNT, Instance
+from service.sessions.edits import compared, refused
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
+    """b had the station, then a: it has a correction that b does not know. b starts again."""
+    with ExitStack() as stack:
+        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        b.open()
+        b.feed(*range(5))
+        b.registry.release(STATION)
+        a.take()
+        a.feed(*range(5, 9))
+        assert isinstance(corrected(a, 0, Insert(t=0.5)), Ack)
+        a.journal.commit()
+        b.kill()
+        yield a, b
+
+
+@contextmanager
+def refused_by_system(path: Path, after: int = 0) -> Iterator[None]:
+    """After so many looks. A superuser may read every file, so the error is made here."""
+    connect, left = sqlite3.connect, [after]
+
+    def refusing(where: str, **options: Any) -> sqlite3.Connection:
+        if path.name in where:
+            left[0] -= 1
+            if left[0] < 0:
+                raise PermissionError(13, "Permission denied")
+        return connect(where, **options)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(peer_journals.sqlite3, "connect", refusing)
+        yield
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """By a copying program."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("PRAGMA locking_mode = EXCLUSIVE")
+        other.execute("BEGIN EXCLUSIVE")
+        yield
+
+
+def started(instance: Instance) -> None:
+    """It is served again as soon as everything can be read."""
+    now = [0.0]
+    manager = StationManager(instance.registry, instance.name, lambda _: None, lambda: now[0])
+    while instance.registry.ownership.in_takeover(STATION):
+        now[0] += manager.idle_s()
+        manager.step()
+
+
+@pytest.mark.parametrize("looks", range(4))
+def test_a_correction_that_cannot_be_read_is_not_replaced_by_the_next_one(pair, looks):
+    """The station was served without it, and the next correction was acknowledged in its place."""
+    a, b = pair
+    with refused_by_system(a.path, after=looks):
+        assert b.registry.restore(0.0, {STATION}) == []
+        late = refused(corrected(b, 0, Insert(t=0.155)))
+        assert (late.code, "let this user read" in late.message) == ("overloaded", True)
+    started(b)
+    assert compared(b.standing) == compared(a.standing)
+    assert (b.standing.revision, b.next_seq) == (1, 9)
+
+
+def test_a_journal_that_another_program_has_locked_is_waited_for(pair):
+    a, b = pair
+    a.journal.__exit__(None, None, None)
+    with locked(a.path):
+        b.registry.restore(0.0, {STATION})
+        assert refused(corrected(b, 0, Insert(t=0.155))).code == "overloaded"
+    started(b)
+    assert (b.standing.revision, b.next_seq) == (1, 9)
+
+
+def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pair, monkeypatch):
+    a, b = pair
+    now = [0.0]
+    monkeypatch.setattr(b.registry._journals._peers, "_clock", lambda: now[0])
+    with refused_by_system(a.path):
+        b.registry.restore(0.0, {STATION})
+        now[0] = UNREADABLE_S
+        started(b)
+        assert b.registry.ownership.serves(STATION)
+        assert b.next_seq == 5
+
+
+def test_a_name_is_not_given_to_a_second_session_while_the_first_cannot_be_read(tmp_path):
+    with ExitStack() as stack:
+        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a.open()
+        a.feed(*range(9))
+        a.journal.commit()
+        with refused_by_system(a.path):
+            assert refused(b.open()).code == "overloaded"
+        assert b.open() == Ack(session=NAME, next_seq=9, state="open", revision=0)
+
+
+def test_a_session_that_cannot_be_read_has_not_been_deleted(tmp_path, monkeypatch):
+    """It was no longer found, though its journal had it, until the instance started again."""
+    with ExitStack() as stack:
+        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a.open()
+        a.feed(*range(COUNT))
+        a.close()
+        a.registry.release(STATION)
+        b.take()
+        now = [0.0]
+        monkeypatch.setattr(b.registry._journals._peers, "_clock", lambda: now[0])
+        with refused_by_system(a.path):
+            for now[0] in (0.0, UNREADABLE_S):
+                assert b.registry.tick(1e6 + now[0] * 100) == []
+        assert b.standing.lifecycle == "closed"
+        a.path.unlink()
+        (said,) = b.registry.tick(1e9)
+        assert isinstance(said, SessionDeleted)

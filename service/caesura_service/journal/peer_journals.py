@@ -14,7 +14,7 @@ import logging
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -80,7 +80,7 @@ class PeerJournals:
     def __init__(self, own: Path | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._own = own
         self._clock = clock
-        self._unreadable: dict[Path, float] = {}  # journals that may be readable again, and since when not [s]
+        self._unreadable: dict[Path, float] = {}  # that may be readable again, and since when [s]
         self._warned: set[str] = set()
 
     @property
@@ -106,8 +106,16 @@ class PeerJournals:
 
     def epoch_of(self, station: str) -> int:
         """Return the highest epoch of a station in the peer journals; -1 without one."""
-        asked = (self._query(path, lambda kept: epoch_in(kept, station)) for path in self._paths())
-        return max((epoch for epoch in asked if epoch is not None), default=-1)
+        return self.epochs_of((station,))[station]
+
+    def epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
+        """Return the highest epoch of each station in the peer journals; -1 without one."""
+        highest = dict.fromkeys(stations, -1)
+        for path in self._paths():
+            found = self._query(path, lambda kept: {name: epoch_in(kept, name) for name in highest})
+            for name, epoch in (found or {}).items():
+                highest[name] = max(highest[name], epoch)
+        return highest
 
     def last_opened(self, station: str) -> float | None:
         """Return when the last session of a station was opened [s], by the peers; None without one."""

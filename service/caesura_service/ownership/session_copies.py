@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from caesura_service.journal import AppliedEdit, Copy, Journal, Outcome, PeerCopy, PeerJournals, Record
@@ -64,6 +64,10 @@ class JournalSet:
     def peer_epoch_of(self, station: str) -> int:
         """Return the highest epoch under which another instance had the station; -1 if none had."""
         return self._peers.epoch_of(station)
+
+    def peer_epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
+        """Return the highest epoch under which another instance had each station; -1 if none had."""
+        return self._peers.epochs_of(stations)
 
     def peer_last_opened(self, station: str) -> float | None:
         """Return when another instance last opened a session of the station [s]; None where none did."""

@@ -30,6 +30,7 @@ class StationOwnership:
         self._behind: dict[str, str] = {}  # stations of which records are missing here, and why
         self._unstored: set[str] = set()  # stations whose epoch is not in the journal
         self.is_unlinked = False  # from the loss of the own link until the stations are assigned again
+        self.is_settling = False  # from the start or a change of instances until all has been taken over
         self.superseded: set[str] = set()  # stations to take over again: another instance has served them
 
     def owner(self, station: str, now: float) -> Owner:
@@ -97,13 +98,26 @@ class StationOwnership:
         """All that other instances have recorded of the station is here."""
         self._behind.pop(station, None)
 
-    def may_be_behind(self, station: str) -> bool:
-        """Whether another instance may have served the station since; any thread may ask.
+    def may_be_behind(self, stations: Set[str]) -> Set[str]:
+        """Return the stations that another instance may have served since; any thread may ask.
 
-        What this instance has of it then is not shown: corrections that were acknowledged would be missing.
+        What this instance has of them then is not shown: corrections that were acknowledged would be missing.
         """
-        is_uncertain = self.is_unlinked or station in self._taking_over
-        return station in self._behind or (is_uncertain and self._is_known_superseded(station))
+        is_uncertain = self.is_unlinked or self.is_settling
+        asked = stations if is_uncertain else stations & {*self._taking_over}
+        behind = stations & {*self._behind}
+        return behind | self._superseded_among(asked - behind)
+
+    def _superseded_among(self, stations: Set[str]) -> Set[str]:
+        """Return those that another instance has acquired since; the journals are opened once for all."""
+        mine = {name: owner.epoch for name in stations if (owner := self._owners.get(name)) is not None}
+        if not mine:
+            return frozenset()
+        try:
+            theirs = self._journals.peer_epochs_of(mine)
+        except JournalError:
+            return frozenset()
+        return {name for name, epoch in mine.items() if theirs[name] > epoch}
 
     def begin_takeover(self, station: str) -> None:
         """Reject messages of the station until `end_takeover`."""

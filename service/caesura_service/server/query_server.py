@@ -255,7 +255,7 @@ class QueryServer(BackgroundThread):
         with answering(query):
             found = [(key, state) for key, state in states if query.matches(key)]
             ownership = self._registry.ownership
-            behind = set(filter(ownership.may_be_behind, {state.station for _, state in found}))
+            behind = ownership.may_be_behind({state.station for _, state in found})
             found = [(key, state) for key, state in found if state.station not in behind]
             there = {state.station for _, state in found}
             taking = [name for name in {*ownership.stations_in_takeover(), *behind} if name not in there]

@@ -72,6 +72,8 @@ class StationManager:
         self._owned = known if served is None else served
         missing = self._registry.restore(now, self._owned)
         self._registry.ownership.served = served
+        self._polls_s = [float("inf")]  # until the last owner can learn that it has lost them
+        self._update_settling()
         self._declare(served)
         self._log_start(time.monotonic() - began)
         return missing
@@ -96,6 +98,7 @@ class StationManager:
         match arrival:
             case Watching():
                 self._membership.start_watching(now)
+                self._polls_s = []
                 self._schedule_polls(now)
             case RouterLinkChanged(up):
                 logger.warning("the router is %s", "back" if up else "gone: trying until it is back")
@@ -114,6 +117,12 @@ class StationManager:
             case LivelinessChanged("station", name, False):
                 self._bridges.discard(name)  # whose sessions may go on
         self._next_change_s = self._membership.next_change_s(now)
+        self._update_settling()
+
+    def _update_settling(self) -> None:
+        """Until nothing is left to take over, another instance may have taken an own station back."""
+        is_settled = self._takeover is None and not self._queue and not self._polls_s
+        self._registry.ownership.is_settling = not is_settled
 
     def idle_s(self) -> float:
         """Return how long [s] no step is due unless an event arrives."""
@@ -137,7 +146,9 @@ class StationManager:
             station = next(iter(self._queue))
             self._renews = self._queue.pop(station)
             self._takeover = station, self._registry.take_over(station, now, renew=self._renews)
-        return self._continue_takeover()
+        outputs = self._continue_takeover()
+        self._update_settling()
+        return outputs
 
     def _take_back_superseded(self) -> None:
         """Take over again what another instance has acquired, where it is still this instance's."""

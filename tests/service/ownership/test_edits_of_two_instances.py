@@ -27,6 +27,9 @@ from caesura_service.journal import AppliedEdit
 from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of, status_of
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
+from caesura_service.server.inbound import LivelinessChanged, Watching
+from caesura_service.server.live_tokens import LiveTokens
+from caesura_service.server.station_manager import StationManager
 from harness.sessions import (
     NAME,
     STATION,
@@ -110,16 +113,50 @@ def test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of
     b.take()
     assert corrected(b, 0, Insert(t=0.5)).revision == 1
     ownership = a.registry.ownership
-    assert not ownership.may_be_behind(STATION)  # as far as it can know
+    assert not ownership.may_be_behind({STATION})  # as far as it can know
     ownership.is_unlinked = True
-    assert ownership.may_be_behind(STATION)
+    assert ownership.may_be_behind({STATION})
     ownership.begin_takeover(STATION)
     ownership.is_unlinked = False
     shown = []
     for _ in a.registry.take_over(STATION, 0.0):
-        shown.append((ownership.may_be_behind(STATION), a.standing.revision))
+        shown.append((bool(ownership.may_be_behind({STATION})), a.standing.revision))
     assert shown[0] == (True, 0)
     assert shown[-1] == (False, 1)
+
+
+def test_an_instance_that_starts_shows_nothing_that_its_predecessor_has_taken_back_and_changed(pair):
+    """The last owner learns of it after it has read the journals. It answered with the older revision."""
+    starting, last = pair  # the station is a's where both are there
+    last.open()
+    last.feed(*range(9))
+    last.journal.commit()
+    now = [0.0]
+    manager = StationManager(starting.registry, "a", lambda _: None, lambda: now[0])
+    manager.start(LiveTokens(frozenset({"b"}), frozenset({STATION})))
+    ownership = starting.registry.ownership
+    assert not ownership.may_be_behind({STATION})
+    last.take()
+    assert corrected(last, 0, Insert(t=0.5)).revision == 1
+    for event in (LivelinessChanged("station", STATION, True), Watching()):
+        assert ownership.may_be_behind({STATION})
+        manager.handle_event(event)
+    while ownership.is_settling:
+        assert ownership.may_be_behind({STATION}) or starting.standing.revision == 1
+        now[0] += manager.idle_s()
+        manager.step()
+    assert starting.standing.revision == 1
+    assert ownership.serves(STATION)
+    assert now[0] < 4.0
+
+
+def test_an_instance_that_is_alone_settles_at_its_start(pair):
+    a, _ = pair
+    manager = StationManager(a.registry, "a", lambda _: None, lambda: 0.0)
+    manager.start(LiveTokens(frozenset(), frozenset({STATION})))
+    assert a.registry.ownership.is_settling
+    manager.handle_event(Watching())
+    assert not a.registry.ownership.is_settling
 
 
 def test_a_station_without_another_owner_is_shown_while_it_is_taken_over_again(pair):
@@ -127,7 +164,7 @@ def test_a_station_without_another_owner_is_shown_while_it_is_taken_over_again(p
     a.open()
     a.feed(*range(9))
     for _ in a.registry.take_over(STATION, 0.0):
-        assert not a.registry.ownership.may_be_behind(STATION)
+        assert not a.registry.ownership.may_be_behind({STATION})
 
 
 def test_an_edit_of_the_program_behind_a_successor_takes_no_acknowledged_one_away(pair):

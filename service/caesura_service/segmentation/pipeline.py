@@ -259,8 +259,11 @@ class SegmentationPipeline:
         return resolved(change, self._shown())
 
     def refresh(self) -> None:
-        """Bring the view up to date."""
-        self._view = self._look(self._happened())
+        """Bring the view up to date; an edit asks for it several times at one observation."""
+        happened, count = self._happened(), self._division.online.count
+        if self._looked == _Looked(count, count, happened) and self._due_parts is None:
+            return
+        self._view = self._look(happened)
         self.make_due_program()
 
     @property

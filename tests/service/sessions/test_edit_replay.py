@@ -56,6 +56,23 @@ def test_a_correction_without_a_place_is_listed_with_its_reason_also_when_the_se
     assert stored.view.unapplied == {1: reason}
 
 
+def test_an_edit_makes_what_is_shown_once(monkeypatch):
+    """It was made three times: to resolve the edit, to tell its effect, and with the edit."""
+    real, looks = RealSession(MemoryJournal()), list[int]()
+    look = SegmentationPipeline._look
+
+    def counted(pipeline: SegmentationPipeline, *given: Any, **options: Any) -> Any:
+        looks.append(1)
+        return look(pipeline, *given, **options)
+
+    real.open()
+    real.feed(0, real.count)
+    real.edit(Insert(t=0.755))
+    monkeypatch.setattr(SegmentationPipeline, "_look", counted)
+    assert isinstance(real.edit(Insert(t=1.155)), Ack)
+    assert len(looks) == 1
+
+
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1))
 def test_a_replay_of_the_journal_gives_the_same_edits_bit_for_bit(seed: int):

@@ -273,6 +273,16 @@ def test_a_service_that_comes_late_learns_at_once_what_was_sent_before(memory):
             eventually(lambda: service.next_seq == 5)
 
 
+def test_a_service_that_was_away_for_longer_than_the_span_of_the_ring_gets_everything(memory):
+    """What the ring had evicted was a gap, though there was room for it."""
+    settings = BridgeSettings(ring_span_s=0.1, retry_s=0.02)
+    with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
+        bridge.send(samples(5000))
+        with FakeService(memory.transport()) as service:
+            eventually(lambda: service.next_seq == 250)
+            assert service.refusals == []
+
+
 def test_a_service_that_asks_for_the_same_batch_again_cannot_store_it(memory):
     now_s = [100.0]
     with Bridge(memory.transport(), "cell-1", LiveSource(), clock=lambda: now_s[0]) as bridge:
@@ -308,7 +318,7 @@ def test_a_range_is_replayed_in_order_and_no_further_than_asked(network):
 
 
 def test_what_the_ring_no_longer_has_is_refused_and_the_oldest_is_named(memory):
-    settings = BridgeSettings(ring_span_s=0.1, window_batches=2)
+    settings = BridgeSettings(ring_samples=100)
     with Bridge(memory.transport(), "cell-1", LiveSource(), settings=settings) as bridge:
         bridge.send(samples(1000))
         (refusal,) = replayed(memory.transport(), 0, 9).refusals

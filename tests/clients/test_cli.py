@@ -104,7 +104,7 @@ def test_bridge_says_that_the_service_cannot_store_and_that_it_can_again(monkeyp
 
     with reporting_storage(opened):
         opened.stuck_s = 3.1
-        eventually(lambda: printed("cannot store what comes; the newest 120 s are kept here"))
+        eventually(lambda: printed("cannot store what comes; the newest 600000 samples are kept here"))
         opened.stuck_s = 0.0
         eventually(lambda: printed("the service stores again"))
     assert "".join(said).count("cannot store") == 1

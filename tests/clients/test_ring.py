@@ -6,8 +6,9 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange
 
 
-def filled(count, *, period_s=0.02, samples=20, **bounds):
+def filled(count, *, period_s=0.02, samples=20, acknowledged=0, **bounds):
     ring = ReplayRing(**bounds)
+    ring.acknowledged = acknowledged
     for seq in range(count):
         ring.append(StoredBatch(seq, seq * period_s, samples, Encoded(b"%d" % seq, "x")))
     return ring
@@ -23,13 +24,22 @@ def numbers(entries):
 
 @pytest.mark.parametrize("period_s", [0.001, 0.02, 1.0])
 def test_at_least_the_span_is_kept_and_hardly_more(period_s):
-    ring = filled(40_000, period_s=period_s, samples=1, span_s=30.0, min_batches=1)
+    ring = filled(40_000, period_s=period_s, samples=1, acknowledged=40_000, span_s=30.0)
     kept_s = (39_999 - numbers(kept(ring))[0]) * period_s
     assert 30.0 <= kept_s <= 30.0 + 2 * period_s
 
 
-def test_the_last_batches_are_kept_however_slow_the_robot_is():
-    assert len(filled(100, period_s=60.0, span_s=30.0, min_batches=64)) == 64
+def test_what_no_service_is_known_to_have_is_kept_beyond_the_span():
+    """A service was away for longer than the span, and the ring evicted what only it had."""
+    assert len(filled(100, period_s=60.0, span_s=30.0, acknowledged=36)) == 64
+
+
+def test_what_a_service_has_at_last_is_evicted():
+    ring = filled(100, period_s=60.0, span_s=30.0)
+    assert len(ring) == 100
+    ring.acknowledged = 100
+    ring.append(StoredBatch(100, 6000.0, 20, Encoded(b"", "x")))
+    assert numbers(kept(ring)) == [*range(69, 101)]  # a step counts for a second at most
 
 
 def test_the_bound_on_samples_wins_over_the_span():
@@ -68,7 +78,7 @@ def test_numbers_have_no_holes():
 
 @pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
 def test_a_clock_that_jumps_evicts_nothing(jump_s):
-    ring = ReplayRing(span_s=30.0, min_batches=1)
+    ring = ReplayRing(span_s=30.0)
     for seq in range(1000):
         ring.append(StoredBatch(seq, 0.02 * seq + jump_s * (seq > 500), 20, Encoded(b"", "x")))
     assert numbers(kept(ring)) == list(range(1000))

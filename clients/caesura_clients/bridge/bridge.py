@@ -1,4 +1,5 @@
-"""A bridge between one robot and the service: it publishes numbered batches and keeps the last two minutes.
+"""A bridge between one robot and the service: it publishes numbered batches and keeps the last two minutes,
+and ten of what no service is known to have.
 
 Four threads:
   the caller's  takes chunks from the source and leaves them in the ring, numbered; it calls no network;
@@ -11,8 +12,7 @@ lost tail shows no hole, so an idle bridge repeats its last number. `Close` is a
 service has everything; until then the missing batches are sent again.
 
 How a source that can wait does not overrun the service: puts are not acknowledged, but `Open` is, and may be
-asked again. When `window_batches` are under way the bridge asks until the service has come half-way. The ring
-keeps at least a window, so it never evicts what such a service has not seen.
+asked again. When `window_batches` are under way the bridge asks until the service has come half-way.
 
 A bridge that ends before a service has everything, writes what the ring still has to a file.
 """
@@ -107,7 +107,6 @@ class Bridge:
         self.session = check_name(session or new_session_name(), "session")
         preset = None if preset is None else check_name(preset, "preset")
         self.settings = settings or BridgeSettings()
-        self.acknowledged = 0  # batches that the service is known to have
         self._source = source
         self._open = _opening(source, self.session, epoch, preset, self.settings.setting, description)
         self._holds_token = holds_token
@@ -117,8 +116,6 @@ class Bridge:
         self._ring = ReplayRing(
             span_s=self.settings.ring_span_s,
             max_samples=self.settings.ring_samples,
-            min_batches=self.settings.window_batches
-            + 1,  # the keeper may send a late one beside a full window
         )
         self._transport = transport
         self._control = ControlClient(transport, self.station)
@@ -155,6 +152,11 @@ class Bridge:
     def sent(self) -> int:
         """Batches of the session so far, those of a predecessor included."""
         return self._sender.last_seq + 1
+
+    @property
+    def acknowledged(self) -> int:
+        """Batches that the service is known to have."""
+        return self._ring.acknowledged
 
     @property
     def is_open(self) -> bool:
@@ -320,7 +322,7 @@ class Bridge:
             is_final = is_open and had_all and self.acknowledged > close.last_seq
             return None, refusal if is_final else None, is_open
         if ack is not None:
-            self.acknowledged = ack.next_seq
+            self._ring.acknowledged = ack.next_seq
         return ack, None, False
 
     def _save_unstored(self) -> None:
@@ -366,7 +368,7 @@ class Bridge:
         """Send the session's `Open`; return True if a service answered."""
         ack = self._control.ask(self._open)
         if ack is not None:
-            self.acknowledged = ack.next_seq
+            self._ring.acknowledged = ack.next_seq
             self._ignored_up = self._ignored_up or _ignored_up(self._open, ack)
         return ack is not None
 

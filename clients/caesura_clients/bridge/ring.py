@@ -1,9 +1,9 @@
 """The ring of the last batches, kept for replay.
 
-The ring keeps at least `span_s` of the demonstration, measured on the session's own clock, as long as that is
-no more than `max_samples`; and always the last `min_batches`, which is what may be under way to the service.
-A clock that jumps evicts nothing: from one batch to the next no more than `STEP_S` pass, and never less than
-nothing.
+The ring keeps at least `span_s` of the demonstration, measured on the session's own clock, and all that no
+service is known to have, as long as that is no more than `max_samples`. So a service may be silent for longer
+than the span. A clock that jumps evicts nothing: from one batch to the next no more than `STEP_S` pass, and
+never less than nothing.
 
 The ring is also the queue between the robot's thread and the network: a batch is in it from the moment it is
 numbered, and is encoded once, at its first use.
@@ -48,16 +48,16 @@ class StoredBatch:
 class ReplayRing:
     """Consecutive batches, oldest first; safe between threads."""
 
-    def __init__(self, *, span_s: float = 120.0, max_samples: int = 200_000, min_batches: int = 64) -> None:
+    def __init__(self, *, span_s: float = 120.0, max_samples: int = 600_000) -> None:
         self.span_s = span_s
         self.max_samples = max_samples
-        self.min_batches = min_batches
+        self.acknowledged = 0  # batches that a service is known to have
         self._entries: deque[StoredBatch] = deque()
         self._samples = 0
         self._lock = threading.Lock()
 
     def append(self, entry: StoredBatch) -> None:
-        """Keep a batch, whose number follows that of the last; evicts what is too old or too much."""
+        """Keep a batch, whose number follows that of the last; evicts what is old and stored, or too much."""
         with self._lock:
             if self._entries and entry.seq != self._entries[-1].seq + 1:
                 raise ValueError(f"batch {entry.seq} after {self._entries[-1].seq}, expected the next")
@@ -103,4 +103,4 @@ class ReplayRing:
             return False
         if self._samples > self.max_samples:
             return True
-        return len(self._entries) > self.min_batches and now - self._entries[1].passed > self.span_s
+        return self._entries[0].seq < self.acknowledged and now - self._entries[1].passed > self.span_s

@@ -16,7 +16,7 @@ class BridgeSettings:
     max_latency_s: float = 0.1  # a batch that does not fill goes after this time
     heartbeat_s: float = 0.5  # silence after which the last number is repeated
     ring_span_s: float = 120.0  # [s] session clock; about 11 MB at 1 kHz with all columns
-    ring_samples: int = 200_000
+    ring_samples: int = 600_000  # what no service has is kept so long: 10 min and 55 MB at 1 kHz
     window_batches: int = 64  # under way at most, where the source can wait
     tick_s: float = 0.02  # between two polls of the keeper and the send thread
     retry_s: float = 0.2  # between attempts to open or to close

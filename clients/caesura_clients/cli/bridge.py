@@ -288,7 +288,7 @@ def reporting_storage(opened: Bridge, is_gone: Callable[[], bool] = lambda: Fals
     is_gone: whether no service is there, of which nothing is said here.
     """
     over, is_stuck = threading.Event(), False
-    kept = f"the newest {opened.settings.ring_span_s:g} s are kept here"
+    kept = f"the newest {opened.settings.ring_samples} samples are kept here"
 
     def look() -> None:
         nonlocal is_stuck

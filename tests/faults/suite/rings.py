@@ -11,7 +11,7 @@ from faults.suite.outcome import FULL, Disturbance, Row, Scale, played
 from faults.suite.stations import SETTINGS, Station, reached
 from harness.processes import DEADLINE_S, eventually, reaches, serving
 
-SMALL = replace(SETTINGS, ring_span_s=2.0, window_batches=8)
+SMALL = replace(SETTINGS, ring_samples=400, window_batches=8)  # 2 s
 AWAY_S = 4.0
 
 

@@ -47,6 +47,7 @@ SESSION, BATCH, BATCH_S, DELAY_S = "load", 20, 0.02, 0.055
 OBSERVED_S = 0.1  # from one observation to the next
 QUIET_S = 3.0  # without a result: no more will come
 SECONDS, WARM_UP_S = 10.0, 2.0
+CATCH_UP_S = 60.0  # after which what a service lacks counts as lost
 LIMIT_MS = 50.0
 STEPS = (8, 16, 24, 32, 40, 48, 64, 96, 128)
 NETWORK_THREADS = ("rx-", "tx-", "acc-", "app-", "net-")  # as zenoh calls its own
@@ -137,8 +138,9 @@ def measured(
         reader = context.Process(target=read, args=(service.endpoint, len(names), reported), daemon=True)
         reader.start()
         reported.get()  # it listens
+        over = context.Event()
         robots = context.Process(
-            target=robot, args=(service.endpoint, names, lockstep, reported), daemon=True
+            target=robot, args=(service.endpoint, names, lockstep, reported, over), daemon=True
         )
         before_mb = memory_mb(service.pid)
         robots.start()
@@ -153,6 +155,7 @@ def measured(
         received = reported.get()
         with ZenohTransport(service.endpoint, timeout_s=10.0) as transport:
             lost = missing(transport, names, len(next(iter(put_at.values()))))
+        over.set()
         robots.join()
         reader.join()
     return Load(lost, list(latencies(put_at, received)), cores, network_s / spent_s, grown_mb, pace)
@@ -167,8 +170,8 @@ def latencies(put_at: dict[str, list[float]], received: list[tuple[str, float, f
 
 
 def missing(transport: ZenohTransport, names: Sequence[str], batches: int) -> int:
-    """Samples that were put and that no session has."""
-    deadline = time.monotonic() + 10.0
+    """Samples that were put and that no session has, however long the service takes for them."""
+    deadline = time.monotonic() + CATCH_UP_S
     while True:
         lost = sum(batches * BATCH - taken(transport, name) for name in names)
         if not lost or time.monotonic() > deadline:
@@ -187,8 +190,11 @@ def taken(transport: ZenohTransport, name: str) -> int:
 # --- the other processes --------------------------------------------------------------------------------
 
 
-def robot(endpoint: str, names: Sequence[str], lockstep: bool, reported: Any) -> None:
-    """Put every station's batches when they are due, and tell when that was."""
+def robot(endpoint: str, names: Sequence[str], lockstep: bool, reported: Any, over: Any) -> None:
+    """Put every station's batches when they are due, and tell when that was.
+
+    over: until it is set, whoever asks for batches gets them.
+    """
     taught = [prepared(*one) for one in ([(TASKS[0], 0)] if lockstep else product(TASKS, range(PLACES)))]
     opening = taught[0][1]
     content = {name: taught[place % len(taught)][0] for place, name in enumerate(names)}
@@ -221,7 +227,7 @@ def robot(endpoint: str, names: Sequence[str], lockstep: bool, reported: Any) ->
             publishers[name].put(batch.payload)
             put_at[name].append(time.monotonic())
         reported.put(put_at)
-        time.sleep(6.0)  # whoever asks may still ask; the sessions stay open
+        over.wait(2.0 * CATCH_UP_S)  # the sessions stay open
 
 
 def publisher(peer: Peer, name: str, encoding: str) -> zenoh.Publisher:

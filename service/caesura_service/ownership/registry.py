@@ -141,30 +141,36 @@ class Registry:
         """
         try:
             self._finish_work(station)
-            known, held = self._journals.copies_of_station(station), self._stations.get(station, {})
-            wanted = self._to_hold(known)
             renew = renew or self.ownership.is_behind(station) or self.ownership.is_superseded(station)
-            if renew or any(_is_missing_or_behind(held.get(name), known[name]) for name in wanted):
-                yield from self._take_over(station, now, {name: known[name] for name in wanted})
+            if renew or self._lacks_records(station):
+                yield from self._take_over(station, now)
         finally:
             self.ownership.end_takeover(station)
 
-    def _take_over(
-        self, station: str, now: float, wanted: Mapping[str, SessionCopies]
-    ) -> Generator[list[Output], None, None]:
+    def _lacks_records(self, station: str) -> bool:
+        held = self._stations.get(station, {})
+        return any(_is_missing_or_behind(held.get(name), one) for name, one in self._wanted(station).items())
+
+    def _wanted(self, station: str) -> Mapping[str, SessionCopies]:
+        """Return the copies of the sessions to hold in memory. Raises JournalError."""
+        known = self._journals.copies_of_station(station)
+        return {name: known[name] for name in self._to_hold(known)}
+
+    def _take_over(self, station: str, now: float) -> Generator[list[Output], None, None]:
         self.ownership.begin_takeover(station)
         self.ownership.begin_catching_up(station)
         self._rebuilder.cancel(station)
         held, owner = self._stations.get(station, {}), self.ownership.acquire(station, now)
-        taken = {name: session for name, session in held.items() if name not in wanted}
-        for name, copies in wanted.items():
-            try:
+        try:
+            wanted = self._wanted(station)  # of now: from here on the last owner acknowledges nothing
+            taken = {name: session for name, session in held.items() if name not in wanted}
+            for name, copies in wanted.items():
                 session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
-            except (NotRecordedError, PeerJournalError) as error:
-                self.ownership.fall_behind(station, str(error))
-                raise
-            if session is not None:
-                taken[name] = session
+                if session is not None:
+                    taken[name] = session
+        except (NotRecordedError, PeerJournalError) as error:
+            self.ownership.fall_behind(station, str(error))
+            raise
         self.ownership.catch_up(station)
         self._throttled.difference_update(held.values())
         if taken:
@@ -231,7 +237,11 @@ class Registry:
                 return [Reply(self._rebuilder.request(station, session, owner))]
             if isinstance(command, EditProgram) and not session.is_repeated(command):
                 command = self._with_apps(station, session, command)
-            return self._track_throttled(session, session.receive(command, now))
+            outputs = self._track_throttled(session, session.receive(command, now))
+            if not isinstance(command, Preview):
+                # An instance that has acquired the station meanwhile may have read the journals before.
+                self.ownership.check_current(station)
+            return outputs
 
     def handle_samples(
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float

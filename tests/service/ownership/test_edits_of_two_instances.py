@@ -23,7 +23,7 @@ from caesura_protocol.messages import (
     TakeBack,
     Undo,
 )
-from caesura_service.journal import AppliedEdit
+from caesura_service.journal import AppliedEdit, Record
 from caesura_service.publishing.events import TakeoverFailed
 from caesura_service.publishing.session_state import program_of, status_of
 from caesura_service.segmentation.corrections import EditHistory, ResolvedEdit
@@ -102,6 +102,50 @@ def test_a_command_that_reaches_an_owner_behind_its_successor_is_no_refusal_of_i
     assert published(outputs, SessionStatus) == []
     a.take(renew=False)
     assert status_of(a.standing).refused == {}
+
+
+def test_an_edit_that_is_acknowledged_while_another_instance_acquires_the_station_is_taken_along(pair):
+    """That one had read the journals before, and the next edit took the place of the acknowledged one."""
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.registry.release(STATION)
+    b.take()
+    b.registry.release(STATION)
+    a.take()
+    store = b.journal.store_epoch
+
+    def storing(station: str, epoch: int) -> None:
+        assert isinstance(corrected(a, 0, Insert(t=0.5)), Ack)
+        store(station, epoch)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(b.journal, "store_epoch", storing)
+        b.take()
+    assert b.standing.revision == 1
+
+
+@pytest.mark.parametrize("change", [corrected, named])
+def test_an_edit_is_not_acknowledged_where_another_instance_acquires_the_station_meanwhile(pair, change):
+    """Between the check of the epoch and the record; that one did not have the edit, and took another."""
+    a, b = pair
+    a.open()
+    a.feed(*range(9))
+    a.registry.release(STATION)
+    b.take()
+    b.registry.release(STATION)
+    a.take()
+    append = a.journal.append
+
+    def appending(record: Record, *, now: bool = False) -> None:
+        b.take()
+        append(record, now=now)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(a.journal, "append", appending)
+        assert refused(change(a, 0)).code == "overloaded"
+    assert b.take(renew=False)  # as the poll does
+    assert isinstance(change(b, 0), Ack)  # asked again
 
 
 def test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of_its_successor(pair):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
-from caesura_protocol.errors import ProtocolError
-from caesura_service.journal import JournalError, Key
+from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_service.journal import JournalError, Key, PeerJournalError
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
-from caesura_service.ownership.takeover import Takeover
+from caesura_service.ownership.takeover import NotRecordedError, Takeover
 from caesura_service.publishing.events import Output, Owner, TakeoverFailed
 from caesura_service.sessions.session import Session
 
@@ -23,7 +23,7 @@ class ClosedSessionRebuilder:
         self._takeover = takeover
         self._journals = journals
         self._under_way: dict[Key, Generator[list[Output], None, None]] = {}
-        self._failed: dict[Key, str] = {}
+        self._failed: dict[Key, tuple[ErrorCode, str]] = {}
 
     @property
     def is_rebuilding(self) -> bool:
@@ -37,12 +37,14 @@ class ClosedSessionRebuilder:
     def request(self, station: str, session: Session, owner: Owner) -> ProtocolError:
         """Start or continue a rebuild; return the answer to the editing client.
 
-        Raises ProtocolError `conflict` where the session cannot be rebuilt, JournalError.
+        Raises ProtocolError `conflict` where the session cannot be rebuilt, `overloaded` where that is so just
+        now, JournalError.
         """
         key = (station, session.name)
         if key not in self._under_way:
-            if (why := self._failed.pop(key, None)) is not None:
-                raise ProtocolError("conflict", f"the session cannot be corrected: {why}", value=session.name)
+            if (failed := self._failed.pop(key, None)) is not None:
+                code, why = failed
+                raise ProtocolError(code, f"the session cannot be corrected: {why}", value=session.name)
             copies = self._journals.copies_of_station(station, session.name).get(session.name)
             if copies is None:
                 why = "the journal no longer has the session's samples: it cannot be corrected"
@@ -62,7 +64,11 @@ class ClosedSessionRebuilder:
             self._under_way.pop(key, None)
         except Exception as error:
             self._under_way.pop(key, None)
-            self._failed[key] = f"{type(error).__name__}: {error}"
+            is_passing = isinstance(error, NotRecordedError | PeerJournalError)
+            self._failed[key] = (
+                "overloaded" if is_passing else "conflict",
+                f"{type(error).__name__}: {error}",
+            )
             return [TakeoverFailed(*key, error)]
         return []
 
@@ -83,7 +89,7 @@ class ClosedSessionRebuilder:
                 break
             for one in outputs:
                 if isinstance(one, TakeoverFailed):
-                    self._failed[key] = str(one.error)
+                    self._failed[key] = "conflict", str(one.error)
             yield outputs
         if rebuilt is None:
             return

@@ -62,6 +62,8 @@ class StationOwnership:
     def check_current(self, station: str) -> None:
         """Raise JournalSupersededError where another instance has acquired the station since.
 
+        Asked before anything but batches is recorded, and again before it is acknowledged: who acquires a
+        station reads the journals after that, so one of the two finds the other.
         An instance that was frozen does not know that it lost its stations. What it recorded then would
         count as much as what their owner has acknowledged. A directory that cannot be read says nothing.
         Raises JournalError where the own epoch, by which the other one learns that, cannot be stored.

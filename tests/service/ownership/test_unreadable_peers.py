@@ -18,7 +18,7 @@ from caesura_service.server.station_manager import StationManager
 from harness.sessions import NAME, STATION
 from service.ownership.test_edits_of_two_instances import corrected
 from service.ownership.test_takeover import COUNT, Instance
-from service.sessions.edits import compared, refused
+from service.sessions.edits import compared, refused, stepped
 
 
 @pytest.fixture
@@ -105,6 +105,25 @@ def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pai
         started(b)
         assert b.registry.ownership.serves(STATION)
         assert b.next_seq == 5
+
+
+def test_a_session_of_an_unreadable_journal_is_corrected_as_soon_as_it_can_be_read(tmp_path):
+    """The operator was told that it cannot be corrected."""
+    with ExitStack() as stack:
+        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a.open()
+        a.feed(*range(COUNT))
+        a.close()
+        a.registry.release(STATION)
+        b.take()
+        assert refused(corrected(b)).code == "overloaded"
+        with refused_by_system(a.path):
+            stepped(b.registry)
+        passing = refused(corrected(b))
+        assert (passing.code, "let this user read" in passing.message) == ("overloaded", True)
+        assert refused(corrected(b)).code == "overloaded"
+        stepped(b.registry)
+        assert isinstance(corrected(b), Ack)
 
 
 def test_a_name_is_not_given_to_a_second_session_while_the_first_cannot_be_read(tmp_path):

@@ -37,8 +37,8 @@ class ClosedSessionRebuilder:
     def request(self, station: str, session: Session, owner: Owner) -> ProtocolError:
         """Start or continue a rebuild; return the answer to the editing client.
 
-        Raises ProtocolError `conflict` where the session cannot be rebuilt, `overloaded` where that is so just
-        now, JournalError.
+        Raises ProtocolError `conflict` where the session cannot be rebuilt, `overloaded` where that is
+        so just now, JournalError.
         """
         key = (station, session.name)
         if key not in self._under_way:

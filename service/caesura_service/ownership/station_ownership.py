@@ -116,10 +116,10 @@ class StationOwnership:
         if not mine:
             return frozenset()
         try:
-            theirs = self._journals.peer_epochs_of(mine)
+            last = self._journals.peer_epochs_of(mine)
         except JournalError:
             return frozenset()
-        return {name for name, epoch in mine.items() if theirs[name] > epoch}
+        return {name for name, epoch in mine.items() if last[name] > epoch}
 
     def begin_takeover(self, station: str) -> None:
         """Reject messages of the station until `end_takeover`."""

@@ -127,7 +127,7 @@ class Takeover:
     def vanished_sessions(self) -> list[Key]:
         """Return the closed sessions that only a peer had and has deleted; each once.
 
-        No one while a journal cannot be read: what it has is not deleted.
+        None of them while a journal cannot be read: what it has is not deleted.
         """
         known = {
             station: self._journals.copies_of_station(station)

@@ -176,7 +176,9 @@ def test_the_samples_of_a_session_that_has_ended_are_asked_for(gateway, memory, 
     wanted, status = SampleRange(0.0, 0.5, 100, ("px",)), snapshot(1).status
     memory.transport().put(station_key(station(), "samples"), samples(session=status.session))
     eventually(lambda: station() in gateway.received)
-    answering.put(status.model_copy(update={"seq": 9, "state": "closed"}))
+    closed = status.model_copy(update={"seq": 9, "state": "closed"})
+    answering.snapshots = [one.model_copy(update={"status": closed}) for one in answering.snapshots]
+    answering.put(closed)
     eventually(lambda: gateway.world.update(station()).closed)
     answering.answers[session_key(station(), status.session, "samples")] = encode(example(RecordedSamples))
     assert gateway.samples(station(), status.session, wanted) == example(RecordedSamples)

@@ -14,16 +14,29 @@ from types import SimpleNamespace
 
 import pytest
 
-from caesura_service.journal import JournalError, JournalSettings, SqliteJournal
+from caesura_protocol.codec import encode
+from caesura_service.journal import EncodedBatch, JournalError, JournalSettings, SqliteJournal
 from caesura_service.journal.journal import JournalFullError
 from caesura_service.journal.reserve import OPENING, SHARE, SIZE, SUFFIX, Reserve
 from harness.power import COMPILER, NO_COMPILER, build, environment
 from harness.processes import eventually
-from harness.sessions import STATION
-from service.journal.test_deletion import record, taught
+from harness.sessions import NAME, STATION
+from service.journal.test_deletion import FIRST, record
 
+PAYLOAD = encode(FIRST).payload
 FILES = 32
 DISK = SHARE * SIZE + (48 << 20)  # [bytes] room for a reserve, and for what the tests write before
+
+
+def append(journal: SqliteJournal, seq: int, session: str) -> None:
+    """As a service does, which has the payload of a batch already. Nothing reads it again."""
+    journal.append_batch(STATION, session, float(seq), EncodedBatch(FIRST.epoch, seq, PAYLOAD))
+
+
+def taught(journal: SqliteJournal, count: int, session: str) -> None:
+    for seq in range(count):
+        append(journal, seq, session)
+    journal.commit()
 
 
 def full() -> JournalError:
@@ -178,7 +191,7 @@ def refused(journal: SqliteJournal, session: str = "new", count: int = 20_000) -
     """Teach until the disk is full; no more waits then than a deletion makes room for."""
     with pytest.raises(JournalError, match="no room left"):  # noqa: PT012 - which append does not matter
         for seq in range(count):
-            journal.append(record(seq, session))
+            append(journal, seq, session)
             if seq % 500 == 0:
                 journal.commit()
     eventually(lambda: journal.report().trouble is not None)
@@ -236,7 +249,7 @@ def test_the_last_room_of_a_small_disk_is_for_deletions(disk):
 def test_a_disk_stays_full_until_something_is_written(disk):
     """Where nothing waited, an empty transaction was taken for the end of the trouble."""
     with SqliteJournal(disk / "caesura-1.sqlite", JournalSettings(commit_s=0.01)) as journal:
-        taught(journal, 10)
+        taught(journal, 10, NAME)
         eventually((disk / f"caesura-1.sqlite{SUFFIX}").exists)
         fill(disk)
         with pytest.raises(JournalError, match="no room left"):  # noqa: PT012 - which append does not matter
@@ -274,7 +287,7 @@ def test_a_journal_is_opened_and_deleted_from_on_a_disk_without_a_byte(disk):
 def test_without_a_reserve_a_journal_on_a_full_disk_says_what_to_do(disk):
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path) as journal:
-        taught(journal, 10)
+        taught(journal, 10, NAME)
         eventually((disk / f"{path.name}{SUFFIX}").exists)
     (disk / f"{path.name}{SUFFIX}").unlink()
     fill(disk)
@@ -286,7 +299,7 @@ def test_a_disk_that_is_read_only_or_holds_no_further_file_is_named(disk):
     """`let this user read and write it` was advised, as for a file of another user."""
     path = disk / "caesura-1.sqlite"
     with SqliteJournal(path) as journal:
-        taught(journal, 10)
+        taught(journal, 10, NAME)
     for number in range(FILES):
         with suppress(OSError):
             (disk / str(number)).touch()

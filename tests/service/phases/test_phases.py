@@ -1,6 +1,7 @@
 """Phases against all groupings of short demonstrations, and how they behave while a demonstration goes on."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise, product
@@ -157,28 +158,43 @@ class Cycles:
         return 1.0 if has_come_round else self._parameters.left_open
 
 
-def weight_of(
-    segments: list[SegmentFeatures], grouping: tuple, ended: bool, parameters, cycles: Cycles
-) -> float:
-    """grouping: of each segment its kind's number, whether it interrupts, and whether a phase starts."""
-    total, start = parameters.kinds[grouping[0][0]].bounds, 0
-    for i, (one, (k, aside, starts)) in enumerate(zip(segments, grouping, strict=True)):
+def weigher(
+    segments: list[SegmentFeatures], ended: bool, parameters, cycles: Cycles
+) -> Callable[[tuple], float]:
+    """The weight of a grouping: of each segment its kind's number, whether it interrupts, and whether a phase
+    starts. Groupings share most of their factors.
+    """
+
+    @cache
+    def factor(i: int, start: int, k: int, aside: bool) -> float:
         kind = parameters.kinds[k]
-        if starts and aside:
-            return 0.0
-        if i:
-            total *= follows(segments, i, start, grouping[i - 1 : i + 1], parameters, cycles)
-        if starts:
-            start = i
-        total *= emitted(one, kind, aside, parameters)
-        total *= cycles.gone_over(start, i) if kind.retraces and not aside else 1.0
-    last, last_aside, _ = grouping[-1]
-    kind = parameters.kinds[last]
-    if not ended:
-        return total
-    if last_aside:
-        return total * kind.bounds * (1.0 - kind.resumed)
-    return total * kind.bounds * kind.ends * (cycles.ends(start, i) if kind.retraces else 1.0)
+        gone_over = cycles.gone_over(start, i) if kind.retraces and not aside else 1.0
+        return emitted(segments[i], kind, aside, parameters) * gone_over
+
+    @cache
+    def after(i: int, start: int, pair: tuple) -> float:
+        return follows(segments, i, start, pair, parameters, cycles)
+
+    @cache
+    def at_the_end(start: int, k: int, aside: bool) -> float:
+        kind = parameters.kinds[k]
+        if not ended:
+            return 1.0
+        if aside:
+            return kind.bounds * (1.0 - kind.resumed)
+        return kind.bounds * kind.ends * (cycles.ends(start, len(segments) - 1) if kind.retraces else 1.0)
+
+    def weight(grouping: tuple) -> float:
+        total, start = parameters.kinds[grouping[0][0]].bounds, 0
+        for i, (k, aside, starts) in enumerate(grouping):
+            if starts and aside:
+                return 0.0
+            total *= after(i, start, grouping[i - 1 : i + 1]) if i else 1.0
+            start = i if starts else start
+            total *= factor(i, start, k, aside)
+        return total * at_the_end(start, *grouping[-1][:2])
+
+    return weight
 
 
 def follows(segments: list, i: int, start: int, pair: tuple, parameters, cycles: Cycles) -> float:
@@ -263,8 +279,8 @@ def test_the_posterior_is_that_over_all_groupings(ended: bool, memory: int, kind
         for i in range(1, len(shown)):
             steps.append(next_step(chain, steps[-1], shown[i], shown[:i]))
         all_of_them = groupings(len(segments), len(parameters.kinds))
-        cycles = Cycles(shown, parameters)
-        weights = np.array([weight_of(shown, each, ended, parameters, cycles) for each in all_of_them])
+        weight = weigher(shown, ended, parameters, Cycles(shown, parameters))
+        weights = np.array([weight(each) for each in all_of_them])
         of_kind, is_aside, begins = np.moveaxis(np.array(all_of_them), 2, 0)
         sure = posterior(chain, steps, ended=ended)
         for i, k, aside in product(range(len(segments)), range(len(parameters.kinds)), (False, True)):

@@ -128,10 +128,14 @@ def _weights(log_transition: Array, *, free: bool) -> Array:
 
 
 class Window:
-    """Of every start among the last `size` observations: its links, and its evidence at every age since."""
+    """Of every start among the last `size` observations: its links, and its evidence at every age since.
 
-    def __init__(self, size: int, kinds: int, groups: int) -> None:
+    hazard: to the power of the model set.
+    """
+
+    def __init__(self, size: int, kinds: int, groups: int, hazard: Hazard) -> None:
         self.size = size
+        self._tables = [_tables(one, size) for one in (hazard, hazard.residual)]
         self._evidence = np.full((size, size, groups), -np.inf)  # [start mod size, age] to its power
         self._map_evidence = np.full((size, size, groups), -np.inf)  # the same as it is
         self._kinds = np.zeros((size, size, kinds))  # the same of each kind
@@ -157,19 +161,18 @@ class Window:
         self._map_evidence[starts % self.size, now - starts] = map_evidence[recent]
         self._kinds[starts % self.size, now - starts] = kinds[recent]
 
-    def smoothed(self, count: int, hazard: Hazard, log_transition: Array, log_total: float) -> Array:
+    def smoothed(self, count: int, log_transition: Array, log_total: float) -> Array:
         """(size,) probability that a segment starts, at every observation still in the window.
 
-        hazard, log_transition: to the power of the model set. log_total: log evidence of everything.
+        log_transition: to the power of the model set. log_total: log evidence of everything.
         """
         first = self.oldest(count)
         size = count - first
-        tables = [_tables(one, size) for one in (hazard, hazard.residual)]
         followed = np.empty((size, len(log_transition)))  # [start], by the group of the segment before
         started = np.empty((size, len(log_transition)))  # [start], by the group of the segment that starts
         for i in range(size - 1, -1, -1):
             evidence, links = self._evidence[(first + i) % self.size, : size - i], self.links(first + i)
-            log_mass, log_survival = tables[links.opens]
+            log_mass, log_survival = self._tables[links.opens]
             terms = log_mass[: size - i] + evidence
             terms[:-1] += followed[i + 1 :]
             terms[-1] = log_survival[size - 1 - i] + evidence[-1]

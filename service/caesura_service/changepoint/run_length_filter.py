@@ -64,6 +64,8 @@ class RunLengthFilter(SmoothedProbabilities):
     def __post_init__(self) -> None:
         kinds, groups = len(self.lattice.kinds), len(self.lattice.log_transition)
         self._tempered = Tempered(self.hazard, self.lattice.power)
+        with np.errstate(divide="ignore"):
+            self._log_prune_ratio = float(np.log(self.parameters.prune_ratio))
         self.count = 0  # observations taken
         self.starts: Starts = np.zeros(0, np.int64)  # (h,) ascending
         self.log_prior: Array = np.zeros((0, groups))  # (h, groups) A(s)
@@ -81,7 +83,7 @@ class RunLengthFilter(SmoothedProbabilities):
         self.final = FinalPath(kinds)  # the segments before the root
         self.boundaries: list[int] = []  # starts that a correction makes certain
         self.capped = 0  # steps on which the cap bit
-        self._window = Window(self.parameters.window, kinds, groups)
+        self._window = Window(self.parameters.window, kinds, groups, self._tempered)
         self._smoothing = RunLengthFilterBase()
         self._next = first_links(groups)  # of the hypothesis that the next observation starts
 
@@ -216,8 +218,7 @@ class RunLengthFilter(SmoothedProbabilities):
 
     def _prune(self) -> None:
         p, pairs, joint = self.parameters, self._joint, self.log_joint
-        with np.errstate(divide="ignore"):
-            least = joint.max() + np.log(p.prune_ratio)
+        least = joint.max() + self._log_prune_ratio
         young = np.arange(joint.size) >= joint.size - p.keep_youngest
         dropped = (pairs < least) & ~young[:, None]
         self.log_prior[dropped] = self.map_prior[dropped] = -np.inf
@@ -280,7 +281,7 @@ class RunLengthFilter(SmoothedProbabilities):
 
     def _smooth(self) -> None:
         total, transition = float(log_sum_exp(self.log_joint)), self.lattice.tempered_transition
-        smoothed = self._window.smoothed(self.count, self._tempered, transition, total)
+        smoothed = self._window.smoothed(self.count, transition, total)
         self._smoothing.follow(smoothed, self.count)
 
 

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -15,12 +14,6 @@ from caesura_lab.evaluation.worker_pool import each
 from harness.processes import DEADLINE_S, eventually
 
 TESTS = Path(__file__).parents[2]
-
-
-def never_ends(folder: Path) -> None:
-    """Work that says which process does it, and goes on."""
-    (folder / str(os.getpid())).touch()
-    threading.Event().wait()
 
 
 def test_what_comes_of_each_item_comes_in_any_order():
@@ -32,7 +25,7 @@ def test_no_worker_outlives_its_parent(number: int, tmp_path: Path):
     """A time limit ended `caesura evaluate`, and its workers computed on for minutes."""
     program = (
         "import sys; from pathlib import Path; from caesura_lab.evaluation.worker_pool import each; "
-        "from lab.evaluation.test_worker_pool import never_ends\n"
+        "from lab.evaluation.endless import never_ends\n"
         "if __name__ == '__main__': list(each(never_ends, [Path(sys.argv[1])] * 2, workers=2))"
     )
     path = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import Command, Heartbeat, Refusal, SampleBatch
@@ -30,7 +31,7 @@ class InstrumentedRegistry(Registry):
         # Of the calls that are under way: while one gives way, others begin and end.
         self._refusals: dict[str | None, list[Refusal | None]] = {}
         # Each session at its last count: reading it in between does not change the count.
-        self._last_states: dict[Session, SessionState] = {}
+        self._last_states: WeakKeyDictionary[Session, SessionState] = WeakKeyDictionary()
 
     def handle_command(self, station: str, command: Command, now: float) -> list[Output]:
         """Execute a command; opening may close or release other sessions of the station."""
@@ -40,7 +41,7 @@ class InstrumentedRegistry(Registry):
         self, station: str, message: SampleBatch | Heartbeat | ReplayEnded, now: float
     ) -> list[Output]:
         """Process a bridge's message, which changes no other session. now: [s]."""
-        session = self._find_session(station, message.session)
+        session = self._held.find(station, message.session)
         if session is None:
             return self._instrumented(
                 station, message, partial(super().handle_samples, station, message, now)
@@ -63,7 +64,7 @@ class InstrumentedRegistry(Registry):
 
     def handle_together(self, station: str, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
         """Process several batches together, each of which is counted."""
-        session = self._find_session(station, block.session)
+        session = self._held.find(station, block.session)
         if session is None:
             return 0, []
         before, began = self._last_state(session), self._monotonic()
@@ -128,12 +129,6 @@ class InstrumentedRegistry(Registry):
 
     def _sessions(self, station: str | None) -> tuple[Session, ...]:
         return self.index.sessions.get(station or "", ())
-
-    def _update_index(self) -> None:
-        super()._update_index()
-        held = {session for sessions in self.index.sessions.values() for session in sessions}
-        known = self._last_states.items()
-        self._last_states = {session: state for session, state in known if session in held}
 
     def _last_state(self, session: Session) -> SessionState:
         return self._last_states.get(session) or self._update_last_state(session)

@@ -10,16 +10,15 @@ Stations may be shared with other instances: what is not served here is another'
 is just being taken has to ask again.
 
 Other threads read the `index`, which is replaced when a session is added or removed and holds its immutable
-state.
+state (`held_sessions`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Mapping, Set
 from contextlib import suppress
-from types import TracebackType
 
-from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import (
     Close,
     Command,
@@ -39,13 +38,14 @@ from caesura_service.journal import (
     AppliedProgramEdit,
     Journal,
     JournalError,
-    JournalShareError,
     JournalSupersededError,
     Key,
     PeerJournalError,
     PeerJournals,
 )
 from caesura_service.ownership.closed_session_rebuilder import ClosedSessionRebuilder
+from caesura_service.ownership.held_sessions import HeldSessions
+from caesura_service.ownership.journal_refusals import AS_CONFLICT, AS_OVERLOADED
 from caesura_service.ownership.session_copies import JournalSet, SessionCopies
 from caesura_service.ownership.session_index import SessionIndex
 from caesura_service.ownership.station_limit import StationLimit, last_opened
@@ -98,13 +98,16 @@ class Registry:
         self._takeover = Takeover(self._factory, self._journals, journal)
         self._rebuilder = ClosedSessionRebuilder(self._takeover, self._journals)
         self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
-        self._stations: dict[str, dict[str, Session]] = {}
-        self._throttled: set[Session] = set()  # whose next status about refusals waits
+        self._held = HeldSessions()
         self._station_limit = StationLimit(limits, self._is_busy)
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
-        self.index = SessionIndex({})
         self.stored = StoredSessions(journal, lambda: self.index, self.ownership.serves)
         self.counters = SessionCounters()
+
+    @property
+    def index(self) -> SessionIndex:
+        """The sessions now; any thread may ask."""
+        return self._held.index
 
     # --- whose stations are whose -----------------------------------------------------------------------
 
@@ -124,11 +127,11 @@ class Registry:
 
     def known_stations(self) -> Set[str]:
         """Stations with a session, in memory or in a journal. Raises JournalError."""
-        return self._journals.stations() | self._stations.keys()
+        return self._journals.stations() | self._held.by_station.keys()
 
     def held_stations(self) -> Set[str]:
         """Stations with a session in memory."""
-        return frozenset(self._stations)
+        return frozenset(self._held.by_station)
 
     def take_over(
         self, station: str, now: float, *, renew: bool = True
@@ -148,7 +151,7 @@ class Registry:
             self.ownership.end_takeover(station)
 
     def _lacks_records(self, station: str) -> bool:
-        held = self._stations.get(station, {})
+        held = self._held.of(station)
         return any(_is_missing_or_behind(held.get(name), one) for name, one in self._wanted(station).items())
 
     def _wanted(self, station: str) -> Mapping[str, SessionCopies]:
@@ -160,7 +163,7 @@ class Registry:
         self.ownership.begin_takeover(station)
         self.ownership.begin_catching_up(station)
         self._rebuilder.cancel(station)
-        held, owner = self._stations.get(station, {}), self.ownership.acquire(station, now)
+        held, owner = self._held.of(station), self.ownership.acquire(station, now)
         try:
             wanted = self._wanted(station)  # of now: from here on the last owner acknowledges nothing
             taken = {name: session for name, session in held.items() if name not in wanted}
@@ -172,11 +175,9 @@ class Registry:
             self.ownership.fall_behind(station, str(error))
             raise
         self.ownership.catch_up(station)
-        self._throttled.difference_update(held.values())
         if taken:
-            self._stations[station] = taken
+            self._held.replace(station, taken)
             self._station_limit.began(station, now)
-            self._update_index()
         outputs: list[Output] = []
         for name, session in taken.items():
             session.set_owner(owner)
@@ -192,9 +193,12 @@ class Registry:
         self._rebuilder.cancel(station)
         with suppress(JournalError):  # which the journal has said already
             self._journal.flush()
-        if (left := self._stations.pop(station, None)) is not None:
-            self._throttled.difference_update(left.values())
-            self._update_index()
+        self._drop(station)
+
+    def _drop(self, station: str) -> None:
+        """Hold no session of a station any longer."""
+        self._held.replace(station, {})
+        self._station_limit.forget(station)
 
     def _finish_work(self, station: str) -> None:
         """Complete sliced work before the station changes its owner."""
@@ -228,16 +232,16 @@ class Registry:
 
     def _carry_out(self, station: str, command: Command, now: float) -> list[Output]:
         """Raises ProtocolError, JournalSupersededError."""
-        if isinstance(command, Open) and self._find_session(station, command.session) is None:
+        if isinstance(command, Open) and self._held.find(station, command.session) is None:
             return self._open(station, command, now)
-        session = self._require_session(station, command.session)
-        with _AS_OVERLOADED:
+        session = self._held.require(station, command.session)
+        with AS_OVERLOADED:
             if not session.has_pipeline and _needs_rebuilding(command, session):
                 owner = self.ownership.owner(station, now)
                 return [Reply(self._rebuilder.request(station, session, owner))]
             if isinstance(command, EditProgram) and not session.is_repeated(command):
                 command = self._with_apps(station, session, command)
-            outputs = self._track_throttled(session, session.receive(command, now))
+            outputs = self._held.track(session, session.receive(command, now))
             if not isinstance(command, Preview):
                 # An instance that has acquired the station meanwhile may have read the journals before.
                 self.ownership.check_current(station)
@@ -250,10 +254,10 @@ class Registry:
         if self.ownership.rejection_reason(station) is not None:
             return []  # the bridge still has it
         try:
-            session = self._require_session(station, message.session)
+            session = self._held.require(station, message.session)
             self._station_limit.received(station, now)
-            with _AS_OVERLOADED:
-                outputs = self._track_throttled(session, session.receive(message, now))
+            with AS_OVERLOADED:
+                outputs = self._held.track(session, session.receive(message, now))
         except JournalSupersededError:
             return []
         except ProtocolError as error:
@@ -273,28 +277,28 @@ class Registry:
         0: the first one has to be handled by itself. A program that is due is left to `make_due_program`,
         so that segments need not wait for it.
         """
-        session = self._find_session(station, block.session)
+        session = self._held.find(station, block.session)
         if session is None or self.ownership.rejection_reason(station) is not None:
             return 0, []
         self._station_limit.received(station, now)
         try:
-            with _AS_OVERLOADED:
+            with AS_OVERLOADED:
                 count, outputs = session.receive_together(block, now)
         except ProtocolError as error:
             return 1, self._count_rejection(station, session.name, error)
         if not count:
             return 0, []
-        return count, self._with_limits(station, session, self._track_throttled(session, outputs), now)
+        return count, self._with_limits(station, session, self._held.track(session, outputs), now)
 
     def has_due_program(self, station: str, session: str) -> bool:
         """Whether `handle_together` has left a program of the session to `make_due_program`."""
-        found = self._find_session(station, session)
+        found = self._held.find(station, session)
         return found is not None and found.has_due_program
 
     def make_due_program(self, station: str, session: str) -> list[Output]:
         """Make and publish the program that `handle_together` has left."""
-        found = self._find_session(station, session)
-        return [] if found is None else self._track_throttled(found, found.make_due_program())
+        found = self._held.find(station, session)
+        return [] if found is None else self._held.track(found, found.make_due_program())
 
     def _with_limits(self, station: str, session: Session, outputs: list[Output], now: float) -> list[Output]:
         """Count the rejected batches among the outputs; close the session at its limit of observations."""
@@ -311,22 +315,17 @@ class Registry:
 
     def report_dropped(self, station: str, messages: int) -> list[Output]:
         """Count messages that the queue dropped, in a status of the station's newest session."""
-        sessions = tuple(self._stations.get(station, {}).values())
-        return self._track_throttled(sessions[-1], sessions[-1].count_dropped(messages)) if sessions else []
+        newest = self._held.newest(station)
+        return [] if newest is None else self._held.track(newest, newest.count_dropped(messages))
 
     def republish_status(self, station: str | None) -> list[Output]:
         """Publish a status of the open sessions of a station, or of all for None."""
-        concerned = [
-            session
-            for name, sessions in self._stations.items()
-            if station in {None, name}
-            for session in sessions.values()
-            if session.is_open
-        ]
+        concerned = self._held.all() if station is None else self._held.of(station).values()
         return [
             output
             for session in concerned
-            for output in self._track_throttled(session, session.count_dropped(0))
+            if session.is_open
+            for output in self._held.track(session, session.count_dropped(0))
         ]
 
     def tick(self, now: float) -> list[Output]:
@@ -337,8 +336,7 @@ class Registry:
             if session.is_open
             for output in session.request_missing(now)
         ]
-        outputs += [output for session in self._throttled for output in session.flush_status(now)]
-        self._throttled = {session for session in self._throttled if session.status_throttled}
+        outputs += self._held.flush_statuses(now)
         if now >= self._retention_due_s:
             self._retention_due_s = now + self._limits.retention_interval_s
             outputs += self._enforce_retention(now)
@@ -361,24 +359,22 @@ class Registry:
         return self._journal.report()
 
     def _open(self, station: str, command: Open, now: float) -> list[Output]:
-        self._station_limit.check_has_room(self._stations, station, now)
+        self._station_limit.check_has_room(self._held.by_station, station, now)
         opening = command.model_copy(update={"preset": command.preset or self._default_preset})
-        with _AS_OVERLOADED:
+        with AS_OVERLOADED:
             owner = self.ownership.owner(station, now)
-        with _AS_OVERLOADED:
+        with AS_OVERLOADED:
             known = self._journals.copies_of_station(station, command.session).get(command.session)
             opened = self._opening_time(station, now)
         session = self._factory.new(station, opening, owner, opened)
-        with _AS_CONFLICT:
+        with AS_CONFLICT:
             if known is not None:
                 return self._reopen(station, command, known, now)
             outputs = session.begin(opened)
-        self._stations.setdefault(station, {})[command.session] = session
+        self._held.add(station, session)
         outputs = [*self._make_room(station, now), *outputs]
         self._station_limit.received(station, now)
-        outputs = [*self._release_stations(now), *outputs]
-        self._update_index()
-        return outputs
+        return [*self._release_stations(now), *outputs]
 
     def _opening_time(self, station: str, now: float) -> float:
         """Return the time of an opening [s], after those of all sessions where several instances opened them.
@@ -388,7 +384,7 @@ class Registry:
         others = self._journals.peer_last_opened(station)
         if others is None:
             return now
-        own = last_opened(self._stations.get(station, {}))
+        own = last_opened(self._held.of(station))
         return max(now, max(others, own) + STEP_S)
 
     def _is_busy(self, station: str) -> bool:
@@ -402,16 +398,15 @@ class Registry:
     def _release_stations(self, now: float) -> list[Output]:
         """Close and release the sessions of stations beyond the limit, which stay in the journal."""
         outputs: list[Output] = []
-        for station in self._station_limit.beyond(self._stations, now):
-            sessions = self._stations[station]
+        for station in self._station_limit.beyond(self._held.by_station, now):
+            sessions = self._held.of(station)
             try:
                 for session in sessions.values():
                     if session.is_open:
                         outputs += _without_replies(self._close(session, now))
             except JournalError:  # it stays beyond the limit until another station is opened
                 continue
-            del self._stations[station]
-            self._throttled.difference_update(sessions.values())
+            self._drop(station)
             self.ownership.release(station)
             for name in sessions:
                 self._journal.release(station, name)
@@ -424,9 +419,9 @@ class Registry:
         """
         name, why = command.session, "which is over"
         if not known.best.closed:
-            with _AS_OVERLOADED:
+            with AS_OVERLOADED:
                 outputs = [output for each in self.take_over(station, now) for output in each]
-            if self._find_session(station, name) is not None:
+            if self._held.find(station, name) is not None:
                 return [*outputs, *self.handle_command(station, command, now)]
             failed = [out.error for out in outputs if isinstance(out, TakeoverFailed) and out.session == name]
             if failed and isinstance(failed[0], JournalError):
@@ -441,7 +436,7 @@ class Registry:
 
         A close that the journal cannot store waits until the next session is opened.
         """
-        sessions = self._stations[station]
+        sessions = self._held.of(station)
         outputs: list[Output] = []
         opened = [session for session in sessions.values() if session.is_open]
         for session in opened[: max(0, len(opened) - self._limits.open_sessions)]:
@@ -454,7 +449,7 @@ class Registry:
             if few and held <= self._limits.observations_held:
                 break
             held -= session.last_published_state.view.observations
-            del sessions[session.name]
+            self._held.remove(station, session.name)
             self._journal.release(station, session.name)
         return outputs
 
@@ -482,12 +477,9 @@ class Registry:
             with suppress(JournalError):  # likewise; nothing is known to have gone
                 gone |= dict.fromkeys(self._takeover.vanished_sessions(), "deleted by another process")
         for station, name in gone:
-            sessions = self._stations.get(station, {})
-            sessions.pop(name, None)
-            if not sessions:
-                self._stations.pop(station, None)
-        if gone:
-            self._update_index()
+            self._held.remove(station, name)
+            if not self._held.of(station):
+                self._station_limit.forget(station)
         return [SessionDeleted(*key, why) for key, why in gone.items()]
 
     def _with_apps(self, station: str, session: Session, command: EditProgram) -> EditProgram:
@@ -499,47 +491,19 @@ class Registry:
 
     def _program(self, station: str, name: str) -> Program:
         """Return the program of a session, also of one that is no longer held. Raises ProtocolError."""
-        held = self._find_session(station, name)
+        held = self._held.find(station, name)
         stored = self.stored.program(station, name) if held is None else program_of(held.state)
-        return stored or program_of(self._require_session(station, name).state)
+        return stored or program_of(self._held.require(station, name).state)
 
     def _count_rejection(self, station: str | None, name: str | None, error: ProtocolError) -> list[Output]:
         self._count_refused(station, error)
-        session = self._find_session(station, name) or self._newest_session(station, error)
-        return self._track_throttled(session, session.reject(error)) if session else []
+        session = self._held.find(station, name)
+        if session is None and error.code != "unknown_session":
+            session = self._held.newest(station)
+        return [] if session is None else self._held.track(session, session.reject(error))
 
     def _count_refused(self, _station: str | None, error: ProtocolError) -> None:
         self.counters = self.counters.with_refusal(error)
-
-    def _track_throttled(self, session: Session, outputs: list[Output]) -> list[Output]:
-        """Return the outputs of a session; remember it where its status is throttled."""
-        if session.status_throttled:
-            self._throttled.add(session)
-        return outputs
-
-    def _newest_session(self, station: str | None, error: ProtocolError) -> Session | None:
-        """Return the station's newest session; None where the refusal names an unknown one."""
-        sessions = self._stations.get(station or "")
-        if not sessions or error.code == "unknown_session":
-            return None
-        return next(reversed(sessions.values()))
-
-    def _find_session(self, station: str | None, name: str | None) -> Session | None:
-        return self._stations.get(station or "", {}).get(name or "")
-
-    def _require_session(self, station: str, name: str) -> Session:
-        """Return the station's session. Raises ProtocolError `forbidden` or `unknown_session`."""
-        session = self._find_session(station, name)
-        if session is not None:
-            return session
-        if any(name in sessions for sessions in self._stations.values()):
-            raise ProtocolError("forbidden", "the session belongs to another station", value=name)
-        raise ProtocolError(
-            "unknown_session",
-            "no such session at this station",
-            value=name,
-            expected=list(self._stations.get(station, {})),
-        )
 
     def _as_only_read(self, station: str, name: str, error: ProtocolError) -> ProtocolError:
         """Where an operator's session is not found because it is too old to be held, say that."""
@@ -551,14 +515,11 @@ class Registry:
 
     def _available_sessions(self) -> Iterable[Session]:
         stations = (
-            sessions for name, sessions in self._stations.items() if not self.ownership.in_takeover(name)
+            sessions
+            for name, sessions in self._held.by_station.items()
+            if not self.ownership.in_takeover(name)
         )
         return (session for sessions in stations for session in sessions.values())
-
-    def _update_index(self) -> None:
-        shown = {name: tuple(sessions.values()) for name, sessions in self._stations.items() if sessions}
-        self.index = SessionIndex(shown)
-        self._station_limit.keep(self._stations)
 
 
 def _is_missing_or_behind(session: Session | None, copies: SessionCopies) -> bool:
@@ -575,33 +536,6 @@ def _needs_rebuilding(command: Command, session: Session) -> bool:
         session.check_revision(command)
         return True
     return False
-
-
-class _JournalErrorsAs:
-    """Raises a JournalError of its context as a ProtocolError with the given code.
-
-    Except one that says that another instance has the station: like the time of a takeover, it concerns
-    no session.
-    """
-
-    def __init__(self, code: ErrorCode) -> None:
-        self._code = code
-
-    def __enter__(self) -> None:
-        """A class, not a generator: every batch comes through here."""
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if isinstance(error, JournalSupersededError):
-            return
-        if isinstance(error, JournalShareError):
-            raise ProtocolError(self._code, str(error), value=error.taken, limit=error.limit) from error
-        if isinstance(error, JournalError):
-            raise ProtocolError(self._code, str(error)) from error
-
-
-_AS_OVERLOADED, _AS_CONFLICT = _JournalErrorsAs("overloaded"), _JournalErrorsAs("conflict")
 
 
 def _without_replies(outputs: list[Output]) -> list[Output]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 
 from caesura_protocol.errors import ProtocolError
 from caesura_service.sessions.limits import Limits
@@ -29,9 +29,9 @@ class StationLimit:
         """A station is held from now on, unless it has been before."""
         self._received_s.setdefault(station, now)
 
-    def keep(self, stations: Collection[str]) -> None:
-        """Forget all stations but these."""
-        self._received_s = {name: at for name, at in self._received_s.items() if name in stations}
+    def forget(self, station: str) -> None:
+        """A station is no longer held."""
+        self._received_s.pop(station, None)
 
     def check_has_room(self, stations: Stations, station: str, now: float) -> None:
         """Raise ProtocolError `overloaded` for a new station where no other can be released for it."""

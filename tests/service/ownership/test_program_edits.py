@@ -414,8 +414,7 @@ def test_a_session_that_is_no_longer_held_can_take_the_place_of_a_part(tmp_path:
     with registry_on(tmp_path / "a.sqlite") as registry:
         teach_again(registry)
         taught(registry)
-        del registry._stations[STATION][AGAIN]
-        registry._update_index()
+        registry._held.remove(STATION, AGAIN)
         assert isinstance(replace(registry), Ack)
 
 

@@ -1,0 +1,35 @@
+"""Errors of the journal as refusals of the protocol."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from caesura_protocol.errors import ErrorCode, ProtocolError
+from caesura_service.journal import JournalError, JournalShareError, JournalSupersededError
+
+
+class JournalErrorsAs:
+    """Raises a JournalError of its context as a ProtocolError with the given code.
+
+    Except one that says that another instance has the station: like the time of a takeover, it concerns
+    no session.
+    """
+
+    def __init__(self, code: ErrorCode) -> None:
+        self._code = code
+
+    def __enter__(self) -> None:
+        """A class, not a generator: every batch comes through here."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, JournalSupersededError):
+            return
+        if isinstance(error, JournalShareError):
+            raise ProtocolError(self._code, str(error), value=error.taken, limit=error.limit) from error
+        if isinstance(error, JournalError):
+            raise ProtocolError(self._code, str(error)) from error
+
+
+AS_OVERLOADED, AS_CONFLICT = JournalErrorsAs("overloaded"), JournalErrorsAs("conflict")

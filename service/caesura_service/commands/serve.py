@@ -94,7 +94,11 @@ def serve(
         float, typer.Option(min=0.0, max=10.0, help="A record waits at most so long to be written.")
     ] = JournalSettings.commit_s,
     journal_days: Annotated[
-        float, typer.Option(min=0.0, help="A session is kept so long after it was last touched.")
+        float,
+        typer.Option(
+            min=0.0,
+            help="A session is kept so long after it was last touched; a longer pause of all counts as a week.",
+        ),
     ] = JournalSettings.age_s / DAY_S,
     journal_gb: Annotated[
         float,

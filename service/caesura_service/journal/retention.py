@@ -1,5 +1,8 @@
 """Retention: which closed sessions are deleted, by age, size and number.
 
+Age counts in time of use: a pause without any record counts as PAUSE_S at most. So a clock that is years
+ahead, a restored copy, or a service that stood still costs no session its time.
+
 Stations share its size fairly. A station's part is the size to which the largest stations have to shrink so
 that all of them fit. Past the size, the largest station over its part loses its oldest closed sessions; one
 within its part loses nothing to another. Open sessions are never dropped for their size: `open_sessions`
@@ -9,12 +12,14 @@ time for each.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 DAY_S = 86400.0
 GB = 10**9
+PAUSE_S = 7 * DAY_S
 
 
 @dataclass(frozen=True)
@@ -23,7 +28,7 @@ class JournalSettings:
 
     commit_s: float = 0.05  # 0: each is written at once
     waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused
-    age_s: float = 30 * DAY_S  # since a session was last touched
+    age_s: float = 30 * DAY_S  # since a session was last touched, in time of use
     size_bytes: int = 10 * GB  # of all sessions
     sessions: int = 20_000  # of a station
 
@@ -50,6 +55,20 @@ class Excess(NamedTuple):
     size: int  # [bytes] in all, or 0
     sessions: int  # or 0
     why: str
+
+
+def expiry(touched: Iterable[float], now: float, age_s: float) -> float:
+    """Return the time of day before which sessions are too old [s]; -inf where none is.
+
+    touched: [s] when records were written, the newest first, at least one in each PAUSE_S of use.
+    """
+    age = 0.0
+    for earlier in touched:
+        used = min(now - earlier, PAUSE_S)
+        if age + used > age_s:
+            return now - (age_s - age)
+        age, now = age + used, earlier
+    return -math.inf
 
 
 def excess(usages: Sequence[StationUsage], settings: JournalSettings) -> Excess | None:

@@ -128,8 +128,13 @@ SELECT_OPEN = "SELECT station, session, size FROM sessions WHERE station != '' A
 SELECT_OLD = """
 SELECT station, session, touched FROM sessions
 WHERE station != '' AND touched < ? ORDER BY closed = 0, touched LIMIT ?"""
+# The first and the last time of each day on which a session was touched, the newest day first.
+SELECT_DAYS = """
+SELECT max(touched), min(touched) FROM sessions WHERE station != '' AND touched <= ?
+GROUP BY CAST(touched / 86400 AS INTEGER) ORDER BY 1 DESC"""
 SELECT_OLDEST_CLOSED = """
 SELECT session, size FROM sessions WHERE station = ? AND closed ORDER BY touched LIMIT ?"""
+SELECT_NEWEST = "SELECT coalesce(max(touched), 0) FROM sessions WHERE station != ''"
 SELECT_KEYS = "SELECT station, session FROM sessions WHERE station != ''"
 SELECT_LAST = "SELECT coalesce(max(place), 0) FROM records"
 # `at` is that of the last place: a bare column beside the only max(). Without an index, which would be gone

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, closing, suppress
-from itertools import accumulate
+from itertools import accumulate, chain
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -44,6 +44,7 @@ from caesura_service.journal.retention import (
     JournalSettings,
     StationUsage,
     excess,
+    expiry,
     open_part,
 )
 from caesura_service.journal.rows import (
@@ -62,10 +63,12 @@ from caesura_service.journal.schema import (
     BUSY_S,
     GUEST_BUSY_S,
     SELECT_CLOSED,
+    SELECT_DAYS,
     SELECT_EDIT_AT,
     SELECT_EDITS,
     SELECT_EXTENT,
     SELECT_KEYS,
+    SELECT_NEWEST,
     SELECT_OLD,
     SELECT_OLDEST_CLOSED,
     SELECT_OPEN,
@@ -104,6 +107,7 @@ class SqliteJournal(SqliteWriter):
         self._version = -1  # of the file, as far as other processes have changed it
         self._next_look_s = 0.0  # [s]
         self._skipped_looks = 0  # looks, since the last one
+        self._has_compared_clock = False
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -303,6 +307,7 @@ class SqliteJournal(SqliteWriter):
         began = time.thread_time()
         try:
             self._skipped_looks = 0
+            self._compare_clock(now)
             usages = self._read_usage()
             gone = dict.fromkeys(self._deleted_elsewhere(), "deleted by another process")
             doomed = self._sessions_to_delete(usages, now)
@@ -317,13 +322,29 @@ class SqliteJournal(SqliteWriter):
                 gone |= doomed
         return gone
 
+    def _compare_clock(self, now: float) -> None:
+        """Log once where the journal is ahead of the clock: what is recorded now expires too soon."""
+        if self._has_compared_clock:
+            return
+        with map_sqlite_errors(self.path):
+            (newest,) = self._database.execute(SELECT_NEWEST).fetchone()
+        self._has_compared_clock = True
+        if newest - now > DAY_S:
+            logger.warning(
+                "journal %s: its newest record is %.0f days ahead of this machine's clock: set the clock and "
+                "restart the service, else what is recorded now has a wrong time and expires too soon",
+                self.path,
+                (newest - now) / DAY_S,
+            )
+
     def _sessions_to_delete(self, usages: Sequence[StationUsage], now: float) -> dict[Key, str]:
         """Return the sessions to delete with the reason: too old, closed ones first, then too large."""
         keep_s = self.settings.age_s
         with map_sqlite_errors(self.path):
             old = []
             if any(now - usage.touched > keep_s for usage in usages):
-                old = self._database.execute(SELECT_OLD, (now - keep_s, DROPS)).fetchall()
+                used = chain.from_iterable(self._database.execute(SELECT_DAYS, (now,)))
+                old = self._database.execute(SELECT_OLD, (expiry(used, now, keep_s), DROPS)).fetchall()
             if old:
                 days = f"days, kept are {keep_s / DAY_S:g}"
                 return {

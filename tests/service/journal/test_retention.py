@@ -154,6 +154,47 @@ def test_sessions_go_when_they_were_untouched_for_too_long_closed_ones_first(pat
         assert names(restarted(journal)) == ["young"]
 
 
+@pytest.mark.parametrize("years", [0.17, 40])
+def test_a_clock_that_is_years_ahead_at_a_start_costs_no_session(path, years):
+    """A service on a machine whose clock was wrong deleted its whole journal within a second."""
+    with SqliteJournal(path) as journal:
+        registry = new_registry(journal)
+        taught(registry, "open", 0.0, closed=False)
+        for day in range(20):
+            taught(registry, f"s{day}", day * DAY_S)
+        wrong = years * 365 * DAY_S
+        assert [one for second in range(12) for one in forgotten(registry, wrong + second)] == []
+        taught(registry, "meanwhile", wrong)
+        assert [one for second in range(12) for one in forgotten(registry, wrong + DAY_S + second)] == []
+
+
+def test_after_a_pause_sessions_go_once_they_were_in_use_for_long_enough(path):
+    with SqliteJournal(path, JournalSettings(age_s=10 * DAY_S)) as journal:
+        registry = new_registry(journal)
+        taught(registry, "before", 0.0)
+        for day in range(100, 105):
+            taught(registry, f"s{day}", day * DAY_S)
+        gone = {day: said for day in range(100, 120, 1) if (said := forgotten(registry, day * DAY_S + 1.0))}
+        assert gone[103] == [("before", "not touched for 103.0 days, kept are 10")]
+        assert 111 not in gone  # the last one was seven days before: from there on the pause stands still
+        assert set(gone) == {103, 110}
+
+
+def test_a_clock_that_is_behind_the_journal_is_logged_once(path, caplog):
+    with SqliteJournal(path) as journal:
+        registry = new_registry(journal)
+        taught(registry, "s1", 400 * DAY_S)
+        for second in range(3):
+            forgotten(registry, 399.5 * DAY_S + second)
+        assert "clock" not in caplog.text
+    with SqliteJournal(path) as journal:
+        registry = restarted(journal)
+        for second in range(3):
+            forgotten(registry, 100.0 + second)
+        (line,) = [record.message for record in caplog.records if "clock" in record.message]
+        assert "its newest record is 400 days ahead of this machine's clock" in line
+
+
 def test_past_its_size_the_oldest_closed_session_goes_and_never_an_open_one(path):
     with SqliteJournal(path) as journal:
         registry = new_registry(journal)

@@ -97,7 +97,7 @@ def serve(
         float,
         typer.Option(
             min=0.0,
-            help="A session is kept so long after it was last touched; a longer pause of all counts as a week.",
+            help="A session is kept so long after it was last touched; a pause beyond a week counts as one.",
         ),
     ] = JournalSettings.age_s / DAY_S,
     journal_gb: Annotated[

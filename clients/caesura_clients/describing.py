@@ -8,9 +8,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from caesura_clients import query
+from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.editing import send
 from caesura_protocol.codec import decode, encode
-from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
+from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError, Unreachable
 from caesura_protocol.keys import station_key
 from caesura_protocol.messages import Ack, BridgeAck, BridgeControl, Describe, Description, Start, Stop
 from caesura_protocol.transport.network import Transport
@@ -52,6 +53,26 @@ def stop(
     return ask_bridge(transport, station, Stop(session=session, success=success))
 
 
+def close_left_open(
+    transport: Transport, station: str, *, session: str | None = None, success: bool | None = None
+) -> list[Ack]:
+    """Close what a bridge that ended for good left open, behind the last batch that the service has.
+
+    session: by default all that are open. Raises CaesuraError where a bridge is connected, NotFound where no
+    session is open, ProtocolError where the service refuses, Unreachable where it does not answer.
+    """
+    if station in query.stations(transport):
+        raise CaesuraError(f"a bridge is connected at {station}, which stops its own session")
+    found = query.snapshots(transport, station, session or "*", complete=True)
+    left = [one.status for one in found if one.status.state == "open"]
+    if not left:
+        raise NotFound(f"no session is open at {station}")
+    acks = [ControlClient(transport, station).close_left_open(one, success=success) for one in left]
+    if None in acks:
+        raise Unreachable(f"the service has not answered: {station} may have an open session still")
+    return [ack for ack in acks if ack is not None]
+
+
 def describe(transport: Transport, station: str, session: str, *, author: str, **changes: Any) -> Ack:
     """Change fields of a session's description, such as `task="wipe"`; other fields stay.
 
@@ -90,11 +111,13 @@ def ask_bridge(transport: Transport, station: str, command: Start | Stop) -> Bri
         return decode(answers.replies[0].payload, answers.replies[0].encoding, BridgeAck)
     if answers.refusals:
         raise answers.refusals[0]
-    raise Unreachable(_why_no_answer(transport, station))
+    raise Unreachable(_why_no_answer(transport, station, command))
 
 
-def _why_no_answer(transport: Transport, station: str) -> str:
+def _why_no_answer(transport: Transport, station: str, command: Start | Stop) -> str:
     if station in query.stations(transport):
         return f"the bridge of {station} answers no start or stop: is it in standby, are you an operator?"
     connected = ", ".join(query.stations(transport)) or "none"
-    return f"no bridge is connected at {station}; stations with a bridge: {connected}"
+    said = f"no bridge is connected at {station}; stations with a bridge: {connected}"
+    ended = f"; if its bridge ended for good: `caesura stop {station} --without-bridge`"
+    return said + ended if isinstance(command, Stop) else said

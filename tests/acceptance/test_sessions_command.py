@@ -133,7 +133,7 @@ def test_a_closed_session_can_be_deleted_while_the_service_runs_and_an_open_one_
         assert caesura("delete", "s2", "--journal", directory).stdout == "cell-1/s2 deleted\n"
         refused = caesura("delete", "s1", "--station", "cell-1", "--journal", directory)
     assert (refused.exit_code, refused.stdout) == (1, "")
-    assert refused.stderr == "error: cell-1/s1 is open: close it, or end the service first\n"
+    assert "error: cell-1/s1 is open: `caesura stop cell-1`" in refused.stderr
     assert kept(directory) == ["cell-1/s1", "cell-2/s1"]
 
 

@@ -289,6 +289,37 @@ def test_a_bridge_that_dies_leaves_a_session_that_the_next_one_closes(router, se
         assert {one.state for one in caesura.sessions(STATION)} == {"closed"}, "SIGTERM stores what is taught"
 
 
+def test_an_operator_closes_what_a_bridge_that_is_gone_left_open(router, service, caesura, tmp_path):
+    """No command did: the alert of a stale station went on for as long as the session was kept."""
+    file = tmp_path / "taught.npz"
+    RECORDING.save(file)
+    app = typer.Typer()
+    register(app)
+
+    def stop(*words: str) -> Result:
+        return CliRunner().invoke(app, ["stop", STATION, *words, "--connect", router.endpoint])
+
+    source = ["--source", "file", "--file", str(file), "--pace", str(SLOW), "--session", "s1"]
+    command = [*CAESURA, "bridge", "--connect", router.endpoint, "--station", STATION, *source]
+    bridge = start(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment())
+    with ExitStack() as stack:
+        stack.callback(bridge.kill)
+        eventually(lambda: caesura.sessions(STATION))
+        eventually(lambda: known(caesura, "s1").samples > 0)
+        refused = stop("--without-bridge")
+        assert refused.stderr == f"error: a bridge is connected at {STATION}, which stops its own session\n"
+        bridge.kill()
+        bridge.wait(DEADLINE_S)
+        eventually(lambda: "--without-bridge`" in stop().stderr)
+        assert known(caesura, "s1").state == "open"
+        assert stop("--without-bridge", "--success", "no").stdout == f"{STATION}/s1 is over\n"
+        assert known(caesura, "s1").state == "closed"
+        assert known(caesura, "s1").description.success is False
+        assert known(caesura, "s1").lost == 0
+    again = stop("--without-bridge")
+    assert (again.exit_code, again.stderr) == (1, f"error: no session is open at {STATION}\n")
+
+
 def _starts(caesura: Caesura) -> bool:
     try:
         caesura.start(STATION)

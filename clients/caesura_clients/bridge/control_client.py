@@ -7,9 +7,9 @@ service waits for, so asking again is also the way to learn how far it has come.
 from __future__ import annotations
 
 from caesura_protocol.codec import decode, encode
-from caesura_protocol.errors import ErrorCode
+from caesura_protocol.errors import ErrorCode, ProtocolError
 from caesura_protocol.keys import station_key
-from caesura_protocol.messages import Ack, Close, Control, Open
+from caesura_protocol.messages import Ack, Close, Control, Open, SessionStatus
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S, Transport
 
 TRY_AGAIN: frozenset[ErrorCode] = frozenset({"overloaded", "internal"})
@@ -36,3 +36,13 @@ class ControlClient:
         if refusals:
             raise refusals[0]
         return None
+
+    def close_left_open(self, status: SessionStatus, *, success: bool | None = None) -> Ack | None:
+        """Close a session that no bridge sends any more, behind the service's last batch. Raises as `ask`."""
+        close = Close(session=status.session, last_seq=status.batches + status.lost - 1, success=success)
+        try:
+            return self.ask(close)
+        except ProtocolError as refusal:
+            if not isinstance(refusal.expected, int):
+                raise
+            return self.ask(close.model_copy(update={"last_seq": refusal.expected}))

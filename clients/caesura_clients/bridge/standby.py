@@ -42,7 +42,6 @@ from caesura_protocol.messages import (
     BridgeAck,
     BridgeControl,
     BridgeStatus,
-    Close,
     SessionStatus,
     Start,
     Stop,
@@ -303,25 +302,16 @@ class Standby:
         with suppress(CaesuraError, ProtocolError):
             if not query.services(self._transport):
                 return
+            control = ControlClient(self._transport, self.station)
             for one in query.snapshots(self._transport, self.station, complete=True):
                 if one.status.state == "open" and self._is_left_open(one.status):
-                    self._close(one.status.session, one.status.batches + one.status.lost - 1)
+                    control.close_left_open(one.status)
             self._tidied = True
             self._abandoned.clear()
 
     def _is_left_open(self, status: SessionStatus) -> bool:
         """Whether no bridge sends the session any more: its own failed, or ended before this one began."""
         return status.session in self._abandoned or (status.opened or 0.0) < self._began
-
-    def _close(self, session: str, last_seq: int) -> None:
-        """Close a session behind the service's last batch. Raises ProtocolError or CaesuraError."""
-        control = ControlClient(self._transport, self.station)
-        try:
-            control.ask(Close(session=session, last_seq=last_seq))
-        except ProtocolError as refusal:
-            if not isinstance(refusal.expected, int):
-                raise
-            control.ask(Close(session=session, last_seq=refusal.expected))
 
     # --- commands, in the thread of the queries ---------------------------------------------------------
 

@@ -70,6 +70,13 @@ def stop(
     station: StationArgument,
     success: Annotated[Said | None, typer.Option(help="Did the demonstration succeed?")] = None,
     session: Annotated[str | None, typer.Option(help="By default the current one.")] = None,
+    without_bridge: Annotated[
+        bool,
+        typer.Option(
+            "--without-bridge",
+            help="Close what a bridge that ended for good left open, as far as it came.",
+        ),
+    ] = False,
     endpoint: Connect = None,
     config: Config = None,
 ) -> None:
@@ -77,6 +84,14 @@ def stop(
     stated = None if success is None else success == "yes"
     with reported():
         named(station)
+        if without_bridge:
+            with connected(endpoint, config) as caesura:
+                found = describing.close_left_open(
+                    caesura.transport, station, session=session, success=stated
+                )
+            for closed in found:
+                typer.echo(f"{station}/{closed.session} is over")
+            return
         with connected(endpoint, config) as caesura, _stating_what_lasts(caesura, station):
             ack = describing.stop(caesura.transport, station, session=session, success=stated)
     typer.echo(f"{station}/{ack.session} is over")

@@ -107,8 +107,9 @@ def _delete(matches: PeerCopy, *, closed: bool) -> None:
         with _open_journal(matches.path, alone=not closed) as journal:
             journal.delete(*matches.copy.key)
     except JournalBusyError:
-        name = "/".join(matches.copy.key)
-        raise CaesuraError(f"{name} is open: close it, or end the service first") from None
+        station, session = matches.copy.key
+        close = f"`caesura stop {station}`, or without its bridge `caesura stop {station} --without-bridge`"
+        raise CaesuraError(f"{station}/{session} is open: {close}, or end the service first") from None
 
 
 def _write_npz(journal: Journal, key: Key, out: Path) -> Recording:

@@ -154,6 +154,11 @@ def test_from_nothing_to_two_stations_and_a_watcher(machine, tmp_path):
 
     (backup,) = commands("Backing up")
     machine.run(backup)
+    failing = subprocess.run(
+        backup.replace("caesura-1", "caesura1"), cwd=tmp_path, shell=True, capture_output=True, check=False
+    )
+    assert failing.returncode != 0, "a mistyped name made an empty copy in place of the last one"
+    assert not (tmp_path / "journal" / "caesura1.sqlite").exists()
     with sqlite3.connect(tmp_path / "copy.sqlite") as copy:
         assert copy.execute("SELECT count(*) FROM sessions").fetchone() == (2,)
     copy.close()

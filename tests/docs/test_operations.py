@@ -43,6 +43,14 @@ def test_every_alert_says_what_to_do_and_names_a_section_that_exists():
         assert "{{ $labels." in said
 
 
+def test_the_alerts_name_the_job_that_prometheus_has():
+    """On Kubernetes it was the name of the service: an instance that was gone raised no alert."""
+    monitor = Path(__file__).parents[2] / "deploy" / "kubernetes" / "optional" / "servicemonitor.yaml"
+    (endpoint,) = yaml.safe_load(monitor.read_text())["spec"]["endpoints"]
+    jobs = {one["replacement"] for one in endpoint["relabelings"] if one["targetLabel"] == "job"}
+    assert jobs == set(re.findall(r'job="(\w+)"', PAGE)) == set(re.findall(r"job_name: (\w+)", PAGE))
+
+
 @pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed")
 def test_the_alerts_fire_as_prometheus_reads_them(tmp_path):
     (block,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)

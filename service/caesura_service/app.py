@@ -37,7 +37,7 @@ from caesura_service.monitoring.instrumented_registry import InstrumentedRegistr
 from caesura_service.monitoring.metrics import MetricsSource
 from caesura_service.publishing.events import Owner, PipelineFactory
 from caesura_service.segmentation.overflow_file import SPOOL
-from caesura_service.server import Join, NetworkError, ZenohServer, join
+from caesura_service.server import Join, NetworkError, ZenohServer, certificate_end, join
 
 logger = logging.getLogger(__name__)
 
@@ -91,6 +91,7 @@ class Service:
             lambda: self.ready,
             self._edge.budgets.budgets_of,
             lambda: self._edge.is_linked,
+            certificate_end(self.config.network),
         )
         self.web = (
             None if self.config.metrics is None else http_server_of(self.config.metrics, self._observed)
@@ -129,6 +130,11 @@ class Service:
     def _batches(self, kept: Journal) -> BatchSource:
         """Where samples are read: all journals of the directory, or the one in memory."""
         return JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent, self._file)
+
+    @property
+    def certificate_end(self) -> float | None:
+        """When the certificate that it shows ends [s since 1970]; None without one."""
+        return self._observed.certificate_end
 
     def check_link(self) -> None:
         """Raise NetworkError where only a new process gets a link to the router again."""

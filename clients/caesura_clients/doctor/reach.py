@@ -8,10 +8,12 @@ from collections.abc import Mapping
 
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.errors import AccessDenied, CaesuraError, Unreachable
+from caesura_protocol.number_words import counted
 from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"
+CERTIFICATE_WARNS_S = 30 * 86400.0  # before its end
 _REFUSED = " does not let us in: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
 REMEDIES: Mapping[type[Exception], str] = {  # of the first kind that it is
@@ -39,6 +41,17 @@ def check_endpoint(endpoint: str) -> CheckResult:
         remedy = next(remedy for kind, remedy in REMEDIES.items() if isinstance(error, kind))
         return CheckResult("bad", CHECK, f"{endpoint}: {getattr(error, 'strerror', None) or error}", remedy)
     return graded(CHECK, f"{endpoint} accepts connections, in {took_ms:.1f} ms")
+
+
+def check_certificate(end: float, now: float) -> CheckResult:
+    """How long the certificate of the router lasts: with it every link ends, also of who teaches."""
+    remedy = (
+        "`caesura certs DIR` says when the first of all ends; renew between demonstrations, the router's "
+        "with `--renew router`: a link ends with its certificate"
+    )
+    date, days = time.strftime("%Y-%m-%d", time.gmtime(end)), int((end - now) // 86400)
+    found = f"the router's ends on {date}, in {counted(days, 'day')}"
+    return graded("certificate", found, (end - now < CERTIFICATE_WARNS_S, "warn", remedy))
 
 
 def no_session(error: CaesuraError) -> CheckResult:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,14 +11,14 @@ import numpy as np
 from caesura_clients.doctor import instances, signal, stations
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, probe_network
-from caesura_clients.doctor.reach import check_endpoint, no_session
+from caesura_clients.doctor.reach import check_certificate, check_endpoint, no_session
 from caesura_protocol.errors import CaesuraError, Unreachable
 from caesura_protocol.formats.sample_checks import check_clock, check_time_steps
 from caesura_protocol.messages import WRENCH_SOURCES
 from caesura_protocol.recording import ASSUMED_ORDER, Recording, RecordingError
 from caesura_protocol.sample_limits import TARE_S
 from caesura_protocol.transport.network import Transport
-from caesura_protocol.transport.zenoh_transport import ZenohTransport, endpoint_of
+from caesura_protocol.transport.zenoh_transport import ZenohTransport, certificate_end_at, endpoint_of
 
 CONNECT_S = 3.0
 LISTEN_S = 3.0
@@ -42,6 +43,8 @@ def examine(
         yield no_session(error)
         return
     with transport:
+        if (end := certificate_end_at(endpoint, config_file)) is not None:
+            yield check_certificate(end, time.time())
         yield from examine_network(transport, station, seconds=seconds)
 
 

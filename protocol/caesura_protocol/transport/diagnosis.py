@@ -93,6 +93,25 @@ def diagnose_connection(endpoint: str, read: Read, *, for_s: float | None = None
     return AccessDenied(f"{endpoint} does not let us in: {said}")
 
 
+def listener_certificate_end(endpoint: str, read: Read) -> float | None:
+    """Return when the certificate that a router shows ends [s since 1970]; None where it shows none to us."""
+    protocol, _, address = endpoint.partition("#")[0].partition("?")[0].partition("/")
+    host, _, port = address.rpartition(":")
+    if protocol != "tls":
+        return None
+    name = host.strip("[]")
+    try:
+        with (
+            socket.create_connection((name, int(port)), TIMEOUT_S) as plain,
+            _context(read).wrap_socket(plain, server_hostname=name) as link,
+        ):
+            shown = link.getpeercert() or {}
+    except (OSError, ValueError):
+        return None
+    end = shown.get("notAfter")
+    return ssl.cert_time_to_seconds(end) if isinstance(end, str) else None
+
+
 def _check_listener(protocol: str, host: str, port: int, read: Read) -> str:
     """Return why a listening process gives no session. Raises OSError where none listens."""
     with socket.create_connection((host, port), TIMEOUT_S) as plain:
@@ -191,12 +210,12 @@ def _alert(error: ssl.SSLError) -> str:
 def _context(read: Read) -> ssl.SSLContext:
     """Return the TLS settings of Zenoh's configuration: trusted authority and own certificate."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    authority = _pem(read, "root_ca_certificate")
+    authority = pem_of(read, "root_ca_certificate")
     if authority:
         context.load_verify_locations(cadata=authority.decode("ascii"))
     else:
         context.load_default_certs()
-    certificate, key = _pem(read, "connect_certificate"), _pem(read, "connect_private_key")
+    certificate, key = pem_of(read, "connect_certificate"), pem_of(read, "connect_private_key")
     if certificate and key:
         with NamedTemporaryFile() as file:  # for its owner alone
             file.write(certificate + b"\n" + key)
@@ -205,7 +224,8 @@ def _context(read: Read) -> ssl.SSLContext:
     return context
 
 
-def _pem(read: Read, name: str) -> bytes:
+def pem_of(read: Read, name: str) -> bytes:
+    """Return a certificate or key of a configuration; empty without one. Raises OSError or ValueError."""
     if coded := read(f"transport/link/tls/{name}_base64"):
         return b64decode(coded)
     path = read(f"transport/link/tls/{name}")

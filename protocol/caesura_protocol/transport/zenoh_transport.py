@@ -24,7 +24,7 @@ import zenoh
 
 from caesura_protocol.codec import MESSAGE_TYPES, Encoded, decode_error
 from caesura_protocol.errors import CaesuraError, ProtocolError, Unreachable
-from caesura_protocol.transport.diagnosis import diagnose_connection
+from caesura_protocol.transport.diagnosis import diagnose_connection, listener_certificate_end
 from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 from caesura_protocol.transport.inbox import Inbox, ReceivedSample, TokenChange
 from caesura_protocol.transport.network import (
@@ -262,6 +262,12 @@ def _refusal(error: zenoh.ReplyError, timeout_s: float) -> ProtocolError:
 def endpoint_of(endpoint: str | None, config_file: Path | None) -> str:
     """Where a transport with these would connect. Raises CaesuraError."""
     return _endpoints(_config(endpoint, config_file))[0]
+
+
+def certificate_end_at(endpoint: str | None, config_file: Path | None) -> float | None:
+    """When the certificate of the router there ends [s since 1970]; None without TLS. Raises CaesuraError."""
+    config = _config(endpoint, config_file)
+    return listener_certificate_end(_endpoints(config)[0], _reader(config))
 
 
 def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:

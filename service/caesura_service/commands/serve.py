@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +37,7 @@ from caesura_service.server.network import DEFAULT_ENDPOINT
 logger = logging.getLogger(__name__)
 
 IN_MEMORY = "memory"
+CERTIFICATE_WARNS_S = 30 * DAY_S  # before its end
 ROUTER = "router"  # what starts several instances calls itself in the log
 # Options that differ between instances, or that concern only the router.
 OF_EACH = (
@@ -189,6 +191,10 @@ def _announce(service: Service) -> None:
         logger.info("the journal is in memory: a restart loses earlier sessions")
     else:
         logger.info("journal %s, written every %g s", config.journal_path, config.journal_settings.commit_s)
+    end = service.certificate_end
+    if end is not None and end - time.time() < CERTIFICATE_WARNS_S:
+        remedy = "renew it between demonstrations (caesura certs DIR --renew): every link ends with it"
+        logger.warning("the certificate ends on %s: %s", time.strftime("%F", time.gmtime(end)), remedy)
     if service.web is not None:
         logger.info("metrics at %s/metrics", service.web.url)
     print(f"caesura ready at {service.endpoint} as {service.config.instance}", flush=True)

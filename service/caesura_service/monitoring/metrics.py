@@ -40,6 +40,8 @@ class MetricsSource:
     budgets: Callable[[str], StationBudgets]  # of a station
     is_linked: Callable[[], bool] = lambda: True  # is there a link to the router that it has joined?
 
+    certificate_end: float | None = None  # [s since 1970] of what it shows
+
     @property
     def can_be_found(self) -> bool:
         """Has it joined, and is its router there?"""
@@ -104,6 +106,7 @@ OF_INSTANCE: tuple[tuple[type[Family], str, str, Callable[[ServiceStatus], float
     ),
 )
 
+CERTIFICATE_END = "When the certificate that it shows ends, since 1970; none without one."
 DISK_FREE = "What the disk of the journal has left; none where it is in memory."
 OF_JOURNAL: tuple[tuple[str, str, Callable[[JournalReport], float]], ...] = (
     ("caesura_journal_bytes", "Size of all sessions in the journal.", lambda one: one.size),
@@ -130,6 +133,7 @@ class ServiceCollector(Collector):
             "1 while it has joined the network and can be found.",
             self._observed.can_be_found,
         )
+        yield _certificate_end(self._observed.certificate_end)
         for kind, name, help_text, of_status in OF_INSTANCE:
             yield kind(name, help_text, of_status(status))
         if status.journal is not None:
@@ -214,6 +218,13 @@ def _disk_free(journal: JournalReport) -> Metric:
     family = GaugeMetricFamily("caesura_journal_disk_free_bytes", DISK_FREE)
     if journal.disk_free is not None:
         family.add_metric([], journal.disk_free)
+    return family
+
+
+def _certificate_end(end: float | None) -> Metric:
+    family = GaugeMetricFamily("caesura_certificate_end_timestamp_seconds", CERTIFICATE_END)
+    if end is not None:
+        family.add_metric([], end)
     return family
 
 

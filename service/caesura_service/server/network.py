@@ -28,9 +28,10 @@ from typing import Any
 
 import zenoh
 
-from caesura_protocol.transport.diagnosis import diagnose_connection
+from caesura_protocol.transport.diagnosis import diagnose_connection, pem_of
 from caesura_protocol.transport.zenoh_transport import reason
 from caesura_service.security import exposure
+from caesura_service.security.certificates import SecurityError, expiry
 from caesura_service.security.zenoh_files import (
     ACCEPT_PENDING,
     BLOCKED_US,
@@ -96,6 +97,21 @@ class NetworkSettings:
     config_file: Path | None = None
     connect_timeout_s: float | None = None  # None: until there is a router
     insecure: bool = False
+
+
+def certificate_end(settings: NetworkSettings) -> float | None:
+    """When the certificate ends that the instance shows [s since 1970]; None without one, or unreadable.
+
+    Raises NetworkError for a file that is no configuration.
+    """
+    if settings.config_file is None:
+        return None
+    shown = "listen_certificate" if settings.connect is None else "connect_certificate"
+    try:
+        pem = pem_of(_reader(_config(settings.config_file)), shown)
+        return expiry(pem).timestamp() if pem else None
+    except (OSError, ValueError, SecurityError):
+        return None  # Zenoh refuses it, and says so
 
 
 Join = Callable[[NetworkSettings, threading.Event], tuple[Network, str]]  # returns a session and its endpoint

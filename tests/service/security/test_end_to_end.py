@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import pytest
+from prometheus_client import generate_latest
 from typer.testing import CliRunner
 
 from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.cli.bridge import _why_it_waits
+from caesura_clients.doctor.reach import check_certificate
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import AccessDenied, ProtocolError
 from caesura_protocol.keys import service_key, station_key
 from caesura_protocol.messages import Ack, Close
+from caesura_protocol.transport.zenoh_transport import certificate_end_at
 from caesura_service.app import Service
 from caesura_service.config import ServiceConfig
+from caesura_service.monitoring.metrics import metrics_of
+from caesura_service.security.certificates import expiry
 from caesura_service.segmentation.fake_pipeline import make_fake_pipeline
 from clients.bridging import QUICK
 from clients.conftest import free_port
@@ -33,6 +39,28 @@ def directory(tmp_path_factory):
     path = tmp_path_factory.mktemp("certs")
     certificates(path)
     return path
+
+
+@pytest.mark.parametrize("holder", ["router", "service.west"])
+def test_the_end_of_the_certificate_of_a_service_is_a_metric(directory, holder):
+    """Certificates that were made on one day ended in one minute, and nothing said so before."""
+    ends = expiry((directory / f"{holder}.crt").read_bytes()).timestamp()
+    file, router = directory / f"{holder}.json5", None if holder == "router" else "tls/127.0.0.1:7447"
+    config = ServiceConfig(zenoh_config=file, connect=router, preset="fake")
+    service = Service(config, pipeline_factory=make_fake_pipeline)
+    assert service.certificate_end == ends
+    pages = generate_latest(metrics_of(service._observed)).decode()
+    (value,) = re.findall(r"^caesura_certificate_end_timestamp_seconds (\S+)$", pages, re.MULTILINE)
+    assert float(value) == ends
+    assert Service(ServiceConfig(preset="fake"), pipeline_factory=make_fake_pipeline).certificate_end is None
+
+
+@pytest.mark.parametrize("days", [29.9, 30.1])
+def test_the_doctor_warns_of_the_end_of_the_routers_certificate(network, directory, days):
+    end = expiry((directory / "router.crt").read_bytes()).timestamp()
+    assert certificate_end_at(network.endpoint, directory / "dashboard.wall.json5") == end
+    check = check_certificate(end, end - 86400 * days)
+    assert (check.grade, "in 29 days" in check.found) == (("warn", True) if days < 30 else ("ok", False))
 
 
 @contextmanager

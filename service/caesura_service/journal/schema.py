@@ -271,6 +271,9 @@ KINDS = {
 }
 
 
+UNEXPLAINED = frozenset({"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"})
+
+
 @contextmanager
 def map_sqlite_errors(path: Path) -> Iterator[None]:
     """Raise errors of SQLite as a JournalError that names the file and the remedy."""
@@ -284,7 +287,11 @@ def map_sqlite_errors(path: Path) -> Iterator[None]:
             name = _name_of(error) if isinstance(error, OSError) else "SQLITE_CORRUPT"
         if name == "SQLITE_IOERR":
             name = _lack_of_room(path) or name
-        remedy = _remedy_of_disk(path, name) or REMEDIES.get(name, "cannot be used")
+        remedy = (
+            _remedy_of_disk(path, name)
+            or _remedy_of_neighbour(path, name)
+            or REMEDIES.get(name, "cannot be used")
+        )
         kind = KINDS.get(name, JournalError)
         raise kind(f"journal {path} {remedy} ({error})") from error
 
@@ -309,7 +316,7 @@ def _lack_of_room(path: Path) -> str | None:
 
 def _remedy_of_disk(path: Path, name: str) -> str | None:
     """Return what the disk of a file says where SQLite says only that it cannot open or write it."""
-    if name not in {"SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_IOERR"}:
+    if name not in UNEXPLAINED:
         return None
     try:
         os.close(os.open(os.devnull, os.O_RDONLY))
@@ -324,6 +331,17 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
         return "cannot be written, its disk is read-only: mount it for writing, or name another --journal"
     if disk.f_files and not disk.f_favail:
         return "cannot be opened, its disk holds no further file: delete some, or name another --journal"
+    return None
+
+
+def _remedy_of_neighbour(path: Path, name: str) -> str | None:
+    """Return which file beside a journal is another user's, such as root's, if so."""
+    for suffix in ("-wal", "-shm", LOCK_SUFFIX) if name in UNEXPLAINED else ():
+        beside = path.with_name(path.name + suffix)
+        with suppress(OSError):  # a disk that fails allows nothing, and is no matter of users
+            if beside.stat().st_uid != os.geteuid() and not os.access(beside, os.R_OK | os.W_OK):
+                found = "cannot be opened: let this user read and write"
+                return f"{found} {beside.name}, or name another --journal"
     return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import shutil
 import sqlite3
 import threading
@@ -292,6 +293,21 @@ def test_a_directory_in_its_place_is_named(path):
     path.mkdir()
     with pytest.raises(JournalError, match="cannot be opened: let this user read and write it"):
         written(path)
+
+
+@pytest.mark.parametrize("suffix", ["-wal", ".lock"])
+def test_a_file_beside_it_that_another_user_has_left_is_named(path, monkeypatch, suffix):
+    """The journal was named, whose rights were right: a restart as root had left its lock."""
+    with SqliteJournal(path):
+        pass
+    left = path.with_name(path.name + suffix)
+    left.unlink(missing_ok=True)
+    left.mkdir()  # so that SQLite cannot open it, also where root runs this
+    monkeypatch.setattr(os, "geteuid", lambda: left.stat().st_uid + 1)
+    monkeypatch.setattr(os, "access", lambda asked, _mode: asked != left)
+    named = f"cannot be opened: let this user read and write {left.name}, or"
+    with pytest.raises(JournalError, match=re.escape(named)), SqliteJournal(path):
+        pass
 
 
 def test_a_journal_has_one_service(path):

@@ -8,14 +8,19 @@ import threading
 from dataclasses import replace
 
 import pytest
+import typer
 from rich.console import Console
+from typer.testing import CliRunner
 
 from caesura_clients import Caesura
 from caesura_clients.cli import watch as watch_command
+from caesura_clients.cli.commands import register
+from caesura_clients.cli.options import CONNECT_TIMEOUT_S
 from caesura_clients.cli.result_tables import segments_view
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.following import ServiceAvailability, SessionRemoved
 from caesura_clients.results import SessionReader
+from caesura_protocol.errors import Unreachable
 from caesura_protocol.messages import Hint
 from caesura_protocol.session_clock import SessionClock
 from clients.answering import Answering
@@ -269,6 +274,25 @@ def test_watch_in_a_pipe_writes_a_line_at_once_and_ends_at_sigterm(router):
             deadline.cancel()
             child.kill()
     assert (child.returncode, said) == (0, "")
+
+
+@pytest.mark.parametrize("verb", ["watch", "hints"])
+def test_what_runs_all_the_time_waits_for_a_router(monkeypatch, verb):
+    """A lamp whose machine starts before that of the service stayed dark."""
+    waited: list[float | None] = []
+
+    def refuse(_endpoint, *, timeout_s, **_: object) -> Caesura:
+        waited.append(timeout_s)
+        if timeout_s is None:
+            raise KeyboardInterrupt
+        raise Unreachable("no router at tcp/127.0.0.1:7447")
+
+    monkeypatch.setattr("caesura_clients.cli.options.connect", refuse)
+    app = typer.Typer()
+    register(app)
+    ended = CliRunner().invoke(app, [verb])
+    assert ended.stderr.startswith("waiting: no router at tcp/127.0.0.1:7447\n")
+    assert waited == [CONNECT_TIMEOUT_S, None]
 
 
 def test_a_table_shows_times_on_the_clock_that_its_caller_has():

@@ -43,7 +43,7 @@ def hints(
     with reported():
         named(station)
         words = _split(command)
-        with connected(endpoint, config) as caesura:
+        with connected(endpoint, config, patient=True) as caesura:
             changes = HintChanges()
             with (
                 ended_by_sigterm(),

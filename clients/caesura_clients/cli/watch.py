@@ -41,7 +41,7 @@ def watch(
     """
     with reported():
         named(station)
-        with connected(endpoint, config) as caesura:
+        with connected(endpoint, config, patient=not once) as caesura:
             if once:
                 _show_once(caesura, station)
             elif not sys.stdout.isatty():

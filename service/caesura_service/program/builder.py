@@ -80,12 +80,12 @@ def task_program(
     app_before: App | None = None,
     up: Vector = UP,
 ) -> tuple[App, ...]:
-    """The apps of a demonstration, in time order.
+    """Return the apps of a demonstration, in time order.
 
-    least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to
-    force_limit_n [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in
-    time order; known: every grip, where `grips` are those of these steps alone; app_before: the last
-    app of the steps before them; up: away from gravity, base frame.
+    least_s: minimum time filter [s]; moment_at: the robot at a time [s]; forces are scaled to force_limit_n
+    [N], where there is one; paths: of the demonstration, without them apps have none; gaps: in time order;
+    known: every grip, where `grips` are those of these steps alone; app_before: the last app of the steps
+    before them; up: away from gravity, base frame.
     """
     kept = kept_steps(steps, grips if known is None else known, moment_at, least_s, up)
     groups = [list(group) for _, group in groupby(kept, key=_group_key)]
@@ -103,14 +103,14 @@ def task_program(
 
 
 def _as_observed(app: App, gaps: Sequence[Gap]) -> App:
-    """As sure as it can be with what is missing of it."""
+    """Return an app with its confidence times the share of its time that was observed."""
     share = observed_share(app.t0, app.tn, gaps)
     return app if share == 1.0 else app.model_copy(update={"confidence": app.confidence * share})
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Consecutive segments that make up one thing, and what is needed to build its apps."""
+    """Consecutive segments with one group key, and the context from which their apps are built."""
 
     steps: list[ProgramSegment]
     before: ProgramSegment | None  # the last step of the group before it
@@ -122,9 +122,10 @@ class _Group:
 
     @property
     def contact(self) -> ProgramSegment | None:
-        """The contact that follows, at once or after a rest: who presses after a rest touched it before.
+        """The contact that follows the group, at once or after rests; None without one.
 
-        None where the fingers move in that rest: nothing was touched before they did.
+        A press after a rest was touched before that rest. None where the fingers move in such a rest: nothing
+        was touched before they did.
         """
         steps = [step for group in self.after for step in group]
         rests = [step.segment for step in takewhile(self._rests, steps)]
@@ -148,7 +149,10 @@ class _Group:
         changes: Mapping[str, object] = UNCHANGED,
         begun: float | None = None,
     ) -> App:
-        """An app over a step; its path goes from `begun` [s] to its end, which may lie elsewhere."""
+        """Return an app over a step with its path, from `begun` [s] to `end`.
+
+        Without them, the path begins and ends with the step's segment. changes: other fields of the app.
+        """
         t0, tn = step.segment.t0, step.segment.tn if end is None else end.t
         if begun is not None:
             late = begun - t0 > OBSERVED_S
@@ -158,7 +162,7 @@ class _Group:
         return self.app(kind, [step], path=path, screw=screw, **({} if end is None else end.where), **changes)
 
     def app(self, kind: AppKind, steps: Sequence[ProgramSegment], **changes: object) -> App:
-        """An app over some of the steps that ends where they end."""
+        """Return an app over consecutive steps, with the pose at their end; changes: its other fields."""
         last, parts = steps[-1].segment, [part for step in steps for part in step.parts]
         moment = self.moment_at(last.tn)
         fields: dict[str, object] = {
@@ -179,7 +183,11 @@ class _Group:
         return App.model_validate(fields | changes)
 
     def touch(self) -> _End | None:
-        """Where the contact that follows was made; a rest before it is a pause, no part of the path."""
+        """Return the end of the last movement at the contact that follows; None without a contact.
+
+        A rest before the contact is a pause, no part of the path: the time is at most that of the movement's
+        end.
+        """
         approach, contact = self.steps[-1].segment, self.contact
         if contact is None:
             return None
@@ -188,7 +196,10 @@ class _Group:
         return end if at_once else replace(end, t=min(end.t, approach.tn))
 
     def rest(self, step: ProgramSegment) -> _End | None:
-        """Where the hand has come to rest after a turn: the last degrees of it are slower than a turn."""
+        """Return the end of a turn where the hand has come to rest; None unless a rest follows the step.
+
+        The last degrees of a turn are slower than a turn, so they lie in the rest.
+        """
         following = self.after[0][0] if self.after else None
         if following is None or step is not self.steps[-1] or following.segment.kind != "steady":
             return None
@@ -196,9 +207,9 @@ class _Group:
         return _End(t, _where(self.moment_at(t)))
 
     def touched(self, contact: ProgramSegment, approach: Segment | None = None) -> _End:
-        """Where what pushes back in a contact did so first, which may be before or at the end of an approach.
+        """Return the first time and pose at which a contact pushes back; else its first observation.
 
-        Where nothing pushes back, at the contact's first observation.
+        That may be before the contact, at the end of `approach`.
         """
         pushes = pushes_back(contact.parts[0], self.moment_at)
         first = observed(contact.t0, contact.tn)[0]
@@ -209,7 +220,10 @@ class _Group:
         return _End(t, _where(self.moment_at(t)))
 
     def fingers_moved(self) -> float | None:
-        """When [s] the fingers had moved in a rest before a press: what is pressed was touched after that."""
+        """Return the time [s] by which the fingers have moved in a rest before a press; None without a move.
+
+        The pressed object was touched after that time.
+        """
         following = self.after[0][0] if self.after else None
         if following is None or not following.touches or following.arrives:
             return None
@@ -221,13 +235,17 @@ class _Group:
 
     @property
     def only_touches(self) -> bool:
-        """Does it arrive at a contact that a stroke goes on in, without a press that lasts?"""
+        """Whether the group only arrives at a contact that a stroke goes on in, with no press that lasts."""
         strokes = self.after[0] if self.after else ()
         goes_on = bool(strokes) and _group_key(strokes[0]) == "sliding"
         return goes_on and len(self.steps) == 1 and only_touches(self.steps[0], self.moment_at)
 
     def landed(self) -> float | None:
-        """When [s] a stroke that begins in the air touches: the way there belongs to what came before it."""
+        """Return the time [s] at which a stroke that begins in the air touches.
+
+        The way there belongs to the app before. None where the stroke begins in contact or at the start of
+        the program, or touches only at its end.
+        """
         first = self.steps[0]
         if first.rests_before or self.before is None or self.before.touches:
             return None
@@ -235,7 +253,10 @@ class _Group:
         return t if t < first.segment.tn - OBSERVED_S else None
 
     def pressed(self, hardest: ProgramSegment) -> _End | None:
-        """Where it was pressed last with most of the force: the segment's end may lie in the letting go."""
+        """Return the last time and pose with a force of `STILL_PRESSED` of the press; None without one.
+
+        The segment itself may end later, while the hand lets go. hardest: the step whose force counts.
+        """
         times, force = observed(self.steps[0].segment.t0, self.steps[-1].segment.tn), hardest.force
         least = _along(hardest.base, force) + STILL_PRESSED * length(force)
         held = (t for t in reversed(times) if _along(self.moment_at(t).force, force) >= least)
@@ -245,14 +266,14 @@ class _Group:
 
 @dataclass(frozen=True)
 class _End:
-    """When [s] and where an app ends that does not end with its segment."""
+    """The time [s] and pose at which an app ends, where they differ from the end of its segment."""
 
     t: float
     where: dict[str, Any]
 
 
 def _motions(group: _Group) -> Iterable[App]:
-    """One app a movement; the last one is stopped by the contact that follows."""
+    """Yield one app per movement; the last one ends at the contact that follows."""
     touches = _meets(group)
     for step in group.steps:
         if touches and step is group.steps[-1]:
@@ -264,7 +285,10 @@ def _motions(group: _Group) -> Iterable[App]:
 
 
 def _turns(group: _Group) -> Iterable[App]:
-    """A rest is left out, but for a turn in it, and where a press follows after the fingers moved."""
+    """Yield the apps of rests: a turn in a rest, and the way to a press after the fingers moved.
+
+    Every other rest has no app.
+    """
     for step in group.steps:
         turning = group.paths and group.paths.turning(step.segment.t0, step.segment.tn)
         if group.paths and turning:
@@ -279,7 +303,11 @@ def _turns(group: _Group) -> Iterable[App]:
 
 
 def _contacts(group: _Group) -> Iterable[App]:
-    """What the gripper does during the contact, or else the force; both where a peg is pushed in first."""
+    """Yield one app per grip in a contact, or else a press of at least `LEAST_CONTACT_N`.
+
+    Steps that push a peg in before the first grip are a press of their own. Without a grip, a first step that
+    arrives is a Move To Contact; no press follows it where a stroke goes on at once.
+    """
     inserted = _inserted(group)
     if inserted:
         yield _press(replace(group, steps=inserted))
@@ -302,7 +330,10 @@ def _contacts(group: _Group) -> Iterable[App]:
 
 
 def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tuple[float, float]]:
-    """Of the time of a contact [s], that of each grip in it: an edit names an app by when it begins."""
+    """Return the part (begin, end) [s] of a contact's time that each grip in it has.
+
+    An edit names an app by its beginning, so each grip needs another one.
+    """
     if len(grips) < 2:
         return [(t0, tn)] * len(grips)
     between = [0.5 * (grip.t + following.t) for grip, following in pairwise(grips)]
@@ -310,7 +341,10 @@ def _shares(grips: Sequence[GripperAction], t0: float, tn: float) -> Sequence[tu
 
 
 def _meets(group: _Group) -> bool:
-    """Does its last movement end at the contact that follows?"""
+    """Whether the group's last movement ends at the contact that follows.
+
+    A contact that arrives has a Move To Contact of its own, unless a grip belongs to it.
+    """
     contact = group.contact
     if contact is None:
         return False
@@ -318,7 +352,11 @@ def _meets(group: _Group) -> bool:
 
 
 def _press(group: _Group) -> App:
-    """The hardest press of its steps; with its path where it turns or pushes something in."""
+    """Return a press with the force of the hardest step.
+
+    Its pose is that of the last time with most of the force. Where it turns it has a path, otherwise it
+    states how far it was off the straight line.
+    """
     hardest = _hardest(group.steps)
     changes, end = _forces(hardest.force, group.force_limit_n), group.pressed(hardest)
     if end is not None:
@@ -337,7 +375,7 @@ def _hardest(steps: Sequence[ProgramSegment]) -> ProgramSegment:
 
 
 def _inserted(group: _Group) -> list[ProgramSegment]:
-    """Steps that push something in before the fingers first move, such as a peg into its hole."""
+    """Return the steps that push something in before the fingers first move, such as a peg into its hole."""
     first = min((grip.t for grip in group.grips if grip.t >= group.steps[0].segment.t0), default=-math.inf)
     before = list(takewhile(lambda step: step.segment.tn <= first, group.steps))[: len(group.steps) - 1]
     depth = sum(step.pushed_in for step in before)
@@ -345,7 +383,7 @@ def _inserted(group: _Group) -> list[ProgramSegment]:
 
 
 def _slides(group: _Group) -> Iterable[App]:
-    """One app a stroke, with its own target and the force of its rests."""
+    """Yield one app per stroke, with its own target and the forces of its rests."""
     for step in group.steps:
         force = stroke_force(step, group.moment_at) or step.force
         rests = {"rest_before": _rest(step.rests_before, group), "rest_after": _rest(step.rests_after, group)}
@@ -356,7 +394,7 @@ def _slides(group: _Group) -> Iterable[App]:
 
 
 def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
-    """How hard a stroke is pressed in the rests at one of its ends, where they last."""
+    """Return the force of the rests at one end of a stroke, within the limit; None where they are short."""
     taught_n, limit_n = rest_force_n(rests, group.moment_at), group.force_limit_n
     if taught_n is None:
         return None
@@ -365,7 +403,7 @@ def _rest(rests: Sequence[ProgramSegment], group: _Group) -> RestForce | None:
 
 
 def _carries(group: _Group) -> Iterable[App]:
-    """One app a stretch, all with the average load of the whole carry."""
+    """Yield one app per step of a carry, all with the average load of the whole carry."""
     weighed = [step for step in group.steps if step.segment.load_kg is not None]
     load: dict[str, object] = {}
     if weighed:
@@ -380,7 +418,11 @@ def _carries(group: _Group) -> Iterable[App]:
 
 
 def _holds_still(step: ProgramSegment, end: _End | None) -> bool:
-    """Is it a hold, which leads nowhere? Who holds a load above a contact may carry it there in the end."""
+    """Whether a step of a carry is a Hold rather than a Transport.
+
+    A hold that ends at a contact may carry its load there. It is a Hold if it leads nowhere, or if an
+    operator has named it. end: None where the step does not end at a contact.
+    """
     where = step.segment.position_end if end is None else end.where["target"]
     way_m = math.dist(step.segment.position_start, where)
     return step.segment.kind == "hold" and (end is None or step.segment.corrected or way_m < NOWHERE_M)
@@ -397,7 +439,10 @@ _BUILDERS: dict[str, Callable[[_Group], Iterable[App]]] = {
 
 
 def _group_key(step: ProgramSegment) -> str:
-    """Transport and hold are one carry; pushing in what gives way is part of the press."""
+    """Return the kind of group that a step belongs to.
+
+    Transport and hold are one carry. Pushing in what gives way is part of the press.
+    """
     kind, contact = step.segment.kind, step.segment.contact
     if stands(step) and not step.segment.corrected and not step.rests_before and not step.rests_after:
         return "contact"
@@ -413,7 +458,7 @@ def _where(moment: Moment) -> dict[str, Any]:
 
 
 def _along(force: Vector | None, direction: Vector) -> float:
-    """[N] of a force in a direction; 0 where it is not known."""
+    """Return the component [N] of a force along a direction; 0 where the force is None."""
     if force is None:
         return 0.0
     return sum(a * b for a, b in zip(force, direction, strict=True)) / max(length(direction), 1e-12)
@@ -441,7 +486,10 @@ def _grip_app(
 
 
 def _forces(on_robot: Vector, limit_n: float | None) -> dict[str, object]:
-    """What the robot exerts: the opposite of what acts on it, scaled to the limit where there is one."""
+    """Return the fields `force`, scaled to the limit where there is one, and `force_taught` [N].
+
+    The robot exerts the opposite of the force that acts on it.
+    """
     taught = -np.asarray(on_robot)
     scale = 1.0 if limit_n is None else min(1.0, limit_n / max(length(taught), 1e-12))
     return {"force": tuple((scale * taught).tolist()), "force_taught": tuple(taught.tolist())}

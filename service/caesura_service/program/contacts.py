@@ -37,7 +37,11 @@ LASTING = 5  # observations over which a force is averaged
 
 
 def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Context) -> ProgramSegment:
-    """A contact, with the force before it; what does not change that goes on as what came before."""
+    """Return a step in contact with the force before it as its base.
+
+    A step that adds less than `PUSHES_BACK_N` is no contact, unless it rests after one. It continues the
+    contact state before it; after a contact, it carries what the fingers hold, or else moves in the air.
+    """
     if before is None or not step.touches:
         return step
     step = replace(step, base=base_after(before, context))
@@ -51,9 +55,10 @@ def as_touching(before: ProgramSegment | None, step: ProgramSegment, context: Co
 def still_touching(
     contact: ProgramSegment, last: ProgramSegment, step: ProgramSegment, context: Context
 ) -> ProgramSegment:
-    """What follows a contact is one too, where its force lasts and the tool does not leave.
+    """Return a step after a contact as a contact, where its force lasts and the tool does not leave.
 
-    But what the fingers hold, and weighs more, has been lifted off what it touched.
+    A step whose fingers hold something that weighs more has lifted it off: it stays as it is. last: the last
+    step kept.
     """
     base = base_after(last, context)
     normal, forces = direction(replace(contact, base=base).force), _felt(step, context)
@@ -65,10 +70,10 @@ def still_touching(
 def set_down(
     last: ProgramSegment, step: ProgramSegment, ahead: ProgramSegment | None, context: Context
 ) -> ProgramSegment:
-    """A load keeps its weight, and in the air nothing resists a short movement into a contact.
+    """Return a carry, or a short movement into a contact, as a contact where its force changes and stays so.
 
-    Where the force changes by more than a bias can and stays so, it touches. But what weighs more has been
-    lifted off what bore it.
+    A load keeps its weight, and in the air nothing resists a movement. So a change of `UNLIKE_N`, more than a
+    bias can account for, is a touch. A load that weighs more has been lifted off its support: no touch.
     """
     segment = step.segment
     arrives = segment.kind == "motion" and ahead is not None and ahead.touches and may_press_in(step)
@@ -83,23 +88,26 @@ def set_down(
 
 
 def _changed(forces: NDArray[np.float64], base: Vector, context: Context) -> NDArray[np.float64]:
-    """(3,) [N] by which forces (n, 3) differ from a base; 0 where none are known."""
+    """Return the difference (3,) [N] of the median of forces (n, 3) from a base; 0 where none are known."""
     return context.median(forces) - base if len(forces) else np.zeros(3)
 
 
 def _is_lifted(step: ProgramSegment, changed: NDArray[np.float64], context: Context) -> bool:
-    """Is what a step carries heavier than before, by a change (3,) [N] of its force?"""
+    """Whether a step carries a load that a change (3,) [N] of its force shows to be heavier than before."""
     x, y, z = changed.tolist()
     return step.segment.contact == "transport" and hangs((x, y, z), context.up)
 
 
 def _felt(step: ProgramSegment, context: Context) -> NDArray[np.float64]:
-    """(n, 3) [N] over a step, where they are known."""
+    """Return the forces (n, 3) [N] at the observations of a step where they are known."""
     return context.forces(observed(step.segment.t0, step.segment.tn))
 
 
 def may_press_in(step: ProgramSegment) -> bool:
-    """Is a movement so short that it may press something in? Then it depends on the force before it."""
+    """Whether a movement is shorter than `ARRIVES_M`, so that it may press something in.
+
+    What it is taken for then depends on the force before it.
+    """
     return length(step.moved) < ARRIVES_M
 
 
@@ -111,7 +119,7 @@ def _touching(
     forces: NDArray[np.float64],
     context: Context,
 ) -> ProgramSegment:
-    """A step as a contact, where its forces along a normal stay above a base and the tool does not leave."""
+    """Return a step as a contact, where its forces along a normal stay above a base and the tool stays."""
     leaves = float(step.moved @ normal) > max(OUT_M, OUT_SHARE * length(step.moved))
     if leaves or not len(forces) or _least_lasting((forces - base) @ normal) < least_n:
         return step
@@ -120,23 +128,26 @@ def _touching(
 
 
 def _least_lasting(pushes: NDArray[np.float64]) -> float:
-    """[N] the least mean over `LASTING` observations: one of them is as good as the sensor's noise."""
+    """Return the least mean [N] over `LASTING` observations; one alone has the full sensor noise."""
     return float(sliding_window_view(pushes, min(LASTING, len(pushes))).mean(axis=1).min())
 
 
 def touched_at(contact: ProgramSegment, moment_at: MomentAt) -> Vector:
-    """Where [m] a contact first pushes back: its segment may begin on the way down to it."""
+    """Return the position (3,) [m] at which a contact first pushes back; the segment's start where none does.
+
+    The segment may begin on the way down to the contact.
+    """
     times = observed(contact.segment.t0, contact.segment.tn)
     t = next(filter(pushes_back(contact, moment_at), times), None)
     return contact.segment.position_start if t is None else moment_at(t).position
 
 
 def pushes_back(contact: ProgramSegment, moment_at: MomentAt) -> Callable[[float], bool]:
-    """Whether what a contact touches pushes back at a time [s], in the direction of its force."""
+    """Return a test for a time [s]: whether a contact pushes back then, along its force."""
     base, normal = contact.base, direction(contact.force)
     return lambda t: _along(moment_at(t).force, base, normal) >= PUSHES_BACK_N
 
 
 def _along(force: Vector | None, base: Vector, normal: NDArray[np.float64]) -> float:
-    """[N] of what is added to a base, in a direction; 0 where it is not known."""
+    """Return the component [N] of a force beyond a base along a normal; 0 where the force is None."""
     return 0.0 if force is None else float(np.subtract(force, base) @ normal)

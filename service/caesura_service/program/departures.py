@@ -29,9 +29,10 @@ IN_AIR_M = 0.005  # a contact that lets go does not go on for longer than this w
 def lets_go(
     before: ProgramSegment | None, kept: Sequence[ProgramSegment], step: ProgramSegment, context: Context
 ) -> bool:
-    """Is this the force of the contact before it, decaying? The arm hardly moves, the force falls off.
+    """Whether a movement is only the decay of the force of the contact before it.
 
-    What goes on without that force is a movement, once it is out of what was pressed in.
+    The arm hardly moves while the force falls off. A step that goes on without that force is a movement, once
+    it is out of the pressed object. kept: the steps kept so far.
     """
     if before is None or before.segment.kind != "contact" or step.segment.kind != "motion":
         return False
@@ -50,14 +51,14 @@ def lets_go(
 
 
 def leaving(step: ProgramSegment) -> ProgramSegment:
-    """A movement far out of what was pressed goes on in the air: it is no press."""
+    """Return a slide that moves `ARRIVES_M` or more out of a pressed object as a movement in the air."""
     segment = step.segment
     leaves = segment.kind == "sliding" and step.gives_way and -step.pushed_in >= ARRIVES_M
     return step.read_as("free") if leaves else step
 
 
 def with_departures(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; what does not leave what was pressed in is part of the movement that it goes on to."""
+    """Return the steps; a movement that stays inside a pressed object is part of the movement after it."""
     joined: list[ProgramSegment] = []
     for step in steps:
         if joined and is_directly_before(joined[-1], step) and _is_inside(joined[-1], joined[:-1], context):
@@ -68,7 +69,7 @@ def with_departures(steps: Sequence[ProgramSegment], context: Context) -> list[P
 
 
 def _is_inside(movement: ProgramSegment, before: Sequence[ProgramSegment], context: Context) -> bool:
-    """Does a movement end below where what gave way before it was touched, and not beside it?"""
+    """Whether a movement ends inside the object that gave way before it: below its surface, not beside it."""
     pressed = list(takewhile(lambda step: step.touches and step.gives_way, reversed(before)))
     if not pressed:
         return False

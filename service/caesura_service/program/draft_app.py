@@ -17,7 +17,7 @@ AppKey = tuple[object, ...]
 
 
 class DraftApp:
-    """An app as it was inferred or added, and what was set since: values by field, and marks. Immutable."""
+    """An app as it was inferred or added, with the values by field and marks of later edits. Immutable."""
 
     def __init__(
         self,
@@ -47,13 +47,13 @@ class DraftApp:
         return app.model_copy(update={**simple, "changes": tuple(marks.values())})
 
     def marked(self, edit: ProgramEdit, field: ChangedField, inferred: Any = None) -> DraftApp:
-        """With a mark of the last edit of a field."""
+        """Return the app with a mark for a field, in place of its earlier mark."""
         mark = AppChange(field=field, author=edit.author, edit=edit.number, inferred=inferred)
         marks = (*(one for one in self.marks if one.field != field), mark)
         return DraftApp(self.inferred, self.key, self.values, marks)
 
     def without(self, fields: Collection[str]) -> DraftApp:
-        """Without the edits of some fields."""
+        """Return the app without the edits of some fields."""
         if not fields:
             return self
         values = {name: value for name, value in self.values.items() if name not in fields}
@@ -61,26 +61,29 @@ class DraftApp:
         return DraftApp(self.inferred, self.key, values, marks)
 
     def with_values(self, given: Mapping[AppField, Any]) -> DraftApp:
-        """With other values of some fields."""
+        """Return the app with other values of some fields."""
         return DraftApp(self.inferred, self.key, {**self.values, **given}, self.marks)
 
 
 def key_of(app: App) -> AppKey:
-    """What distinguishes an app from others: one edit may have put several in place."""
+    """Return the key that distinguishes an app from the others of a program.
+
+    One edit may add several apps, so the key of an app that was taught again includes its kind and time.
+    """
     if app.added is None:
         return (app.kind, app.t0)
     return (app.added, app.kind, app.t0) if is_taught_again(app) else (app.added,)
 
 
 def keys_meant(wanted: AppReference) -> tuple[AppKey, ...]:
-    """The keys of an app that a reference surely means."""
+    """Return the keys that the app of a reference may have."""
     if wanted.added is None:
         return ((wanted.kind, wanted.t0),)
     return (wanted.added,), (wanted.added, wanted.kind, wanted.t0)
 
 
 def common_share(wanted: AppReference, app: App) -> float:
-    """The share of the time of two apps together that is common to both."""
+    """Return the share [0, 1] of the joint time of two apps that is common to both."""
     t0, tn = max(wanted.t0, app.t0), min(wanted.tn, app.tn)
     first, last = min(wanted.t0, app.t0), max(wanted.tn, app.tn)
     return max(0.0, tn - t0 + 2 * SLACK_S) / (last - first + 2 * SLACK_S)

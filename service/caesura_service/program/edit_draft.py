@@ -92,7 +92,7 @@ class EditDraft:
 
     @property
     def taught_again(self) -> int:
-        """How many apps were taught again."""
+        """The number of apps that were taught again."""
         return sum(is_taught_again(item.inferred) for item in self.items)
 
     def apply(self, edit: ProgramEdit) -> None:

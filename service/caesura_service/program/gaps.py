@@ -22,7 +22,10 @@ REASONS = {"source": "the source paused", "evicted": "samples were lost"}
 
 
 def observed_share(t0: float, tn: float, gaps: Sequence[Gap]) -> float:
-    """How much of an app from t0 to tn [s] was observed, 0 to 1; gaps: in time order, without overlaps."""
+    """Return the share [0, 1] of the time of an app, from t0 to tn [s], that was observed.
+
+    A gap at an edge of the app counts whole. gaps: in time order, without overlaps.
+    """
     first = bisect_left(gaps, t0 - EDGE_S, key=lambda gap: gap.tn)
     beside = list(takewhile(lambda gap: gap.t0 <= tn + EDGE_S, gaps[first:]))
     if t0 == tn:

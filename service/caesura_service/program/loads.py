@@ -42,9 +42,10 @@ SHUT_M = 0.003  # between fingers that hold nothing
 
 
 def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSegment:
-    """What the fingers hold is carried, however light; what they have let go is not, nor while they are shut.
+    """Return a step as a carry where the fingers hold something, however light; as free where they do not.
 
-    Where they say nothing, what weighs nothing is not carried, nor what was not picked up.
+    A contact stays as it is. Without a grip event, a carry is free where nothing was picked up, where the
+    fingers are shut, or where its load may be 0. from_air: as `is_from_air`.
     """
     segment = step.segment
     if segment.contact == "free":
@@ -61,7 +62,7 @@ def in_hand(step: ProgramSegment, from_air: bool, context: Context) -> ProgramSe
 
 
 def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
-    """Did the last movement carry nothing, and was nothing touched since? Then nothing was picked up.
+    """Whether nothing was picked up: the last movement carried nothing, and nothing was touched since.
 
     touched: index of the last step in contact.
     """
@@ -71,9 +72,9 @@ def is_from_air(kept: Sequence[ProgramSegment], touched: int) -> bool:
 
 
 def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
-    """A movement under a force that hangs on the robot is a carry, and so is a rest with something in hand.
+    """Return a step in contact as a carry with its load, where its force hangs on the robot.
 
-    What a hand slides along pushes back; only a load pulls straight down.
+    A rest is one only with something in hand. A surface pushes back; only a load pulls straight down.
     """
     if not step.touches or not hangs(step.segment.force, context.up):
         return step
@@ -84,23 +85,23 @@ def hanging(step: ProgramSegment, context: Context) -> ProgramSegment:
 
 
 def hangs(force: Vector, up: Vector) -> bool:
-    """Does a force [N] pull straight down on the robot, as a load does?"""
+    """Whether a force [N] pulls straight down on the robot, as a load does; up: of length 1."""
     (x, y, z), (ux, uy, uz), down = force, up, _down(force, up)
     aside = length((x + down * ux, y + down * uy, z + down * uz))
     return down >= HANGING_N and aside <= HANGING_ASIDE * down
 
 
 def _down(force: Vector, up: Vector) -> float:
-    """[N] of a force, against up."""
+    """Return the component [N] of a force against `up`."""
     against: float = -sum(map(mul, force, up))
     return against
 
 
 def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
-    """A carry, or a movement in the air, that leads nowhere is a rest: a person and a robot differ in it.
+    """Return a movement in the air, or a carry in the fingers, as a rest where it leads nowhere.
 
-    The path of what the fingers hold is kept. Of a turn in the air no more is lost than a check passes over,
-    of another movement no more than a path may be off.
+    A person and a robot differ in such a movement. A turn in the air loses no more than a check passes over,
+    another movement no more than a path may be off. A carry that no grip confirms stays as it is.
     """
     segment = step.segment
     is_carried = segment.contact == "transport" and bool(holds(step, context.grips))
@@ -120,17 +121,21 @@ def resting(step: ProgramSegment, context: Context) -> ProgramSegment:
 
 
 def is_not_yet_held(last: ProgramSegment | None, step: ProgramSegment) -> bool:
-    """Is it a load that seems to be held, but stands where the contact before it was?"""
+    """Whether a step seems to hold a load that still stands where the contact before it was.
+
+    A hold of `STANDS_S` or longer is one on purpose. last: the contact, or else the step kept, before it;
+    None without one.
+    """
     if last is None or not last.touches or not _is_hold(step) or step.lasts(STANDS_S):
         return False
     return length(np.subtract(step.segment.position_end, last.segment.position_end)) < OUT_M
 
 
 def as_one_hold(kept: Sequence[ProgramSegment], _context: Context) -> list[ProgramSegment]:
-    """The same steps; holds that follow each other at once are one."""
+    """Return the steps; holds that follow each other at once are joined."""
     return joined_where(kept, lambda one, two: _is_hold(one) and _is_hold(two))
 
 
 def _is_hold(step: ProgramSegment) -> bool:
-    """Is it a hold that no person has named?"""
+    """Whether a step is a hold that no operator has named."""
     return step.segment.kind == "hold" and not step.segment.corrected

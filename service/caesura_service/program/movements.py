@@ -29,12 +29,12 @@ MOVES = ("motion", "transport")  # kinds that may be one with another of their k
 
 
 def with_whole_movements(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; a movement, or a carry, that goes on in the next one is one with it."""
+    """Return the steps; a movement, or a carry, is joined with the step that it goes on in."""
     return joined_where(steps, lambda movement, step: _moves_on(movement, step, context.moment_at))
 
 
 def _moves_on(movement: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does a movement in the air go on in a step of its kind, at once, without a stop or a corner?"""
+    """Whether a movement in the air goes on in a step of its kind, at once, without a stop or a corner."""
     one, two = movement.segment, step.segment
     if one.corrected or two.corrected or step.parts[0].is_set_apart:
         return False
@@ -45,10 +45,10 @@ def _moves_on(movement: ProgramSegment, step: ProgramSegment, moment_at: MomentA
 
 
 def is_end_of_movement(t: float, moment_at: MomentAt) -> bool:
-    """Does a movement end at a boundary [s]: does the hand stop there, or turn and slow?
+    """Whether a movement ends at a boundary [s]: the hand stops there, or turns and slows.
 
-    Speeds are those of the steps about the boundary, beside the lesser of the peaks on both sides. It turns
-    where the ways of `NEAR_S` to the boundary and from it do.
+    The slowest step about the boundary is compared with the lesser of the peaks on both sides. The hand turns
+    where its displacements over `NEAR_S` before and after the boundary differ by 45 degrees or more.
     """
     before, after = observed(t - NEAR_S, t), observed(t, t + NEAR_S)
     places = np.array([moment_at(one).position for one in (*before, *after)])

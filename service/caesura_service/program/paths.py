@@ -54,9 +54,9 @@ class Paths:
     def between(
         self, t0: float, tn: float, *, begins_moving: bool = False, ends_moving: bool = False
     ) -> AppPath | None:
-        """The path from one time to another [s]; None where it is not settled yet.
+        """Return the path from one time to another [s]; None where it is not settled yet.
 
-        begins_moving, ends_moving: it states with which velocity the hand passed its start and its end.
+        begins_moving, ends_moving: it states the velocity of the hand at its start and at its end.
         """
         if tn > self.settled_until:
             return None
@@ -74,7 +74,10 @@ class Paths:
         return found
 
     def off_straight_m(self, t0: float, tn: float) -> float | None:
-        """How far [m] it was off the straight line from one time to another [s]; None as `between`."""
+        """Return the largest distance [m] of the path from the straight line between two times [s].
+
+        None where the path is not settled yet.
+        """
         if tn > self.settled_until:
             return None
         places = self.poses_between(t0, tn)[1][:, :3]
@@ -82,7 +85,10 @@ class Paths:
         return float(np.linalg.norm(_projected(away, line)[1], axis=1).max())
 
     def turning(self, t0: float, tn: float) -> tuple[float, float] | None:
-        """When it turns in a rest [s]; None where it does by less than `TURN_RAD`, or nothing is known."""
+        """Return the times [s] between which the flange turns in a rest.
+
+        None for a turn by less than `TURN_RAD`, without orientations, and where the rest is not settled yet.
+        """
         if tn > self.settled_until:
             return None
         t, poses = self.poses_between(t0, tn)
@@ -135,7 +141,7 @@ def reduced(
     most: int = MAX_VIA_POINTS,
     passing: Array | None = None,
 ) -> tuple[list[int], float, float]:
-    """Observations (indices) that a path leads through, and its largest deviations [m], [rad].
+    """Return the observations (indices) that a path leads through, and its largest deviations [m], [rad].
 
     t: (n,) [s], rising; poses: (n, 3 or 7). At most `most` via points between the first and the last.
     passing: as `Curve.through` takes it; without it, the path begins and ends at rest.
@@ -166,7 +172,10 @@ def reduced(
 
 
 def _excursions(shown: Array, curve: Curve, knots: list[int], tolerance_m: float) -> tuple[float, list[int]]:
-    """How far [m] a curve leaves places (m, 3) that were shown; the middle of each leg that is too far."""
+    """Return the largest distance [m] of a curve from shown places (m, 3), and the observations to add.
+
+    One is added in the middle of each leg that is further away than the tolerance, the worst leg first.
+    """
     line = curve.sampled(PARTS)[:, :3]
     furthest, found = 0.0, []
     for number, (low, high) in enumerate(pairwise(knots)):
@@ -184,9 +193,10 @@ def _excursions(shown: Array, curve: Curve, knots: list[int], tolerance_m: float
 def deviations(
     shown: Array, curve: Curve, leg: NDArray[np.int64], tolerance_m: float, tolerance_rad: float
 ) -> tuple[Array, Array]:
-    """Distances (m,) [m] and angles (m,) [rad] from poses (m, c) to a curve that is followed forwards.
+    """Return distances (m,) [m] and angles (m,) [rad] from poses (m, c) to a curve that is followed forwards.
 
-    leg: (m,) between which knots each pose lies. The nearest point is that of the two divided by tolerances.
+    leg: (m,) the leg of each pose. The nearest point has the least distance with both divided by their
+    tolerances.
     """
     scale = np.array([1.0 / tolerance_m] * 3 + [2.0 / tolerance_rad] * (shown.shape[1] - 3))
     line = curve.sampled(PARTS) * scale
@@ -209,7 +219,7 @@ def deviations(
 
 
 def _projected(away: Array, step: Array) -> tuple[Array, Array]:
-    """Share (…) of a segment at which it is nearest to a point, and what is left (…, c) to the point.
+    """Return the share (…) of a segment at its place nearest to a point, and the vector (…, c) from there.
 
     away: (…, c) of the point from the segment's start; step: (…, c) from its start to its end.
     """
@@ -218,7 +228,7 @@ def _projected(away: Array, step: Array) -> tuple[Array, Array]:
 
 
 def _sides(poses: Array) -> list[int]:
-    """The first and last observation, and so many between that no leg turns too far."""
+    """Return the first and last observation, and so many between them that no leg turns too far."""
     knots = [0]
     if poses.shape[1] == 7:
         while (far := angles(poses[knots[-1] + 1 :, 3:], poses[knots[-1], 3:]) > MOST_TURN_RAD).any():
@@ -227,7 +237,7 @@ def _sides(poses: Array) -> list[int]:
 
 
 def _worst(off: Array, leg: NDArray[np.int64], near: NDArray[np.int64], knots: list[int]) -> list[int]:
-    """The observation that is furthest off in each leg where one is too far, the worst first."""
+    """Return the observation furthest off in each leg that has one too far off, the worst first."""
     found: list[tuple[float, int]] = []
     starts = np.searchsorted(leg, np.arange(len(knots) - 1))
     worst = np.maximum.reduceat(off, starts)

@@ -48,7 +48,10 @@ MomentAt = Callable[[float], Moment]
 
 
 def medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(c,) medians of columns (n, c) of finite numbers, n > 0, as `np.median`, in a third of the time."""
+    """Return the medians (c,) of columns (n, c) of finite numbers, n > 0.
+
+    They equal those of `np.median`, in a third of the time.
+    """
     half, is_odd = divmod(len(values), 2)
     ordered = np.sort(values, axis=0)
     middle: NDArray[np.float64] = ordered[half] if is_odd else (ordered[half - 1] + ordered[half]) / 2.0
@@ -64,13 +67,13 @@ class GripperAction:
     width: float | None  # [m] where the fingers settled
 
     def is_near(self, t0: float, tn: float) -> bool:
-        """Does it belong to a contact between two times [s]?"""
+        """Whether the action lies between two times [s] of a contact, or within `GRIP_SLACK_S` of them."""
         return t0 - GRIP_SLACK_S <= self.t <= tn + GRIP_SLACK_S
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What the segments of a demonstration are read beside.
+    """The grips, moments and vertical direction of a demonstration, beside which its segments are read.
 
     grips: all that are known; up: away from gravity, of length 1, base frame.
     """
@@ -80,29 +83,29 @@ class Context:
     up: Vector = UP
 
     def fingers_move(self, t0: float, tn: float) -> bool:
-        """Do they move between two times [s], or close to them?"""
+        """Whether the fingers move between two times [s], or within `GRIP_SLACK_S` of them."""
         return any(grip.is_near(t0, tn) for grip in self.grips)
 
     def median(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(3,) [N] median of each axis of forces (n, 3), of which one is vertical."""
+        """Return the median (3,) [N] of forces (n, 3), taken along three axes of which one is vertical."""
         upright = upright_rotation(self.up)
         if upright is None:
             return medians(forces)
         return np.asarray(medians(forces @ upright.T) @ upright)
 
     def forces(self, times: Sequence[float]) -> NDArray[np.float64]:
-        """(n, 3) [N] at some times [s], where they are known."""
+        """Return the forces (n, 3) [N] at those of the times [s] at which they are known."""
         seen = (self.moment_at(t).force for t in times)
         return np.array([force for force in seen if force is not None]).reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramSegment:
-    """A segment as the program sees it.
+    """A segment as the program reads it, with the segments that are part of it.
 
     is_set_apart: an operator has stated that it begins there; base: of a contact, the force [N] before
-    anything was touched; rests_before, rests_after: of a stroke, as parts of it; approach: what it is the end
-    of, as a part of it: movements into a contact, a stroke.
+    anything was touched; rests_before, rests_after: the rests at the ends of a stroke; approach: the
+    movements into a contact, or the stroke, of which this segment is the end.
     """
 
     index: int
@@ -116,21 +119,24 @@ class ProgramSegment:
 
     @property
     def parts(self) -> tuple[ProgramSegment, ...]:
-        """It, what it is the end of, and the rests at its ends, in time order."""
+        """The rests before it, its approach, the segment itself, and the rests after it, in time order."""
         return (*self.rests_before, *self.approach, self, *self.rests_after)
 
     @property
     def t0(self) -> float:
-        """When it begins with its rests [s]."""
+        """The time [s] at which its first part begins, rests included."""
         return self.parts[0].segment.t0
 
     @property
     def tn(self) -> float:
-        """When it ends with its rests [s]."""
+        """The time [s] at which its last part ends, rests included."""
         return self.parts[-1].segment.tn
 
     def joined_to(self, before: ProgramSegment) -> ProgramSegment:
-        """It with the segment that it goes on from: one segment, with the average load of both."""
+        """Return this segment and the one before it as one, with the average load of both.
+
+        The earlier one becomes part of the approach.
+        """
         first, last = before.segment, self.segment
         whole = {"t0": first.t0, "position_start": first.position_start}
         weighed = [step for step in (before, self) if step.segment.load_kg is not None]
@@ -139,7 +145,11 @@ class ProgramSegment:
         return replace(self, approach=approach, segment=last.model_copy(update=whole | load))
 
     def read_as(self, contact: str, **fields: object) -> ProgramSegment:
-        """The same movement or rest, touching, carrying or neither; what an operator has named stays."""
+        """Return the same movement or rest with another contact state.
+
+        One that an operator has named is unchanged. The load becomes None. fields: other fields of the
+        segment.
+        """
         if self.segment.corrected:
             return self
         kind = "turning" if self.segment.kind == "turning" else KINDS[self.segment.motion, contact]
@@ -148,44 +158,50 @@ class ProgramSegment:
 
     @property
     def seconds(self) -> float:
-        """How long it lasts [s]."""
+        """The duration [s] of the segment, without its rests."""
         return self.segment.tn - self.segment.t0
 
     def lasts(self, least_s: float) -> bool:
-        """Does it last for so long [s]? Three observations are 0.3 s, whatever their times are rounded to."""
+        """Whether the segment lasts for `least_s` [s] or longer.
+
+        Three observations count as 0.3 s, however their times are rounded.
+        """
         return self.seconds >= least_s - ROUNDED_S
 
     @property
     def touches(self) -> bool:
-        """Is it in contact?"""
+        """Whether the segment is in contact."""
         return self.segment.contact == "contact"
 
     @property
     def force(self) -> Vector:
-        """[N] that the contact adds to what was there before it."""
+        """The force [N] that the contact adds to its base."""
         (x, y, z), (a, b, c) = self.segment.force, self.base
         return x - a, y - b, z - c
 
     @property
     def moved(self) -> NDArray[np.float64]:
-        """(3,) [m] from its beginning to its end."""
+        """The displacement (3,) [m] from the segment's start to its end."""
         return np.subtract(self.segment.position_end, self.segment.position_start)
 
     @property
     def pushed_in(self) -> float:
-        """[m] by which it goes against the force that acts on the robot."""
+        """The distance [m] that the segment moves against the force on the robot; negative for a way out."""
         return -float(self.moved @ direction(self.force))
 
     @property
     def gives_way(self) -> bool:
-        """Does what is touched move with the force, as a pump does, rather than the hand along a surface?"""
+        """Whether the touched object moves with the force, as a pump does; else the hand slides along it."""
         along = direction(self.force)
         across = length(self.moved - along * float(along @ self.moved))
         return across < max(ACROSS_M, ACROSS_SHARE * abs(self.pushed_in))
 
     @property
     def arrives(self) -> bool:
-        """Is it a way down that ends in a press without a pause? It has a Move To Contact of its own."""
+        """Whether the segment is a way down that ends in a press without a pause.
+
+        Such a way has a Move To Contact of its own.
+        """
         return self.segment.kind == "sliding" and self.gives_way and self.pushed_in > ARRIVES_M
 
 
@@ -194,7 +210,10 @@ def joined_where(
     are_one: Callable[[ProgramSegment, ProgramSegment], bool],
     as_one: Callable[[ProgramSegment, ProgramSegment], ProgramSegment] = lambda one, two: two.joined_to(one),
 ) -> list[ProgramSegment]:
-    """The same steps; where the last one and the next are one, they are made one."""
+    """Return the steps; each step that is one with the step before it is joined with it.
+
+    are_one: a test for the two; as_one: the step that they become.
+    """
     joined: list[ProgramSegment] = []
     for step in steps:
         if joined and are_one(joined[-1], step):
@@ -205,38 +224,39 @@ def joined_where(
 
 
 def slows_at(ways: Sequence[float] | NDArray[np.float64], place: int, share: float) -> bool:
-    """Is the slowest of three steps about a place at most a share of the lesser peak on both sides of it?
+    """Whether a movement slows to a share of the lesser peak on both sides of a place.
 
-    ways: how far each step between two observations leads; place: of the step across a boundary.
+    The slowest of the three steps about the place counts. ways: the length of each step between two
+    observations; place: the index of the step across a boundary.
     """
     peak = min(max(ways[: place + 1]), max(ways[place:]))
     return bool(min(ways[max(place - 1, 0) : place + 2]) <= share * peak)
 
 
 def holds(step: ProgramSegment, grips: Sequence[GripperAction]) -> bool | None:
-    """Whether the fingers hold something in the middle of it; None where they have not said anything."""
+    """Whether the fingers hold something in the middle of a step; None where no grip precedes it."""
     middle = 0.5 * (step.segment.t0 + step.segment.tn)
     last = max((grip for grip in grips if grip.t <= middle), key=lambda grip: grip.t, default=None)
     return None if last is None else last.kind == "grasp"
 
 
 def average(steps: Sequence[ProgramSegment], name: Literal["load_kg", "load_sd_kg"]) -> float:
-    """[kg] Of a number of segments, weighted by time."""
+    """Return the average [kg] of a load field over segments, weighted by time; None counts as 0."""
     weighted: float = sum(step.seconds * (getattr(step.segment, name) or 0.0) for step in steps)
     return weighted / sum(step.seconds for step in steps)
 
 
 def observed(begin: float, end: float) -> list[float]:
-    """[s] Every observation between two boundaries, one at least; what lies at the end itself is left out."""
+    """Return the times [s] of the observations between two boundaries, at least one; `end` is left out."""
     count = max(round((end - begin - ROUNDED_S) / OBSERVED_S), 1)
     return [begin + TOUCHED_S + k * OBSERVED_S for k in range(count)]
 
 
 def length(vector: Sequence[float] | NDArray[np.float64]) -> float:
-    """Of a vector, in its unit."""
+    """Return the length of a vector, in its unit."""
     return math.hypot(*vector)
 
 
 def direction(vector: Vector) -> NDArray[np.float64]:
-    """(3,) Of length 1; 0 of a vector without a length."""
+    """Return the direction (3,) of a vector, of length 1; zeros for a vector of length 0."""
     return np.asarray(vector) / max(length(vector), 1e-12)

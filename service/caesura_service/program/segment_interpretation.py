@@ -60,7 +60,10 @@ def kept_steps(
     least_s: float,
     up: Vector = UP,
 ) -> list[ProgramSegment]:
-    """Those that apps are made of, as what they are taken for; grips: all that are known."""
+    """Return the steps that apps are made of, each read beside the others.
+
+    grips: all that are known; least_s: minimum time filter [s]; up: away from gravity, base frame.
+    """
     context = Context(grips, moment_at, up)
     kept: list[ProgramSegment] = []
     short: dict[int, tuple[ProgramSegment, ...]] = {}
@@ -88,7 +91,7 @@ def kept_steps(
 
 
 def _places(steps: Sequence[ProgramSegment], least_s: float) -> Iterator[_Place]:
-    """Every step among those around it."""
+    """Yield every step with the steps around it."""
     before, earlier, touched = None, None, -1
     around = zip(steps, [*steps[1:], None], [None, *steps], [None, None, *steps], strict=False)
     for step, ahead, beside, behind in around:
@@ -101,7 +104,10 @@ def _places(steps: Sequence[ProgramSegment], least_s: float) -> Iterator[_Place]
 def _read(
     step: ProgramSegment, place: _Place, last: ProgramSegment | None, context: Context
 ) -> list[ProgramSegment]:
-    """What a step is taken for; nothing where it is a load that is not held yet. last: the last one kept."""
+    """Return a list with the step as it is read, or an empty list for a load that is not held yet.
+
+    last: the last step kept, None before the first.
+    """
     step = hanging(step, context)
     step = as_touching(last, step, context)
     step = leaving(step)
@@ -116,10 +122,10 @@ def _read(
 
 
 def _contact_before(place: _Place, last: ProgramSegment | None, context: Context) -> ProgramSegment | None:
-    """The contact that a step follows directly, or with one step between.
+    """Return the contact that a step follows directly, or with one step between; None without one.
 
-    That one was read as a contact itself, or is shorter than the minimum time. With something between the
-    fingers there may be more of them: what it weighs is known. last: the last one kept.
+    The step between was read as a contact itself, or is shorter than the minimum time. With something between
+    the fingers there may be more of them, because its weight is known. last: the last one kept.
     """
     beside, behind = place.beside, place.behind
     if beside is None or beside.touches:
@@ -134,10 +140,10 @@ def _contact_before(place: _Place, last: ProgramSegment | None, context: Context
 def _with_short_movements(
     kept: Sequence[ProgramSegment], _context: Context, *, short: dict[int, tuple[ProgramSegment, ...]]
 ) -> list[ProgramSegment]:
-    """The kept steps; movements below the minimum time are parts of those of their kind beside them.
+    """Return the kept steps, joined with the movements below the minimum time beside them.
 
-    One between two such movements belongs to the second. short: by index, as what such a step may be taken
-    for: too short to be weighed, it is a carry or none where the fingers say nothing.
+    Both are of one kind. One between two such movements belongs to the second. short: by index, the readings
+    of such a step. It is too short to be weighed, so without a grip it may be a carry or none.
     """
     joined: list[ProgramSegment] = []
     for step in kept:
@@ -156,7 +162,7 @@ def _with_short_movements(
 def _taken_with(
     movement: ProgramSegment, short: dict[int, tuple[ProgramSegment, ...]], index: int
 ) -> ProgramSegment | None:
-    """Take out a short step that a movement meets, as one of its kind; None where there is none."""
+    """Remove a short step that meets a movement of its kind from `short` and return it; None without one."""
     for step in short.get(index, ()):
         apart_s = min(abs(movement.t0 - step.tn), abs(step.t0 - movement.tn))
         if are_one_kind(step, movement) and apart_s < ROUNDED_S:

@@ -40,9 +40,10 @@ Array = NDArray[np.float64]
 
 
 def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; of contacts, the force that the sensor makes up is read on both sides of them.
+    """Return the steps; the bias of contacts is fitted to the force on both sides of them.
 
-    Where the fingers move, or more has changed than a sensor makes up, something else did change it.
+    Where the fingers move, or more has changed than a sensor makes up, something else did change it. The base
+    then stays the force before the contact.
     """
     based: list[ProgramSegment] = []
     for touches, run in groupby(kept, key=lambda step: step.touches):
@@ -63,14 +64,17 @@ def with_bases(kept: Sequence[ProgramSegment], context: Context) -> list[Program
 
 
 def base_after(before: ProgramSegment, context: Context) -> Vector:
-    """[N] before the contact that a step belongs to, or that follows it."""
+    """Return the force [N] before the contact that a step belongs to, or that follows the step."""
     return before.base if before.touches else _force_at_end(before.segment, context)
 
 
 def bias_between(
     before: Segment, after: Segment, base: Vector, moment_at: MomentAt
 ) -> Callable[[float], Vector]:
-    """Return the bias [N] at a time [s] between two segments in the air; base: before the contact."""
+    """Return a function of the time [s] for the bias [N] between two segments in the air.
+
+    base: the force [N] before the contact.
+    """
     origin = moment_at(observed(before.t0, before.tn)[-1])
     approach = observed(max(before.t0, before.tn - AROUND_S), before.tn - TOUCHING_S)
     times = [
@@ -96,7 +100,7 @@ def bias_between(
 
 
 def _in_air(times: Sequence[float], base: Vector, moment_at: MomentAt) -> Sequence[float]:
-    """Of the times [s] before a contact, those before something pushes back; all where it does in all."""
+    """Return those times [s] before a contact that precede its first push; all where every one is pushed."""
     pushes = [_pushes(moment_at(t).force, base) for t in reversed(times)]
     return times[: len(times) - pushes.index(False)] if False in pushes else times
 
@@ -106,23 +110,29 @@ def _pushes(force: Vector | None, base: Vector) -> bool:
 
 
 def _row(t: float, moment: Moment, since: float, origin: Moment) -> Sequence[float]:
-    """(5,) What the bias depends on: 1, the way from an origin, the time since then."""
+    """Return the regressors (5,) of the bias: 1, the way from an origin, and the time since then."""
     way = (np.subtract(moment.position, origin.position) / WANDER_M).tolist()
     return [1.0, *way, (t - since) / WANDER_S]
 
 
 def _force_at_end(segment: Segment, context: Context) -> Vector:
-    """[N] median of its last second, for its very end may lie in the contact; 0 where there is no force."""
+    """Return the median force (3,) [N] of a segment's last second; 0 where no force is known.
+
+    The very end may lie in the contact and is then left out.
+    """
     return _free_force(observed(segment.t0, segment.tn)[::-1], context)
 
 
 def _force_at_start(segment: Segment, context: Context) -> Vector:
-    """[N] median of its first second; 0 where there is no force."""
+    """Return the median force (3,) [N] of a segment's first second; 0 where no force is known."""
     return _free_force(observed(segment.t0, segment.tn), context)
 
 
 def _free_force(times: Sequence[float], context: Context) -> Vector:
-    """[N] median over `BASE_S`, beginning behind the contact that the first of these times may lie in."""
+    """Return the median force (3,) [N] over `BASE_S`; 0 where no force is known.
+
+    The first of the times may lie in a contact: the second begins after it.
+    """
     looks = round(BASE_S / OBSERVED_S)
     forces = context.forces(times[: 2 * looks])
     if not len(forces):

@@ -55,7 +55,7 @@ OUT_M, OUT_SHARE = 0.005, 0.3  # from which on a movement leaves a contact; fric
 
 
 def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; the last way into a contact, or to a rest, is part of the movement it goes on from."""
+    """Return the steps; the last way into a contact, or to a rest, is part of the movement before it."""
     joined: list[ProgramSegment] = []
     for step, following in zip_longest(steps, steps[1:]):
         last = joined[-1] if joined else None
@@ -67,12 +67,12 @@ def with_last_ways(steps: Sequence[ProgramSegment], context: Context) -> list[Pr
 
 
 def with_whole_turns(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; a turn that goes on about its axis without a stop is one."""
+    """Return the steps; a turn that goes on about its axis without a stop is joined."""
     return joined_where(steps, lambda turn, step: _turns_on(turn, step, context.moment_at), _one_turn)
 
 
 def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps; short slides and tilts beside a stroke are ends of it, with one path.
+    """Return the steps; short slides and tilts beside a stroke are ends of it, with one path.
 
     Whether such an end is divided from its stroke is a close decision: a person and a robot differ in it.
     """
@@ -89,7 +89,10 @@ def with_ends(steps: Sequence[ProgramSegment], context: Context) -> list[Program
 def _one_with(
     step: ProgramSegment, before: Sequence[ProgramSegment], context: Context
 ) -> tuple[list[ProgramSegment], ProgramSegment]:
-    """What may be one way with a step, in time order, and the stroke among it; the step alone otherwise."""
+    """Return the steps that may be one stroke with `step`, in time order, and the stroke among them.
+
+    Without such steps, return `step` alone, as the stroke.
+    """
     if _is_end(step, context):
         rests = _length_of(before, lambda one: _rests(one, context))
         parts = [*before[-rests - 1 :], step]
@@ -103,9 +106,9 @@ def _one_with(
 
 
 def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[ProgramSegment]:
-    """The same steps, each stroke with the rests at its ends.
+    """Return the steps, each stroke with the rests at its ends.
 
-    Those between two strokes end the first, but where they are pressed as the second is and not as the first.
+    Rests between two strokes end the first, unless they are pressed as the second is and not as the first.
     """
     joined: list[ProgramSegment] = []
     begins: tuple[ProgramSegment, ...] = ()
@@ -152,14 +155,14 @@ def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float 
 
 
 def stands(step: ProgramSegment) -> bool:
-    """Is a turn in contact so small that it is a rest?"""
+    """Whether a step is a turn in contact that is so small that it is a rest."""
     segment = step.segment
     still = segment.turn is not None and length(segment.turn) < LEAST_TURN_RAD
     return segment.kind == "turning" and step.touches and still and length(step.moved) < INSERTED_M
 
 
 def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Is it a way down that ends in a contact, and presses for less than a rest with a force of its own?"""
+    """Whether a step arrives in a contact and presses for less than a rest with a force of its own."""
     if not step.arrives:
         return False
     pushes = np.count_nonzero(_felt([step], moment_at).n >= PUSHES_BACK_N)
@@ -167,19 +170,19 @@ def only_touches(step: ProgramSegment, moment_at: MomentAt) -> bool:
 
 
 def may_end_movement(step: ProgramSegment) -> bool:
-    """Is a movement so short that it is the end of the one before it, where a contact follows?"""
+    """Whether a movement is shorter than `DECAY_REACH_M`: it may end the one before it at a contact."""
     return length(step.moved) < DECAY_REACH_M
 
 
 class _Felt(NamedTuple):
-    """What the robot feels at some times."""
+    """The forces on the robot at k times, in the axes of the tool."""
 
     axes: NDArray[np.float64]  # (k, 3, 3) of the tool, in the base frame
     force: NDArray[np.float64]  # (k, 3) [N] in them
     n: NDArray[np.float64]  # (k,) [N] its length
 
     def and_then(self, following: _Felt) -> _Felt:
-        """What is felt at these times and at others after them."""
+        """Return these forces, followed by those at later times."""
         return _Felt(*map(np.concatenate, zip(self, following, strict=True)))
 
 
@@ -187,7 +190,7 @@ NOTHING_FELT = _Felt(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
 
 
 def _felt(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> _Felt:
-    """What the robot feels in steps, at the observations where a force is known."""
+    """Return the forces of steps without their bases, at the observations where a force is known."""
     seen = [(moment_at(t), step.base) for step in steps for t in _looks(step.segment)]
     known = [(moment, np.subtract(moment.force, base)) for moment, base in seen if moment.force is not None]
     if not known:
@@ -198,17 +201,16 @@ def _felt(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> _Felt:
 
 
 def _force(steps: Sequence[ProgramSegment], moment_at: MomentAt) -> NDArray[np.float64] | None:
-    """(3,) [N] Median in the tool's axes where something pushes back."""
+    """Return the median force (3,) [N] in the tool's axes while something pushes back, or None."""
     return _median(_felt(steps, moment_at))[1]
 
 
 def _median(
     felt: _Felt, share: float = 0.0, *, least_n: float = PUSHES_BACK_N
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """The tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None where none is known.
+    """Return the tool's axes (3, 3) halfway, and the median force (3,) [N] in them; None without a force.
 
-    What is pressed softer than `least_n` [N], or than a share of the force that a tenth of the time exceeds,
-    is left out.
+    A force below `least_n` [N], or below a share of the force that a tenth of the time exceeds, is left out.
     """
     if share > 0.0 and felt.n.size:
         least_n = max(share * float(np.quantile(felt.n, 0.9)), least_n)
@@ -219,7 +221,7 @@ def _median(
 
 
 def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
-    """As `rest_force_n`, from what is felt in the rests."""
+    """Return `rest_force_n` of rests, computed from their forces `felt`."""
     if not rests or rests[-1].segment.tn - rests[0].segment.t0 < STROKE_REST_S - ROUNDED_S:
         return None
     _, force = _median(felt, least_n=0.0)
@@ -229,18 +231,21 @@ def _rest_force_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
 
 
 def _looks(segment: Segment) -> list[float]:
-    """[s] Observations of a segment, of more than `PRESS_LOOKS` evenly some."""
+    """Return the times [s] of a segment's observations, evenly thinned to at most `PRESS_LOOKS`."""
     times = observed(segment.t0, segment.tn)
     return times[:: -(-len(times) // PRESS_LOOKS)]
 
 
 def _axes(moment: Moment) -> NDArray[np.float64]:
-    """(3, 3) The tool's axes in the base frame; those of the base where they are not known."""
+    """Return the tool's axes (3, 3) in the base frame; those of the base without an orientation."""
     return np.eye(3) if moment.orientation is None else matrix_of(moment.orientation)
 
 
 def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegment | None) -> bool:
-    """Is a step the last of a movement: short, of the same kind, and without a rest between the two?"""
+    """Whether a step is the end of a movement: short, of the same kind, and without a rest between them.
+
+    One that another movement in the air follows is not. following: None after the last step.
+    """
     touches = following is not None and following.touches
     if following is not None and following.segment.motion == "motion" and not touches:
         return False
@@ -249,20 +254,23 @@ def _ends(movement: ProgramSegment, step: ProgramSegment, following: ProgramSegm
 
 
 def is_directly_before(movement: ProgramSegment, step: ProgramSegment) -> bool:
-    """Does a movement in the air go on in another of its kind, without a rest between the two?"""
+    """Whether a movement in the air goes on in another of its kind, without a rest between the two."""
     at_once = step.segment.t0 - movement.segment.tn < APPROACH_REST_S - ROUNDED_S and _goes_on(movement, step)
     return are_one_kind(movement, step) and at_once
 
 
 def are_one_kind(movement: ProgramSegment, other: ProgramSegment) -> bool:
-    """Are both movements in the air of the same kind, which no person has named?"""
+    """Whether both steps are movements in the air of one kind, neither of which an operator has named."""
     one, two = movement.segment, other.segment
     same = two.kind in ("motion", "transport") and one.kind == two.kind and one.contact == two.contact
     return same and not (one.corrected or two.corrected)
 
 
 def _rests(step: ProgramSegment, context: Context) -> bool:
-    """Does it rest in contact, but for what the touch pushes in, while the fingers stay as they are?"""
+    """Whether a step rests in contact while the fingers do not move.
+
+    A slide that only pushes in by less than `INSERTED_M`, and a turn that stands, are rests too.
+    """
     segment = step.segment
     pushes = segment.kind == "sliding" and step.gives_way and length(step.moved) < INSERTED_M
     if segment.corrected or not (segment.kind == "contact" or pushes or stands(step)):
@@ -271,7 +279,7 @@ def _rests(step: ProgramSegment, context: Context) -> bool:
 
 
 def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Is a step a stroke, and are rests beside it pressed to the same side of the tool?"""
+    """Whether `stroke` is one, and the rests beside it are pressed to the same side of the tool."""
     if not _is_stroke(stroke):
         return False
     return _same_side(_force(rests, moment_at), _force([stroke], moment_at))
@@ -280,14 +288,14 @@ def _belong(rests: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: 
 def _leads_to(
     rests: Sequence[ProgramSegment], following: Sequence[ProgramSegment], moment_at: MomentAt
 ) -> bool:
-    """Are rests part of the stroke that follows, if one does?"""
+    """Whether rests belong to the stroke that follows; False where none follows."""
     return bool(following) and _goes_on(rests[-1], following[0]) and _belong(rests, following[0], moment_at)
 
 
 def _is_begun(
     rests: Sequence[ProgramSegment], last: ProgramSegment, following: ProgramSegment, moment_at: MomentAt
 ) -> bool:
-    """Are rests between two strokes pressed as hard as the second one is, and not as the first?"""
+    """Whether rests between two strokes are pressed as hard as the second, and not as hard as the first."""
     level_n = _level_n(rests, _felt(rests, moment_at))
     ended, begun = (stroke_force(one, moment_at) for one in (last, following))
     if level_n is None or ended is None or begun is None:
@@ -296,12 +304,12 @@ def _is_begun(
 
 
 def _length_of(steps: Sequence[ProgramSegment], belongs: Callable[[ProgramSegment], bool]) -> int:
-    """How many of the last steps belong to something."""
+    """Return the number of steps in a row at the end for which `belongs` holds."""
     return len(list(takewhile(belongs, reversed(steps))))
 
 
 def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[ProgramSegment, ...]]:
-    """Rests in a row, divided where one that lasts is pressed otherwise than what lasts before it."""
+    """Return rests in a row, divided where one that lasts is pressed otherwise than those before it."""
     levels: list[tuple[ProgramSegment, ...]] = []
     before = NOTHING_FELT
     for rest in run:
@@ -318,7 +326,7 @@ def _levels(run: Iterable[ProgramSegment], moment_at: MomentAt) -> list[tuple[Pr
 
 
 def _level_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
-    """[N] with which rests are pressed once the force has risen; None as for `rest_force_n`."""
+    """Return the force [N] of rests once it has risen; None as `rest_force_n`, 0 without a push."""
     if _rest_force_n(rests, felt) is None:
         return None
     _, force = _median(felt, PRESS_SHARE)
@@ -326,14 +334,17 @@ def _level_n(rests: Sequence[ProgramSegment], felt: _Felt) -> float | None:
 
 
 def _are_one(parts: Sequence[ProgramSegment], stroke: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does the tool stay in contact over all parts, each pressed as the stroke among them is?"""
+    """Whether the tool stays in contact over all parts, and each is pressed as the stroke among them is."""
     others = [part for part in parts if part is not stroke]
     stay = all(_stays(one, other) for one, other in pairwise(parts))
     return stay and all(_pressed_as(part, stroke, moment_at) for part in others)
 
 
 def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Is it pressed to the same side of the tool and, unless it is a short rest, about as hard?"""
+    """Whether a part is pressed to the same side of the tool as a stroke, and about as hard.
+
+    The force of a short rest is not compared.
+    """
     here = _force([part], moment_at)
     _, there = _median(_felt([stroke], moment_at), PRESS_SHARE)
     rest_n = rest_force_n([part], moment_at)
@@ -346,12 +357,12 @@ def _pressed_as(part: ProgramSegment, stroke: ProgramSegment, moment_at: MomentA
 
 
 def _same_side(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:
-    """Do two forces in the tool's axes press to the same side, as far as they are known?"""
+    """Whether two forces in the tool's axes press to the same side; True where one of them is None."""
     return here is None or there is None or float(here @ there) >= SAME_SIDE * length(here) * length(there)
 
 
 def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
-    """A stroke and its ends as one way in contact; rests between them are part of it."""
+    """Return a stroke and its ends as one step in contact; rests between them are part of it."""
     first, last = parts[0], parts[-1]
     whole = {
         "kind": "turning",
@@ -365,7 +376,7 @@ def _one_way(parts: Sequence[ProgramSegment]) -> ProgramSegment:
 
 
 def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does a turn go on in a step about the same axis, without a stop, and in contact pressed as hard?"""
+    """Whether a turn goes on in a step about one axis, without a stop, and in contact pressed as hard."""
     one, two = turn.segment, step.segment
     named = one.corrected or two.corrected or step.is_set_apart
     if named or not one.kind == two.kind == "turning" or one.contact != two.contact:
@@ -378,7 +389,10 @@ def _turns_on(turn: ProgramSegment, step: ProgramSegment, moment_at: MomentAt) -
 
 
 def _stops_between(turn: ProgramSegment, following: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Is it slower where one turn ends and the next begins than a share of the peaks of both?"""
+    """Whether the speed between two turns falls to `STOPS_SHARE` of the lesser of their peaks.
+
+    True where an orientation is not known.
+    """
     before, after = (observed(step.segment.t0, step.segment.tn) for step in (turn, following))
     seen = [moment_at(t).orientation for t in (*before, *after)]
     turned = [angle_between(a, b) for a, b in pairwise(seen) if a is not None and b is not None]
@@ -388,7 +402,7 @@ def _stops_between(turn: ProgramSegment, following: ProgramSegment, moment_at: M
 
 
 def _one_turn(turn: ProgramSegment, following: ProgramSegment) -> ProgramSegment:
-    """A turn that was divided, as one."""
+    """Return two parts of a divided turn as one."""
     whole, one, two = following.joined_to(turn), turn.segment, following.segment
     angle = None if one.turn is None or two.turn is None else tuple(np.add(one.turn, two.turn).tolist())
     screw = _one_screw(one.screw, two.screw)
@@ -396,9 +410,9 @@ def _one_turn(turn: ProgramSegment, following: ProgramSegment) -> ProgramSegment
 
 
 def _one_screw(one: ScrewMotion | None, two: ScrewMotion | None) -> ScrewMotion | None:
-    """The screw motion of a turn that was divided, with the larger torque of the two.
+    """Return the screw motion of a divided turn, with the larger torque of the two.
 
-    The advance of each part counts by its angle.
+    None where one is unknown. The advance of each part counts by its angle.
     """
     if one is None or two is None:
         return None
@@ -415,7 +429,7 @@ def _one_screw(one: ScrewMotion | None, two: ScrewMotion | None) -> ScrewMotion 
 
 
 def _is_end(step: ProgramSegment, context: Context) -> bool:
-    """Is it a tilt in contact, or a slide so short that it is the end of a stroke?"""
+    """Whether a step may be the end of a stroke: a tilt in contact, or a slide below `DECAY_REACH_M`."""
     segment = step.segment
     if segment.corrected or context.fingers_move(segment.t0, segment.tn):
         return False
@@ -424,19 +438,19 @@ def _is_end(step: ProgramSegment, context: Context) -> bool:
 
 
 def _has_ends(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Is it a stroke other than a screw that is driven?"""
+    """Whether a step is a stroke that may have ends: no driven screw, and not named by an operator."""
     segment = step.segment
     driven = segment.kind == "turning" and segment.turn is not None and not _is_tilt(step, moment_at)
     return _is_stroke(step) and not segment.corrected and not driven
 
 
 def _stays(one: ProgramSegment, following: ProgramSegment) -> bool:
-    """Does the tool stay in contact from one step to the next? What is left out between them is short."""
+    """Whether the tool stays in contact from one step to the next, with at most a short time between."""
     return _goes_on(one, following) or following.segment.t0 - one.segment.tn < APPROACH_REST_S - ROUNDED_S
 
 
 def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does it turn in contact about an axis across the tool, as no screw does, and against no lever?"""
+    """Whether a step turns in contact about an axis across the tool, unlike a screw, and against no lever."""
     segment, orientation = step.segment, moment_at(step.segment.tn).orientation
     if not step.touches or segment.corrected or segment.turn is None or orientation is None:
         return False
@@ -446,7 +460,7 @@ def _is_tilt(step: ProgramSegment, moment_at: MomentAt) -> bool:
 
 
 def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
-    """Does a slide turn the tool, while a place along the tool's axis hardly moves?"""
+    """Whether a slide turns the tool while a place along the tool's axis hardly moves."""
     segment, first, last = step.segment, moment_at(step.segment.t0), moment_at(step.segment.tn)
     turned = 0.0 if segment.turn is None else length(segment.turn)
     if segment.kind != "sliding" or turned < LEAST_TURN_RAD:
@@ -458,19 +472,22 @@ def _turns_on_tip(step: ProgramSegment, moment_at: MomentAt) -> bool:
 
 
 def _is_resisted(step: ProgramSegment) -> bool:
-    """Does a turn end at a torque that is more than its force at a hand's breadth from the tip?"""
+    """Whether a turn ends at a torque above that of its force at a hand's breadth from the tip."""
     torque_nm = None if step.segment.screw is None else stop_torque_nm(exerted(step.segment.screw))
     return torque_nm is not None and torque_nm > HANDS_BREADTH_M * length(step.force)
 
 
 def _goes_on(one: ProgramSegment, following: ProgramSegment) -> bool:
-    """Does a step begin where another one ends? What is left out between them may lead elsewhere."""
+    """Whether a step begins where another one ends.
+
+    Steps left out between the two may lead elsewhere.
+    """
     apart = np.subtract(following.segment.position_start, one.segment.position_end)
     return following.parts[0].index == one.parts[-1].index + 1 or length(apart) < OUT_M
 
 
 def _is_stroke(step: ProgramSegment) -> bool:
-    """Does it move along a surface, or turn in contact? What gives way is pressed in."""
+    """Whether a step moves along a surface, or turns in contact; what gives way is pressed in."""
     segment = step.segment
     moves = step.touches and segment.motion == "motion"
     return moves and (segment.kind == "turning" or not step.gives_way)

@@ -59,7 +59,7 @@ _REFERS = {
 
 @dataclass(frozen=True)
 class ResolvedEdit:
-    """What one correction comes to. Observations by their number."""
+    """A correction, resolved to numbers of observations and to times."""
 
     inserted: float | None = None  # [s] the first start whose place on the grid ends after this
     starts: tuple[int, ...] = ()  # a segment starts there
@@ -72,15 +72,15 @@ class ResolvedEdit:
 
     @property
     def number(self) -> int:
-        """The revision that it made; 0 for one that no history has."""
+        """The revision that the correction made; 0 for one that no history has."""
         return 0 if self.made is None else self.made.number
 
     def refers_to(self, index: int) -> bool:
-        """Return whether it states if a segment starts at observation `index`."""
+        """Return whether the correction states if a segment starts at observation `index`."""
         return index in self.none or index in self.starts
 
     def recorded(self) -> Resolution:
-        """The same as the journal has it."""
+        """Return the correction as the journal records it."""
         return Resolution(
             inserted=self.inserted,
             starts=self.starts,
@@ -92,7 +92,7 @@ class ResolvedEdit:
 
 
 def correction_of(recorded: Resolution) -> ResolvedEdit:
-    """A correction as it was recorded."""
+    """Return a correction from its record in the journal."""
     none = tuple(index for first, stop in recorded.none for index in range(first, stop))
     return ResolvedEdit(
         recorded.inserted, recorded.starts, none, recorded.label, recorded.force, recorded.name
@@ -100,14 +100,14 @@ def correction_of(recorded: Resolution) -> ResolvedEdit:
 
 
 def _runs(indices: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Of rising numbers: the first of each run, and the one behind its last."""
+    """Yield each run of consecutive numbers as its first and the one after its last; indices: rising."""
     breaks = [i for i in range(1, len(indices)) if indices[i] != indices[i - 1] + 1]
     for first, stop in pairwise([0, *breaks, len(indices)] if indices else ()):
         yield indices[first], indices[stop - 1] + 1
 
 
 def _ranges(numbers: Sequence[int]) -> list[int | str]:
-    """State rising numbers, those that follow each other together.
+    """Return rising numbers in words; those that follow each other become one range.
 
     >>> _ranges([1, 2, 3, 5])
     ['1 to 3', 5]
@@ -141,7 +141,7 @@ class VisibleSegment:
 
 @dataclass(frozen=True)
 class EditContext:
-    """What there is to correct."""
+    """The changepoints, segments, apps and phases that an operator may correct."""
 
     t_first: float  # [s] of the first observation and of the last one
     t_last: float
@@ -156,7 +156,7 @@ class EditContext:
 
 @dataclass(frozen=True)
 class EditHistory:
-    """Those of a session, oldest first."""
+    """The corrections of a session, oldest first: those that count, and those that were undone."""
 
     active: tuple[ResolvedEdit, ...] = ()
     undone: tuple[ResolvedEdit, ...] = ()
@@ -164,7 +164,7 @@ class EditHistory:
 
     @property
     def listed(self) -> tuple[Correction, ...]:
-        """All that the program lists, by their numbers."""
+        """All corrections that the program lists, by their numbers."""
         taken_back = (
             one.made.model_copy(update={"state": "undone"}) for one in self.undone if one.made is not None
         )
@@ -172,14 +172,17 @@ class EditHistory:
         return tuple(sorted((*applied, *taken_back), key=lambda one: one.number))
 
     def up_to(self, number: int) -> EditHistory:
-        """Those that count, without what came after a number. Raises ProtocolError for one to come."""
+        """Return the corrections that count, up to a number. Raises ProtocolError above the revision."""
         if number > self.revision:
             why = "the session has no such correction"
             raise ProtocolError("malformed", why, value=number, limit=self.revision)
         return EditHistory(tuple(one for one in self.active if one.number <= number), (), self.revision)
 
     def after(self, edit: messages.Edit, at: float, resolve: Callable[[Change], ResolvedEdit]) -> EditHistory:
-        """With one edit more. at: time of day [s]. Raises ProtocolError where it makes no sense."""
+        """Return the history with one more edit. at: time of day [s]; resolve: as `resolved`.
+
+        Raises ProtocolError where there is nothing to undo or redo, and for more than MAX_CORRECTIONS.
+        """
         active, undone, number = self.active, self.undone, self.revision + 1
         match edit.action:
             case Undo() | TakeBack() as action:
@@ -233,10 +236,10 @@ class EditHistory:
             raise ProtocolError("conflict", why, value=one.number, expected=made.number)
 
     def again(self, edit: AppliedEdit, kinds: Sequence[str], at: float) -> EditHistory:
-        """With one more of the journal's resolved edits. Raises ProtocolError where it makes no sense now.
+        """Return the history with one more of the journal's resolved edits.
 
         kinds: of segments in the session, which another version of the service may have changed; at: time of
-        day [s].
+        day [s]. Raises ProtocolError where the edit makes no sense now.
         """
 
         def known(change: Change) -> ResolvedEdit:
@@ -249,13 +252,13 @@ class EditHistory:
         return self.after(edit, at, known)
 
     def as_anew(self) -> EditHistory:
-        """The last one was resolved once more at a restart."""
+        """Return the history with its last correction marked as resolved once more at a restart."""
         if not self.active:
             return self
         return replace(self, active=(*self.active[:-1], replace(self.active[-1], anew=True)))
 
     def passed_over(self) -> EditHistory:
-        """An edit that cannot be made again has counted nevertheless."""
+        """Return the history with the next revision, for an edit that cannot be made again."""
         return replace(self, revision=self.revision + 1)
 
 
@@ -306,7 +309,10 @@ class FilterConstraints:
         return index in self._certain
 
     def label(self, start: int, end: int) -> str | None:
-        """What a segment was said to be."""
+        """Return the kind that the newest correction gives to the segment from start to end.
+
+        None without one. start, end: observations, the end not included.
+        """
         inside = self._labelled[bisect_left(self._labelled, start) : bisect_left(self._labelled, end)]
         return max(map(self._labels.__getitem__, inside))[1] if inside else None
 
@@ -323,7 +329,8 @@ class FilterConstraints:
     def unapplied(self, apps: Sequence[App], is_beyond: Callable[[float], bool]) -> Mapping[int, str]:
         """Return why corrections are not applied, by their numbers; those that are applied are left out.
 
-        apps: of the program, in the order of their beginnings; is_beyond: will a time [s] never be observed?
+        apps: of the program, in the order of their beginnings; is_beyond: a test whether a time [s] will
+        never be observed.
         """
         reasons = {}
         for one in self._made:
@@ -334,7 +341,7 @@ class FilterConstraints:
         return reasons
 
     def notes(self, unapplied: Mapping[int, str]) -> Iterator[str]:
-        """Say of each correction that is not applied whose it is, and why."""
+        """Yield a note with author and reason for each correction that is not applied."""
         made_by = {one.number: one.made for one in self._made if one.made is not None} if unapplied else {}
         for number, reason in unapplied.items():
             made = made_by[number]
@@ -360,14 +367,20 @@ def with_states(corrections: Sequence[Correction], unapplied: Mapping[int, str])
 
 
 def _is_exerted(t: float, apps: Sequence[App]) -> bool:
-    """Does an app exert a force at a time [s]? Of the thousands of an hour only the nearest are read."""
+    """Whether an app exerts a force at a time [s]; apps: in the order of their beginnings.
+
+    At most `OVERLAP` of them are read, of the thousands that an hour may have.
+    """
     behind = bisect_right(apps, t, key=lambda app: app.t0)
     near = (apps[index] for index in range(max(0, behind - OVERLAP), behind))
     return any(app.force is not None and t <= app.tn for app in near)
 
 
 def resolved(action: Change, shown: EditContext) -> ResolvedEdit:
-    """What a correction comes to. Raises ProtocolError, with what there is, where it points at nothing."""
+    """Return a correction, resolved against what is shown.
+
+    Raises ProtocolError, with the places that there are, where it points at nothing.
+    """
     match action:
         case Insert(t=t):
             _check_time(t, shown, ahead=True)
@@ -426,7 +439,7 @@ def _check_kind(kind: str, kinds: Sequence[str]) -> None:
 
 
 def _limited(t: float, newton: float | None, shown: EditContext) -> float:
-    """[s] The middle of the app that is meant."""
+    """Return the middle [s] of the app whose force a correction limits."""
     most = shown.force_limit_n
     if newton is not None and most is not None and newton > most:
         why = "no app exerts more than the cell's force limit"
@@ -444,7 +457,7 @@ def _limited(t: float, newton: float | None, shown: EditContext) -> float:
 
 
 def _named(t: float, shown: EditContext) -> float:
-    """[s] The middle of the phase that is meant."""
+    """Return the middle [s] of the phase that a correction names."""
     _check_time(t, shown)
     phase = next((phase for phase in shown.phases if phase.t0 <= t < phase.tn), shown.phases[-1])
     return 0.5 * (phase.t0 + phase.tn)

@@ -21,9 +21,9 @@ def edit_context(
     finished: bool,
     force_limit_n: float | None,
 ) -> EditContext:
-    """Return what there is to correct.
+    """Return the changepoints, segments, apps and phases that an operator may correct.
 
-    parts: every segment; gaps: observations that begin behind one; t_first: [s] the first observation.
+    parts: every segment; gaps: observations that begin behind a gap; t_first: [s] the first observation.
     """
     spans = [
         VisibleSegment(

@@ -21,7 +21,7 @@ AT_ONCE = 64  # messages that are read, or compared by their bytes, before it is
 
 
 class EncodedMessageLog(Generic[M]):
-    """Messages of one type, in order."""
+    """Encoded messages of one type, in order. It only grows."""
 
     def __init__(self, model: type[M]) -> None:
         self._model = model
@@ -34,17 +34,17 @@ class EncodedMessageLog(Generic[M]):
         return len(self._ends) - 1
 
     def extend(self, messages: Iterable[M]) -> None:
-        """Keep these too."""
+        """Append messages."""
         for message in messages:
             self._log.append(encode(message).payload)
             self._ends.append(len(self._log))
 
     def payloads(self, start: int, stop: int) -> bytes:
-        """The same as `read`, as they are kept."""
+        """Return the stored bytes of the messages from start to stop, which is not included."""
         return self._log.read(self._ends[start], self._ends[stop]) if start < stop else b""
 
     def read(self, start: int, stop: int) -> tuple[M, ...]:
-        """Those from start to stop, which is not included."""
+        """Return the messages from start to stop, which is not included."""
         if start >= stop:
             return ()
         encoding, ends = encoding_of(self._model), self._ends[start : stop + 1]
@@ -54,7 +54,10 @@ class EncodedMessageLog(Generic[M]):
 
 
 class MessageSequence(PreEncoded, Sequence[M]):  # noqa: PLW1641 - without a hash, as a list
-    """What a view shows: of what is kept all but the `first` ones, as far as it went then, and the rest."""
+    """The messages of a log at one time and others behind them, without the first ones. Immutable.
+
+    first: the number of messages left out at the beginning.
+    """
 
     def __init__(self, kept: EncodedMessageLog[M], rest: Iterable[M], *, first: int = 0) -> None:
         self._kept = kept
@@ -88,12 +91,12 @@ class MessageSequence(PreEncoded, Sequence[M]):  # noqa: PLW1641 - without a has
         return len(self) == len(other) and self[first:] == tuple(other[first:])
 
     def parts(self) -> Iterator[bytes | M]:
-        """As they go over the wire: what is kept need not be read for that."""
+        """Yield the stored messages as one block of bytes, then the others; nothing is decoded."""
         yield self._kept.payloads(self._start, self._stop)
         yield from self._rest
 
     def since(self, first: int) -> MessageSequence[M]:
-        """All but so many more of the first; nothing is read for that."""
+        """Return the sequence without its first `first` messages; nothing is decoded."""
         kept = self._stop - self._start
         other = copy(self)
         other._start += min(first, kept)
@@ -110,12 +113,12 @@ class MessageSequence(PreEncoded, Sequence[M]):  # noqa: PLW1641 - without a has
 
 
 def since(messages: Sequence[M], first: int) -> Sequence[M]:
-    """Those from the `first` on; what is packed stays so."""
+    """Return the messages from number `first` on; stored ones stay encoded."""
     return messages.since(first) if isinstance(messages, MessageSequence) else messages[first:]
 
 
 def packed(model: type[M], messages: Iterable[M]) -> MessageSequence[M]:
-    """All of these, packed."""
+    """Return the messages as a sequence that stores all of them encoded."""
     kept = EncodedMessageLog(model)
     kept.extend(messages)
     return MessageSequence(kept, ())

@@ -68,7 +68,7 @@ class FakePipeline:
 
     @property
     def view(self) -> PipelineView:
-        """What is known now."""
+        """The view of the samples so far."""
         return PipelineView(
             t=self.t,
             samples=self.samples,
@@ -101,28 +101,28 @@ class FakePipeline:
         return True
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
-        """As `push`: the program is made at once."""
+        """Push samples; the program is made at once."""
         return self.push(samples)
 
     has_due_program = False
 
     def make_due_program(self) -> None:
-        """Do nothing: none is left."""
+        """Make nothing, because every push makes its program."""
 
     def declare_gap(self) -> None:
         """Remember to close the gap at the next sample, or at the end."""
         self._gap_pending = True
 
     def refresh(self) -> None:
-        """It always is."""
+        """Change nothing, because the view is always up to date."""
 
     @property
     def kinds(self) -> Sequence[str]:
-        """There is one."""
+        """The only kind of segment, a motion."""
         return ("motion",)
 
     def resolve(self, change: Change) -> ResolvedEdit:
-        """A jump can be inserted where it has been; that is all."""
+        """Return a jump to insert. Raises ProtocolError for another correction or a time without samples."""
         if not isinstance(change, Insert):
             raise ProtocolError("conflict", "the fake inserts only", value=change.do)
         if not 0.0 <= change.t <= self.t:
@@ -130,11 +130,11 @@ class FakePipeline:
         return ResolvedEdit(inserted=change.t)
 
     def observation_at(self, t: float) -> int:
-        """No correction of the fake refers to another."""
+        """Return -1, because no correction of the fake refers to another."""
         return -1
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> FakePipeline:
-        """With these jumps more."""
+        """Return a pipeline with the jumps that these corrections insert."""
         return replace(self, inserted=tuple(one.inserted for one in corrections if one.inserted is not None))
 
     def finish(self) -> None:

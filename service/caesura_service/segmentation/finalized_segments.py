@@ -18,7 +18,7 @@ _AT_ONCE = 100  # parts that are read before others have their turn
 
 
 class SegmentEntry(NamedTuple):
-    """Observations start to end, the end not included, and what is shown of them."""
+    """A segment from observation start to end, which is not included, and its changepoint, as shown."""
 
     start: int
     end: int
@@ -27,7 +27,7 @@ class SegmentEntry(NamedTuple):
 
 
 class FinalizedSegments:
-    """The first parts of a demonstration, in order."""
+    """The settled parts of a demonstration, in order."""
 
     def __init__(self) -> None:
         self._starts = array("q", [0])  # of those that are packed, and of the first that is not
@@ -39,7 +39,10 @@ class FinalizedSegments:
         return len(self._segments) + len(self._parts)
 
     def take(self, parts: Iterable[SegmentEntry], quiet: int) -> None:
-        """These have settled too; no later program asks what came before part number `quiet`."""
+        """Add parts that have settled, and encode those before part number `quiet`.
+
+        No later program reads these.
+        """
         self._parts += parts
         count = max(min(quiet - len(self._segments), len(self._parts)), 0)
         packed, self._parts = self._parts[:count], self._parts[count:]
@@ -48,7 +51,7 @@ class FinalizedSegments:
         self._segments.extend(part.segment for part in packed)
 
     def since(self, number: int) -> list[SegmentEntry]:
-        """The parts from this number on."""
+        """Return the parts from this number on."""
         count = len(self._segments)
         if number >= count:
             return self._parts[number - count :]
@@ -59,17 +62,17 @@ class FinalizedSegments:
         return parts + self._parts
 
     def _read(self, start: int, stop: int) -> Iterator[SegmentEntry]:
-        """Packed parts from start to stop, which is not included."""
+        """Return the encoded parts from start to stop, which is not included."""
         spans = pairwise(self._starts[start : stop + 1])
         shown = zip(self._segments.read(start, stop), self._changepoints.read(start, stop), strict=True)
         return (SegmentEntry(*span, *one) for span, one in zip(spans, shown, strict=True))
 
     def segments(self, rest: Sequence[SegmentEntry]) -> Sequence[Segment]:
-        """Of all parts; rest: those that have not settled."""
+        """Return the segments of all parts; rest: the parts that have not settled."""
         return MessageSequence(self._segments, (part.segment for part in (*self._parts, *rest)))
 
     def changepoints(self, rest: Sequence[SegmentEntry]) -> Sequence[Changepoint]:
-        """Likewise; one fewer, for the first part has none."""
+        """Return the changepoints of all parts, without that of the first part; rest: as `segments`."""
         return MessageSequence(
             self._changepoints, (part.changepoint for part in (*self._parts, *rest)), first=1
         )

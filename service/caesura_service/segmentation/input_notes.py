@@ -27,7 +27,7 @@ NO_GRIPPER = (
 def standing_notes(
     opening: Open, preset: Preset, layout: SampleLayout, in_use: WrenchCapabilities
 ) -> tuple[str, ...]:
-    """The notes that hold all along a session."""
+    """Return the notes that hold all along a session."""
     weighs = any("holding" in kind.channels for kind in preset.kinds) and layout.source.transport_models
     without = weighs and "gripper" not in opening.columns
     of_file = (words for key, words in ASSUMED.items() if key in opening.assumed)
@@ -49,7 +49,7 @@ def wrench_report(
     tare: tuple[float, float, float] | None,
     tare_note: str,
 ) -> WrenchReport:
-    """What becomes of the wrench, in words; the same one at every look."""
+    """Return the report on how the wrench is used; equal arguments give the same object."""
     return WrenchReport(
         source=cast(WrenchSource, source),
         stated=opening.wrench_source is not None,

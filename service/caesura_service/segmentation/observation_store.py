@@ -58,11 +58,11 @@ class ObservationStore:
 
     @property
     def t_last(self) -> float:
-        """[s] the last observation; −inf before the first."""
+        """The time [s] of the last observation; −inf before the first."""
         return self.t(self._count - 1) if self._count else -np.inf
 
     def append(self, observation: Observation) -> None:
-        """Keep one more observation."""
+        """Store one more observation."""
         force = observation.force_base.tolist()
         vertical_n = force[2] if self._upright is None else sum(map(mul, self._up, force))
         self._sum += vertical_n
@@ -89,7 +89,7 @@ class ObservationStore:
         self._count += 1
 
     def observed(self, index: int) -> ModelInput:
-        """What the segment models see of an observation."""
+        """Return an observation as the input of the segment models."""
         row = self._row(index)
         force, rotation = np.array(row[_FORCE]), np.array(row[_ROTATION])
         torque = None if math.isnan(row[_TORQUE.start]) else np.array(row[_TORQUE])
@@ -98,31 +98,37 @@ class ObservationStore:
         return turned_upright(found, self._upright)
 
     def after_gap(self, index: int) -> bool:
-        """Are samples missing before it?"""
+        """Whether samples are missing before an observation."""
         return bool(self._row(index)[_AFTER_GAP])
 
     def t(self, index: int) -> float:
-        """[s] time of an observation."""
+        """Return the time [s] of an observation."""
         return self._row(index)[_T]
 
     def boundary_before(self, index: int) -> float | None:
-        """[s] where a segment begins that starts with the observation before; None where it is unknown."""
+        """Return the time [s] at which a segment that starts with the observation before begins.
+
+        None where it is not known.
+        """
         found = self._row(index)[_BOUNDARY]
         return None if math.isnan(found) else found
 
     def position(self, index: int) -> tuple[float, float, float]:
-        """[m] flange position."""
+        """Return the flange position (3,) [m]."""
         x, y, z = self._row(index)[_POSITION]
         return x, y, z
 
     def turned(self, begin: int, last: int) -> tuple[float, float, float]:
-        """[rad] sum of the rotations from one observation to another, each a vector in the base frame."""
+        """Return the sum (3,) [rad] of rotation vectors from one observation to another, base frame."""
         before, after = self._row(begin)[_ROTATION], self._row(last)[_ROTATION]
         x, y, z = (b - a for a, b in zip(before, after, strict=True))
         return x, y, z
 
     def rests(self, index: int) -> bool:
-        """Has the flange neither moved nor turned since the observation before?"""
+        """Whether the flange has neither moved nor turned since the observation before.
+
+        False for the first observation, and behind a gap.
+        """
         if index == 0 or self.after_gap(index):
             return False
         seconds = self.t(index) - self.t(index - 1)
@@ -131,16 +137,16 @@ class ObservationStore:
         return max(moved, turned) <= REST_M_PER_S * seconds
 
     def force(self, index: int) -> tuple[float, float, float]:
-        """[N] tared force on the robot."""
+        """Return the tared force (3,) [N] on the robot."""
         x, y, z = self._row(index)[_FORCE]
         return x, y, z
 
     def press(self, start: int, end: int) -> tuple[float, float, float]:
-        """[N] median of the force from start to end, the end not included, while it was strong.
+        """Return the median force (3,) [N] from start to end, which is not included, while it was strong.
 
-        Strong is PRESS_SHARE of what a tenth of the time exceeds: touching and letting go are left out. At
-        most PRESS_LOOKS observations are looked at, evenly spread. The median is that of each axis, of which
-        one is vertical.
+        Strong is PRESS_SHARE of the force that a tenth of the time exceeds: touching and letting go are left
+        out. At most PRESS_LOOKS observations are read, evenly spread. The median is that of each axis, of
+        which one is vertical.
         """
         forces = self._forces(range(start, end, -(-(end - start) // PRESS_LOOKS)))
         sizes = np.sqrt(np.square(forces) @ np.ones(3))
@@ -151,10 +157,10 @@ class ObservationStore:
         return x, y, z
 
     def poses(self, t0: float, tn: float) -> tuple[Array, Array]:
-        """Times (n,) [s] and flange poses (n, 7) from the observation nearest to t0 to that nearest to tn.
+        """Return times (n,) [s] and flange poses (n, 7) between the observations nearest to t0 and to tn.
 
-        So what begins where another ends has that end as its start; behind a gap it starts there. Poses are
-        (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
+        So a stretch starts at the end of the one before it, but behind a gap at its own first observation.
+        Poses are (n, 3) where an orientation is not known. Of more than POSES some are left out, evenly.
         """
         start, end = self.nearest(t0), self.nearest(tn)
         if start < end and t0 > self.t(start) + SAME_S and self.after_gap(start + 1):
@@ -165,7 +171,7 @@ class ObservationStore:
         return rows[:, _T].copy(), np.hstack([rows[:, _POSITION], turns] if known else [rows[:, _POSITION]])
 
     def course(self, begin: int, last: int) -> Course:
-        """What a turn is read from: from one observation to another, of more than TURN_LOOKS evenly some."""
+        """Return the course of a turn from one observation to another, evenly thinned to about TURN_LOOKS."""
         rows = self._rows(begin, last, TURN_LOOKS)
         torques = rows[:, _TORQUE]
         return Course(
@@ -177,44 +183,44 @@ class ObservationStore:
         )
 
     def _rows(self, start: int, end: int, most: int) -> Array:
-        """(n, columns) from one observation to another; of more than `most` some are left out, evenly."""
+        """Return rows (n, columns) from one observation to another, evenly thinned to about `most`."""
         looks = np.arange(start, end, -(-max(end - start, 1) // most))
         if len(looks) < end - start:
             return np.array([self._row(int(index)) for index in [*looks, end]])
         return np.frombuffer(self._log.read(start * _ROW.size, (end + 1) * _ROW.size)).reshape(-1, _COLUMNS)
 
     def vertical_force(self, start: int, end: int) -> tuple[float, float]:
-        """Mean [N] and variance [N²] of the vertical force from start to end, the end not included."""
+        """Return mean [N] and variance [N²] of the vertical force from start to end, the end not included."""
         before, before2 = self._sums(start)
         until, until2 = self._sums(end)
         mean, mean2 = (until - before) / (end - start), (until2 - before2) / (end - start)
         return mean, max(mean2 - mean * mean, 0.0)
 
     def _sums(self, end: int) -> tuple[float, float]:
-        """Of the vertical force [N] and its square [N²] before an observation."""
+        """Return the sums of the vertical force [N] and of its square [N²] before an observation."""
         total, total2 = self._row(end - 1)[_SUMS] if end else (0.0, 0.0)
         return total, total2
 
     def moment(self, t: float) -> Moment:
-        """The pose at the observation nearest to a time [s]."""
+        """Return the robot at the observation nearest to a time [s]. Raises IndexError without one."""
         return self.moment_at(self.nearest(t))
 
     def nearest(self, t: float) -> int:
-        """The observation nearest to a time [s], or the earlier of two. Raises IndexError without one."""
+        """Return the observation nearest to a time [s], the earlier of two. Raises IndexError without one."""
         if not self._count:
             raise IndexError("no observation yet")
         after = min(max(self._first_from(t), 1), self._count - 1)
         return after - 1 if after and t - self.t(after - 1) <= self.t(after) - t + SAME_S else after
 
     def _first_from(self, t: float) -> int:
-        """The first observation that is not before a time [s]; mostly it is one of the last ones."""
+        """Return the first observation not before a time [s]; mostly it is one of the last ones."""
         end, reach = self._count, 1
         while reach <= self._count and self.t(self._count - reach) >= t:
             end, reach = self._count - reach, 2 * reach
         return bisect_left(range(end), t, max(self._count - reach, 0), key=self.t)
 
     def moment_at(self, index: int) -> Moment:
-        """The pose at an observation."""
+        """Return the robot at an observation."""
         row = self._row(index)
         return Moment(
             position=self.position(index),
@@ -226,7 +232,7 @@ class ObservationStore:
 
 
 def _known(part: Row) -> Any:
-    """Of a pose; None where it was not."""
+    """Return a part of a row; None where it is nan."""
     return None if math.isnan(part[0]) else part
 
 
@@ -235,7 +241,7 @@ def _read(log: AppendLog, index: int) -> Row:
 
 
 def _read_forces(log: AppendLog, looks: range) -> Array:
-    """(n, 3) [N] one after the other, or every so many."""
+    """Return the forces (n, 3) [N] of the observations of a range."""
     if looks.step > 1:
         return np.array([_read(log, index)[_FORCE] for index in looks])
     rows = np.frombuffer(log.read(looks.start * _ROW.size, looks.stop * _ROW.size))
@@ -243,7 +249,10 @@ def _read_forces(log: AppendLog, looks: range) -> Array:
 
 
 def _upper_decile(values: Array) -> float:
-    """What a tenth of them exceeds: as np.quantile says, which takes twenty times as long for a few."""
+    """Return the value that a tenth of the values exceeds, as np.quantile does.
+
+    np.quantile takes twenty times as long for a few values.
+    """
     ordered = np.sort(values)
     below, share = divmod(0.9 * (len(ordered) - 1), 1.0)
     low, high = ordered[int(below)], ordered[min(int(below) + 1, len(ordered) - 1)]
@@ -251,7 +260,10 @@ def _upper_decile(values: Array) -> float:
 
 
 def turned_upright(seen: ModelInput, upright: Array | None) -> ModelInput:
-    """What the segment models see, with the direction away from gravity as +z; None: it is so already."""
+    """Return a model input, turned so that the direction away from gravity is +z.
+
+    upright: (3, 3) the rotation; None where the input is upright already.
+    """
     if upright is None:
         return seen
     position, force, rotation, torsion = upright.dot(
@@ -261,12 +273,12 @@ def turned_upright(seen: ModelInput, upright: Array | None) -> ModelInput:
 
 
 def force_scale(observation: Observation) -> float:
-    """Scale of what free space reads, relative to a tared sensor; segment models see force / scale."""
+    """Return the scale of the force in free space, relative to a tared sensor; models see force / scale."""
     return 1.0 if observation.bias_n is None else observation.bias_n / TARED_BIAS_N
 
 
 def holding(observation: Observation) -> float:
-    """1 the gripper holds something, 0 it does not, nan unknown."""
+    """Return 1 where the gripper holds something, 0 where it does not, nan where that is not known."""
     if observation.gripper_closed is None:
         return np.nan
     empty = observation.gripper_width is not None and observation.gripper_width <= EMPTY_GRIPPER_M

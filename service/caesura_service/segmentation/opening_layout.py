@@ -14,7 +14,7 @@ from caesura_service.signals import SampleLayout
 
 
 def layout_of(opening: Open) -> SampleLayout:
-    """How the samples of a session are read.
+    """Return the layout by which the samples of a session are read.
 
     Seven joints of a robot that is not stated are read as those of a Panda. Raises ValueError for a robot
     that is not known, and for columns that cannot be segmented.
@@ -27,7 +27,10 @@ def _joints_of(opening: Open) -> int:
 
 
 def robot_of(opening: Open) -> Robot | None:
-    """The arm that an opening states, or a Panda for seven joints. Raises ValueError as `layout_of`."""
+    """Return the arm that an opening states, or a Panda for seven joints; None where neither holds.
+
+    Raises ValueError as `layout_of`.
+    """
     joints = _joints_of(opening)
     name = opening.robot or ("panda" if joints == JOINTS else None)
     robot = None if name is None else load_robot(name)
@@ -38,14 +41,20 @@ def robot_of(opening: Open) -> Robot | None:
 
 
 def arm_of(opening: Open, robot: Robot | None) -> ArmLimits | None:
-    """What hints compare the joints with; None where the arm is assumed, or no joints are reported."""
+    """Return the limits that hints compare the joints with.
+
+    None where the arm is assumed, or no joints are reported.
+    """
     if robot is None or opening.robot is None or not _joints_of(opening):
         return None
     return ArmLimits(robot.lower_limits, robot.upper_limits, robot.flange_jacobian)
 
 
 def sample_layout(opening: Open, robot: Robot | None) -> SampleLayout:
-    """How the samples of a session are read; robot: as of `robot_of`. Raises ValueError for its columns."""
+    """Return the layout by which samples are read. Raises ValueError for columns it cannot read.
+
+    robot: as of `robot_of`.
+    """
     return SampleLayout(
         columns=opening.columns,
         wrench_source=opening.wrench_source,

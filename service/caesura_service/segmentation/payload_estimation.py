@@ -23,14 +23,17 @@ WANDER_N = 0.5  # what it may have wandered by where there is free space on one 
 
 @dataclass(frozen=True)
 class Load:
-    """What is carried [kg], and the standard deviation of that."""
+    """A load that is carried [kg], and its standard deviation [kg]."""
 
     kg: float
     sd_kg: float
 
 
 def is_baseline(stretch: InferredSegment, history: ObservationStore, bias_n: float) -> bool:
-    """Is this free space to compare with: long enough, and no force that its bias [N] cannot account for?"""
+    """Whether a stretch is free space that a load can be compared with.
+
+    It has LEAST_BASELINE observations, and no force that its bias, of scale bias_n [N], cannot account for.
+    """
     if stretch.verdict.kind.contact != "free" or stretch.end - stretch.start < LEAST_BASELINE:
         return False
     return abs(_vertical(stretch, history)[0]) <= MOST_BIASES * bias_n
@@ -39,9 +42,9 @@ def is_baseline(stretch: InferredSegment, history: ObservationStore, bias_n: flo
 def weigh(
     stretches: Sequence[InferredSegment], index: int, history: ObservationStore, bias_n: float
 ) -> Load | None:
-    """The load of a stretch in which something is carried; None for any other.
+    """Return the load of a stretch in which something is carried; None for any other.
 
-    bias_n [N]: scale of what free space may read.
+    bias_n [N]: scale of the force in free space.
     """
     if stretches[index].verdict.kind.contact != "transport":
         return None
@@ -65,7 +68,7 @@ def _bias_sd(means: list[float], bias_n: float) -> float:
 
 
 def _vertical(stretch: InferredSegment, history: ObservationStore) -> tuple[float, float]:
-    """Mean vertical force [N] away from the edges, and the variance of that mean [N²]."""
+    """Return the mean vertical force [N] away from the edges, and the variance of that mean [N²]."""
     edge = EDGE if stretch.end - stretch.start > 3 * EDGE else 0
     start, end = stretch.start + edge, stretch.end - edge
     mean, variance = history.vertical_force(start, end)

@@ -113,7 +113,7 @@ def make_pipeline(opening: Open, default_preset: str, *, threshold: float | None
 
 
 def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> ObservedPose:
-    """What coaching sees of an observation; upright: as of `ObservationStore`."""
+    """Return an observation as coaching reads it; upright: as of `ObservationStore`."""
     vectors = observation.position_base, observation.velocity_base, observation.force_base
     if upright is not None:
         vectors = upright.dot(vectors[0]), upright.dot(vectors[1]), upright.dot(vectors[2])
@@ -142,7 +142,7 @@ class _Happened(NamedTuple):
     last_start_t: float = 0.0  # [s]
 
     def is_like(self, before: Self) -> bool:
-        """Is nothing else than before, but that some segments have become final?"""
+        """Whether nothing has changed since `before`, other than segments that have become final."""
         (known, growing_before), (final, growing) = before.outline, self.outline
         alike = self.beside == before.beside and self.last_start_t == before.last_start_t
         return alike and growing == growing_before[final - known :]
@@ -195,7 +195,7 @@ class SegmentationPipeline:
 
     @property
     def view(self) -> PipelineView:
-        """What is known now."""
+        """The view after the last push, with the counts of all samples so far."""
         counts = self._conditioner
         if counts.samples != self._view.samples:
             self._view = self._view._replace(samples=counts.samples, repeats=counts.repeats)
@@ -213,7 +213,7 @@ class SegmentationPipeline:
         return is_news
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
-        """As `push`, but leave a program that is due to `make_due_program`."""
+        """Push samples as `push` does; a program that is due is left to `make_due_program`."""
         if (found := self._first_second.look(samples)) is not None:
             declare = f"declare the unit of {found.quantity} in the opening's `declared_units` if it is right"
             raise ValueError(f"implausible: {found}; {declare}")
@@ -254,7 +254,10 @@ class SegmentationPipeline:
         self._close_hints()
 
     def resolve(self, change: Change) -> ResolvedEdit:
-        """What a correction comes to. Raises ProtocolError where it points at nothing."""
+        """Return a correction, resolved against the newest view.
+
+        Raises ProtocolError where it points at nothing.
+        """
         self.refresh()
         return resolved(change, self._shown())
 
@@ -272,11 +275,14 @@ class SegmentationPipeline:
         return [*dict.fromkeys(kind.name for kind in self._division.online.lattice.kinds)]
 
     def observation_at(self, t: float) -> int:
-        """The observation at which a changepoint that is inserted at a time [s] starts a segment."""
+        """Return the observation at which a changepoint that is inserted at a time [s] starts a segment."""
         return max(1, bisect_right(range(len(self._history)), t, key=self._history.t))
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Self:
-        """The same demonstration with these corrections from its first sample on; takes the place of this."""
+        """Return the same demonstration with these corrections from its first sample on.
+
+        It takes the place of this pipeline.
+        """
         other = copy(self)
         other._heeded = FilterConstraints(corrections)
         other._program, other._looked = other._growing(), _NEVER
@@ -297,7 +303,10 @@ class SegmentationPipeline:
         self._view = self._view._replace(hints=all_hints(self._coach.log, self._boundary_coach.log))
 
     def _note_beginning(self, t: float) -> None:
-        """Where the first sample was not the first one sent, say so; it divides nothing."""
+        """Store the time [s] of the first sample, and a gap if samples before it are lost.
+
+        Such a gap divides nothing.
+        """
         self._began = t
         if self._lost:
             self._gaps.add(Gap(t0=t, tn=t, reason="evicted"))
@@ -335,7 +344,7 @@ class SegmentationPipeline:
         self._decided_phases = EncodedMessageLog(Phase)
 
     def _signal_coach(self, *, tared: bool) -> SignalCoach:
-        """Make what gives hints on signals; the force is judged where it is declared to be without a hand."""
+        """Return the coach on signals; it judges the force where that is declared to be without a hand."""
         source = self._source
         return SignalCoach(
             CoachingSetup(
@@ -386,14 +395,14 @@ class SegmentationPipeline:
             self._view = self._look(happened, program=False)
 
     def _keep_up(self) -> None:
-        """Make what has settled, where that is much by now."""
+        """Store the segments that have settled, where these are many by now."""
         if self._division.online.count >= self._looked.program + ALL_EVERY:
             self.refresh()
         elif self._division.unlooked >= SETTLE_EVERY:
             self._settle()
 
     def _settle(self) -> list[SegmentEntry]:
-        """Keep the segments that have settled, and their phases; the others."""
+        """Store the segments that have settled, and their phases; return the other segments."""
         division = self._division
         self._unsettled = parts = division.look(self._program.first, finished=self._finished)
         for part in division.settled.since(self._phases.settled):
@@ -408,7 +417,7 @@ class SegmentationPipeline:
         return _Happened(outline, beside, last_start_t)
 
     def _newest(self) -> dict[str, Any]:
-        """What every observation changes of a view."""
+        """Return the fields of a view that every observation changes."""
         online = self._division.online
         starts = online.starts.tolist()
         return {
@@ -424,7 +433,7 @@ class SegmentationPipeline:
         }
 
     def _look(self, happened: _Happened, *, program: bool = True) -> PipelineView:
-        """What is known now. A program that is due stays as before until `make_due_program`.
+        """Return a new view. A program that is due stays as before until `make_due_program`.
 
         program: make phases, and leave a program to be made; neither is due at each look.
         """
@@ -461,13 +470,13 @@ class SegmentationPipeline:
         )
 
     def _with_notes(self, apps: Sequence[App], segments: Sequence[Segment]) -> dict[str, Any]:
-        """The part of a view that is the program's."""
+        """Return the fields of a view that belong to the program."""
         unapplied = self._heeded.unapplied(apps, self._is_beyond)
         notes = (*self._notes(), *self._left_out(segments, apps), *self._heeded.notes(unapplied))
         return {"apps": apps, "notes": notes, "unapplied": unapplied}
 
     def _phases_with(self, parts: list[SegmentEntry]) -> Sequence[Phase]:
-        """The phases so far; parts: those that have not settled."""
+        """Return the phases so far; parts: the segments that have not settled."""
         segments = [part.segment for part in parts]
         decided, rest = self._phases.look(segments, finished=self._finished)
         self._decided_phases.extend([self._heeded.named(phase) for phase in decided])
@@ -493,7 +502,7 @@ class SegmentationPipeline:
         return self._program.apps(steps, len(self._division.settled), self._grips, self._gaps.all)
 
     def _is_beyond(self, t: float) -> bool:
-        """Has the session ended before a changepoint at this time [s]?"""
+        """Whether the session has ended before a changepoint at a time [s] could start a segment."""
         return self._finished and self.observation_at(t) >= self._division.online.count
 
     def _limited(self, app: App) -> App:
@@ -501,7 +510,7 @@ class SegmentationPipeline:
         return app if limit_n is None else with_force_limit(app, limit_n)
 
     def _shown(self) -> EditContext:
-        """What there is to correct."""
+        """Return the changepoints, segments, apps and phases that an operator may correct."""
         parts = [*self._division.settled.since(0), *self._unsettled]
         return edit_context(
             parts,
@@ -514,7 +523,7 @@ class SegmentationPipeline:
         )
 
     def _left_out(self, segments: Sequence[Segment], apps: Sequence[App]) -> Iterator[str]:
-        """Note what of a finished demonstration is in no app; apps: as they were inferred."""
+        """Yield notes on the parts of a finished demonstration that are in no app; apps: as inferred."""
         if not (self._finished and apps):
             return
         if self._moves(1):
@@ -525,7 +534,7 @@ class SegmentationPipeline:
             yield ENDS_MOVING
 
     def _moves(self, index: int) -> bool:
-        """Has the flange moved since the observation before, where that is known?"""
+        """Whether the flange has moved since the observation before; False where that is not known."""
         known = 0 < index < len(self._history) and not self._history.after_gap(index)
         return known and not self._history.rests(index)
 

@@ -66,9 +66,9 @@ class IncrementalProgramBuilder:
         grips: Sequence[GripperAction],
         gaps: Sequence[Gap] = (),
     ) -> Sequence[App]:
-        """The apps of a demonstration, in time order.
+        """Return the apps of a demonstration, in time order.
 
-        steps: from segment `first` on; settled: how many segments of all nothing can change any more;
+        steps: from segment `first` on; settled: the number of all segments that nothing can change any more;
         grips and gaps: all that are known, in time order. Where a grip comes to light that lies before
         `since`, begin anew.
         """
@@ -112,7 +112,10 @@ class IncrementalProgramBuilder:
         return apps if self.limited is None else tuple(map(self.limited, apps))
 
     def _moment(self, t: float) -> Moment:
-        """The same ones are asked for at every look. A program is built from many: it gives way at each."""
+        """Return the robot at a time [s], from memory where no later segment can change it.
+
+        A program is built from many moments: it gives way at each.
+        """
         give_way()
         if (seen := self._seen.get(t)) is not None:
             return seen
@@ -129,7 +132,7 @@ class IncrementalProgramBuilder:
         grips: Sequence[GripperAction],
         known: Sequence[GripperAction],
     ) -> int:
-        """The last quiet place among the next steps behind `begin` that have settled; 0 where there is none.
+        """Return the last quiet place among the next settled steps behind `begin`; 0 where there is none.
 
         Of MOST_UNQUIET steps the last one in no contact passes for quiet, from wherever the steps begin.
         """
@@ -150,15 +153,15 @@ class IncrementalProgramBuilder:
         return next(apart, last)
 
     def _touched_earlier(self, steps: Sequence[ProgramSegment], i: int) -> bool:
-        """Was the last step but one that lasts, before a place, in contact?"""
+        """Whether the last step that lasts is in contact, of those up to two before step `i`."""
         earlier = next((steps[k] for k in range(i - 2, -1, -1) if self._lasts(steps[k])), None)
         return earlier is not None and earlier.touches
 
     def _lasts(self, step: ProgramSegment) -> bool:
-        """Is it kept by the minimum time filter, and longer than a grip may be off?"""
+        """Whether a step passes the minimum time filter, and is longer than a grip may be off."""
         return step.lasts(max(self.least_s, GRIP_SLACK_S))
 
 
 def _from_last_before(grips: Sequence[GripperAction], t: float) -> Sequence[GripperAction]:
-    """Grips from a time [s] on, and the last one before it: it states whether something is held."""
+    """Return the grips from a time [s] on, and the last one before it, which states if something is held."""
     return grips[max(bisect_left(grips, t, key=lambda grip: grip.t) - 1, 0) :]

@@ -132,7 +132,10 @@ def fit_turn(course: Course, turns: Array, axis: Array, counts: NDArray[np.bool_
 
 
 def repeats(errors: Array) -> float:
-    """How many errors (n,) in a row count as one, by their correlation from each to the next; at least 1."""
+    """Return the number of errors in a row that count as one, at least 1.
+
+    It follows from the correlation of errors (n,) from each to the next.
+    """
     size = float(errors @ errors)
     correlation = float(errors[1:] @ errors[:-1]) / size if size > 0.0 else 0.0
     correlation = min(max(correlation, 0.0), MOST_CORRELATED)
@@ -140,10 +143,10 @@ def repeats(errors: Array) -> float:
 
 
 def held_torque(course: Course, axis: Array, point: Array) -> Array:
-    """Mean (3,) [Nm] of the torque about a point while the tool turns and that about the axis is strong.
+    """Return the mean torque (3,) [Nm] about a point while the tool turns and the axis torque is strong.
 
-    r × F of the flange's lever from the point is taken out. What is held before the tool gives way, or after,
-    is not the torque of the turn.
+    r × F of the flange's lever from the point is taken out. A torque before the tool gives way, or after it
+    has turned, is not the torque of the turn.
     """
     assert course.torques is not None, "asked where there are torques"
     steps = np.linalg.norm(np.diff(course.turned, axis=0, prepend=course.turned[:1]), axis=1)
@@ -155,13 +158,13 @@ def held_torque(course: Course, axis: Array, point: Array) -> Array:
 
 
 def rotations_since(orientations: Array) -> Array:
-    """Rotation matrices (n, 3, 3) in the base frame since the first of quaternions (n, 4) x y z w."""
+    """Return rotation matrices (n, 3, 3) in the base frame since the first of quaternions (n, 4) x y z w."""
     frames = matrices_of(orientations)
     turns: Array = frames @ frames[0].T
     return turns
 
 
 def _strong(values: Array, share: float) -> NDArray[np.bool_]:
-    """(n,) where the size of values (n, c) is at least a share of what a tenth of them exceeds."""
+    """Return a mask (n,) of values (n, c) whose size is a share of the size that a tenth of them exceeds."""
     sizes = np.linalg.norm(values, axis=1)
     return np.asarray(sizes >= share * np.quantile(sizes, UPPER))

@@ -41,10 +41,10 @@ class _Seen(NamedTuple):
 def filter_of(
     preset: Preset, source: WrenchCapabilities, *, tared: bool, orientation: bool, torque: bool = False
 ) -> ChangepointFilter:
-    """A filter for what a session reports: what its wrench is worth, and whether there is an orientation.
+    """Return a filter for the signals that a session reports: its wrench, and perhaps an orientation.
 
-    torque: whether there is one; it is looked at where it is tared and the wrench is no estimate. Raises
-    ValueError where the preset looks at nothing that is reported.
+    torque: whether there is one; it is used where it is tared and the wrench is no estimate. Raises
+    ValueError where the preset uses nothing that is reported.
     """
     return preset.online(
         contact=source.contact_models,
@@ -88,7 +88,7 @@ class Segmenter:
 
     @property
     def unlooked(self) -> int:
-        """How many segments have become final since the last look."""
+        """The number of segments that have become final since the last look."""
         return len((self._decided or self.online).final) - self._final
 
     def step(self, index: int) -> None:
@@ -115,11 +115,11 @@ class Segmenter:
         self._starts_t[index - 1] = max(place, self._starts_t[index - 2] + 1.0 / GRID_HZ)
 
     def start_t(self, index: int) -> float:
-        """[s] where a segment is shown to begin whose first own observation is this one."""
+        """Return the shown start [s] of a segment whose first own observation is this one."""
         return self._starts_t[index]
 
     def outline(self) -> tuple[int, list[tuple[int, int]]]:
-        """Changes where the demonstration is divided otherwise, evidence names it otherwise, or it settles.
+        """Return the number of final segments, and the start and kind number of every other segment.
 
         Turns that the rotation explains are not in it. Such a name stays once the segment has ended, and
         changes before that only with its end.
@@ -127,10 +127,10 @@ class Segmenter:
         return outline(self.online, self._decided) if self.online.count else (0, [])
 
     def look(self, quiet: int, *, finished: bool) -> list[SegmentEntry]:
-        """Every part that has not settled; remembers those that have.
+        """Return every part that has not settled, and store those that have.
 
-        quiet: no later program asks what came before the part of this number; finished: is all that is open
-        decided as it stands?
+        quiet: the number of the first part that a later program may read; finished: whether everything open
+        is decided as it stands.
         """
         self._finished = finished
         if not self.online.count:
@@ -173,7 +173,10 @@ class Segmenter:
         return replace(stretch, verdict=Classification(kind, 1.0, None, 0.0))
 
     def _settling(self, fresh: list[InferredSegment]) -> int:
-        """How many of these nothing can change any more, not even a later comparison of their load."""
+        """Return the number of segments at the beginning that have settled.
+
+        Nothing can change these, not even a later comparison of their load.
+        """
         count, weighing = 0, False
         for i, stretch in enumerate(fresh):
             if not stretch.stands or self._awaits_place(stretch.end):
@@ -190,7 +193,7 @@ class Segmenter:
         return is_newest and self._preset.continuous and end not in self.online.boundaries
 
     def _look_at(self, all_stretches: list[InferredSegment], index: int) -> _Seen:
-        """What is shown of a stretch: the same as before, where nothing has changed that it is made of."""
+        """Return the segment and changepoint of a stretch, reused from the last look where unchanged."""
         stretch = all_stretches[index]
         load = weigh(all_stretches, index, self._history, self._bias_n)
         seen = self._seen.get(stretch.start)
@@ -202,7 +205,7 @@ class Segmenter:
         return _Seen(stretch, load, segment, changepoint)
 
     def _stays(self, seen: _Seen, stretch: InferredSegment, load: Load | None) -> bool:
-        """Does this make the same segment as what was seen?"""
+        """Whether a stretch and its load make the same segment as the one shown before."""
         before = seen.stretch
         return (
             (before.end, before.end_final, before.verdict)
@@ -212,19 +215,19 @@ class Segmenter:
         )
 
     def _start_stays(self, seen: _Seen, stretch: InferredSegment) -> bool:
-        """Does it begin where what was seen does, for all that is known?"""
+        """Whether a stretch makes the same changepoint as the one shown before."""
         before, shown = seen.stretch, seen.changepoint
         known = before.start_probability, before.start_interval, before.start_final
         now = stretch.start_probability, stretch.start_interval, stretch.start_final
         return known == now and (shown.t, shown.t_low, shown.t_high) == self._start_times(stretch)
 
     def _start_times(self, stretch: InferredSegment) -> tuple[float, float, float]:
-        """[s] where a segment begins, and between which times that lies with probability 0.9."""
+        """Return the start [s] of a segment and the interval [s] that holds it with probability 0.9."""
         t, (low, high) = self._starts_t[stretch.start], stretch.start_interval
         return t, min(t, self._place_at(low)), max(t, self._place_at(high))
 
     def _place_at(self, index: float) -> float:
-        """[s] of an observation's place, or linearly between two of them."""
+        """Return the place [s] of an observation, interpolated between two of them."""
         whole = int(index)
         here = self.places[whole]
         return here if whole == index else here + (index - whole) * (self.places[whole + 1] - here)
@@ -258,7 +261,7 @@ class Segmenter:
         )
 
     def _ends(self, stretch: InferredSegment, t0: float, tn: float) -> tuple[int, int]:
-        """The observations nearest to the times [s] between which a segment lies, as its path has them."""
+        """Return the first and last observation of a segment from t0 to tn [s], as its path has them."""
         own = stretch.start - self._joins(stretch.start), stretch.end - 1
         if not self._preset.continuous:
             return own
@@ -266,7 +269,10 @@ class Segmenter:
         return (begin, last) if begin < last else own
 
     def _turn(self, begin: int, last: int, kind: str) -> tuple[Vector | None, Vector | None]:
-        """By how much the robot turns from one observation to another [rad], and where the axis lies [m]."""
+        """Return the turn (3,) [rad] from one observation to another, and a point [m] of its axis.
+
+        The point is None for another kind than `turning`; both are None without an orientation.
+        """
         if not self._orientation:
             return None, None
         turned = self._history.turned(begin, last)
@@ -286,7 +292,7 @@ class Segmenter:
         return self._preset.continuous and start > 0 and start not in self.online.boundaries
 
     def _end(self, end: int) -> float:
-        """[s] Where a segment ends that has observations up to `end`, which is not its own."""
+        """Return the end [s] of a segment; end: the observation after its last one."""
         missing = end == self.online.count or end in self.online.boundaries
         return self._history.t(end - 1) if missing else self._starts_t[end]
 
@@ -304,5 +310,5 @@ class Segmenter:
 
 
 def _bias_n(source: WrenchCapabilities, *, tared: bool) -> float:
-    """[N] scale of what free space reads. A tracked bias is scaled to that of a tared sensor."""
+    """Return the scale [N] of the force in free space; a tracked bias is scaled to that of a tared sensor."""
     return TARED_BIAS_N if tared or source.bias == "mixture" else UNTARED_BIAS_N

@@ -33,7 +33,7 @@ MOST_TOGETHER = 500  # samples of several pushes in one
 
 
 class PipelineView(NamedTuple):
-    """What is known now. Nothing that it shows ever changes, so a view may be handed to another thread."""
+    """The results of a pipeline at one time. Nothing in it ever changes, so another thread may read it."""
 
     samples: int
     repeats: int  # samples whose time did not advance
@@ -74,29 +74,29 @@ class Pipeline(Protocol):
 
     @property
     def view(self) -> PipelineView:
-        """What is known now."""
+        """The view of the samples so far."""
 
     @property
     def due_s(self) -> float:
-        """[s] Session time of the first sample that changes more of the view than counts.
+        """The session time [s] of the first sample that changes more of the view than counts.
 
         Samples before it, MOST_TOGETHER at most, and those of the next push may come in one push: with the
-        same results, except that a push that raises is one of fewer samples. −inf where they may not.
-        Any thread may read it.
+        same results, except that a push that raises is one of fewer samples. −inf where they may not. Any
+        thread may read it.
         """
 
     def push(self, samples: NDArray[np.float64]) -> bool:
         """Take the next samples, (n, columns) as declared when the session was opened, time first.
 
-        Does the view show anything new, but that so many samples more have come?
+        Return whether the view shows anything new, other than the number of samples.
         """
 
     def push_without_program(self, samples: NDArray[np.float64]) -> bool:
-        """As `push`, but a program that is due is left to `make_due_program`, which has to be called next."""
+        """Push samples as `push` does, but leave a due program to `make_due_program`, which has to follow."""
 
     @property
     def has_due_program(self) -> bool:
-        """Does `make_due_program` have anything to do?"""
+        """Whether a program has been left to `make_due_program`."""
 
     def make_due_program(self) -> None:
         """Make the program that was left."""
@@ -105,22 +105,23 @@ class Pipeline(Protocol):
         """Say that samples between the last push and the next, or the end, are lost for good."""
 
     def finish(self) -> None:
-        """The demonstration is over: decide what is still open."""
+        """End the demonstration: decide everything that is still open."""
 
     def refresh(self) -> None:
         """Bring the view up to date, as an edit does: between two looks it may lack newer observations."""
 
     @property
     def kinds(self) -> Sequence[str]:
-        """Of segments, that a correction may name."""
+        """The kinds of segment that a correction may name."""
 
     def resolve(self, change: Change) -> ResolvedEdit:
-        """What a correction comes to, given what is shown. Raises ProtocolError; nothing changes."""
+        """Return a correction, resolved against what is shown. Raises ProtocolError; nothing changes."""
 
     def observation_at(self, t: float) -> int:
-        """The observation at which a changepoint that is inserted at a time [s] starts a segment."""
+        """Return the observation at which a changepoint that is inserted at a time [s] starts a segment."""
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Pipeline:
-        """As if these had been known from the first sample on. It takes the place of this one, which is
-        not to be used any more where it does.
+        """Return the pipeline as if these corrections had been known from the first sample on.
+
+        It takes the place of this pipeline, which is not to be used any more once it does.
         """

@@ -34,7 +34,7 @@ LIKE_N2 = 0.25  # [N²] of a difference that the noise of a force hides
 
 
 class BiasHypothesis(NamedTuple):
-    """Which forces were free, as far as that still matters: the bias that follows, and how probable it is."""
+    """One account of which forces were free, with the bias that follows from it and its probability."""
 
     mean: Vector = (0.0, 0.0, 0.0)  # [N]
     variance: Vector = (0.0, 0.0, 0.0)  # [N²]
@@ -49,12 +49,12 @@ class DriftState(NamedTuple):
 
     @property
     def mean(self) -> Vector:
-        """[N] of the most probable hypothesis."""
+        """The bias (3,) [N] of the most probable hypothesis."""
         return self.hypotheses[0].mean
 
     @property
     def variance(self) -> Vector:
-        """[N²] of each axis, of the most probable hypothesis."""
+        """The variance (3,) [N²] of each axis, of the most probable hypothesis."""
         return self.hypotheses[0].variance
 
 
@@ -75,7 +75,7 @@ class DriftTracker:
     lasting_share: float = 0.95  # two seconds
 
     def wait(self, state: DriftState, dt: float) -> DriftState:
-        """Let a time [s] pass of which no force is known to be free."""
+        """Return the state after a time dt [s] in which no force is known to be free."""
         gained, most = self.walk_n2_per_s * dt, self.most_n2
         waited = [
             BiasHypothesis(m, (min(x + gained, most), min(y + gained, most), min(z + gained, most)), w, f)
@@ -84,7 +84,7 @@ class DriftTracker:
         return DriftState(tuple(waited))
 
     def advance(self, state: DriftState, force: Vector, dt: float, *, laden: bool = False) -> DriftState:
-        """Take a force [N], dt [s] after the one before; laden: the fingers hold something."""
+        """Return the state after a force [N], dt [s] after the last one; laden: the fingers hold a load."""
         found: list[BiasHypothesis] = []
         for one in self.wait(state, dt).hypotheses:
             found += self._branches(one, force, laden=laden)
@@ -101,7 +101,7 @@ class DriftTracker:
     def _branches(
         self, one: BiasHypothesis, force: Vector, *, laden: bool
     ) -> tuple[BiasHypothesis, BiasHypothesis]:
-        """The hypothesis with the force as free, and as a contact."""
+        """Return a hypothesis with the force as free, and one with the force as a contact."""
         noise2, contact2 = self.noise_n * self.noise_n, self.contact_n * self.contact_n
         step2 = self.contact_step_n * self.contact_step_n
         lasts, changes = math.log(self.lasting_share), math.log(1.0 - self.lasting_share)
@@ -129,7 +129,7 @@ def _log_weight(one: BiasHypothesis) -> float:
 
 
 def _log_normal(off: float, variance: float) -> float:
-    """Log density of an axis of a force, off [N] from its mean, but for a constant."""
+    """Return the log density of an axis of a force, off [N] from its mean, without a constant."""
     return -0.5 * (off * off / variance + math.log(variance))
 
 
@@ -139,7 +139,7 @@ def _vector(axes: Sequence[float]) -> Vector:
 
 
 def _is_like(one: BiasHypothesis, other: BiasHypothesis) -> bool:
-    """Are two so near that the next forces do not distinguish them?"""
+    """Whether two hypotheses are so near that the next forces do not distinguish them."""
     if (one.contact is None) != (other.contact is None):
         return False
     (ax, ay, az), (bx, by, bz) = one.mean, other.mean

@@ -44,14 +44,14 @@ class Boundary(NamedTuple):
 
 
 class SmoothedPosterior(Protocol):
-    """What is asked of the changepoint filter."""
+    """The part of a changepoint filter that hints on boundaries read."""
 
     @property
     def count(self) -> int:
-        """Observations so far."""
+        """The number of observations so far."""
 
     def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
-        """Smoothed probability of a start at each observation from the first to the last."""
+        """Return the smoothed probability of a start at each observation from the first to the last."""
 
 
 class BoundaryCoach:
@@ -70,7 +70,7 @@ class BoundaryCoach:
     def observe(
         self, posterior: SmoothedPosterior, t: float, places: Sequence[float], *, rests: bool = False
     ) -> None:
-        """Take the posterior after an observation at t [s].
+        """Process the posterior after an observation at t [s].
 
         places: where a segment would start [s]; rests: the arm has not moved since the observation before.
         """
@@ -98,11 +98,11 @@ class BoundaryCoach:
             self._follow(posterior.changepoint_probabilities, boundary, newest, t)
 
     def _may_hint(self, index: int) -> bool:
-        """Is this another boundary than the last one, whose hint was there long enough to be read?"""
+        """Whether a boundary is another than the last hinted one, whose hint could be read since."""
         return self._hinted is None or index > self._hinted.start + LEAST
 
     def _is_in_pause(self) -> bool:
-        """Does the arm rest for the advised pause about the boundary that is judged?"""
+        """Whether the arm rests for the advised pause about the boundary under judgement."""
         before, after = self._rests[: -LAG - 1], self._rests[-LAG - 1 :]  # the first leads to the boundary
         rest = [*takewhile(bool, after)]
         if rest:

@@ -22,7 +22,7 @@ Words = tuple[str, str]  # what was found, and what to do
 
 @dataclass(frozen=True)
 class Trigger:
-    """When a hint is raised and cleared: counts of observations, and a time [s]."""
+    """The conditions to raise and to clear a hint: counts of observations, and a time [s]."""
 
     kind: HintKind
     confirm: int = 2
@@ -35,7 +35,7 @@ Cause = tuple[HintKind, float | None]  # a kind, and the place that it is about 
 
 
 class _Standing(NamedTuple):
-    """Of one cause of hints."""
+    """The state of one cause of hints."""
 
     hint: Hint | None = None  # the active one
     streak: int = 0  # observations in a row that speak for a change
@@ -52,7 +52,10 @@ class HintLog:
         self.hints: tuple[Hint, ...] = ()  # the same tuple as long as nothing changes
 
     def step(self, trigger: Trigger, t: float, level: float, words: Callable[[], Words]) -> None:
-        """Take the level of a rule at a time [s]; nan is no reason for a hint. words: for a new hint."""
+        """Raise or clear a hint by the level of a rule at a time [s]; nan is no reason for one.
+
+        words: text and advice of a new hint.
+        """
         before = self._standing.get((trigger.kind, None), _Standing())
         if before.hint is None:
             streak = before.streak + 1 if level >= (1.0 if t >= before.silent_until else LOUD) else 0
@@ -79,7 +82,7 @@ class HintLog:
         self._publish()
 
     def update_hint(self, kind: HintKind, place: float | None, changes: Mapping[str, object]) -> None:
-        """Change what the active hint of a cause says: it stays the same hint."""
+        """Replace fields of the active hint of a cause, if there is one: it stays the same hint."""
         standing = self._standing.get((kind, place), _Standing())
         if standing.hint is not None:
             changed = Hint.model_validate({**standing.hint.model_dump(), **changes})

@@ -46,14 +46,14 @@ ARM_EVERY = 3  # observations from one look at the Jacobian to the next
 
 @dataclass(frozen=True)
 class ArmLimits:
-    """What is known of the arm: its joint limits [rad], and its flange Jacobian at joints (n,) [rad]."""
+    """The joint limits [rad] of an arm, and its flange Jacobian as a function of joints (n,) [rad]."""
 
     lower: Array
     upper: Array
     jacobian: Callable[[Array], Array]
 
     def nearest(self, joints: Array, speeds: Array, slowing: Array) -> tuple[int, float]:
-        """Which joint comes nearest to a limit within AHEAD_S, and how near [rad].
+        """Return the joint that comes nearest to a limit within AHEAD_S, and its distance [rad] then.
 
         speeds (n,) [rad/s]; slowing (n,) [rad/s²] by which each gets slower, 0 where it does not.
         """
@@ -64,7 +64,7 @@ class ArmLimits:
         return joint, float(left[joint])
 
     def smallest_singular_value(self, joints: Array) -> float:
-        """Of the flange's Jacobian [m and rad per rad]."""
+        """Return the smallest singular value of the flange's Jacobian [m and rad per rad]."""
         jacobian = self.jacobian(joints)
         gram = jacobian @ jacobian.T if len(jacobian) <= jacobian.shape[1] else jacobian.T @ jacobian
         return math.sqrt(max(float(np.linalg.eigvalsh(gram)[0]), 0.0))
@@ -72,9 +72,9 @@ class ArmLimits:
 
 @dataclass(frozen=True)
 class CoachingSetup:
-    """What a session states, as far as its rules depend on it.
+    """The statements of a session on which its rules depend.
 
-    clean_wrench: the force is declared to be without the hand; bias_n [N] scale of what free space reads;
+    clean_wrench: the force is declared to be without the hand; bias_n [N] scale of the force in free space;
     path_tolerance_m [m] of the program's paths; arm: None where it is not stated; is_tared: the force has a
     tare.
     """
@@ -87,7 +87,10 @@ class CoachingSetup:
 
 
 def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
-    """In how long [s] a joint comes so far, at its speed, as within AHEAD_S while it slows down to a stop."""
+    """Return the time [s] in which each joint, at its speed, goes as far as while it slows down for AHEAD_S.
+
+    It slows down to a stop at most.
+    """
     size = np.abs(speeds)
     stops_in = np.divide(size, slowing, out=np.full_like(size, np.inf), where=slowing > 0.0)
     moves_for = np.minimum(stops_in, AHEAD_S)
@@ -96,7 +99,7 @@ def _seconds_at_speed(speeds: Array, slowing: Array) -> Array:
 
 
 class ObservedPose(NamedTuple):
-    """An observation, as far as it is measured here. Vectors are in the base frame."""
+    """An observation as coaching reads it. Vectors are in the base frame."""
 
     t: float  # [s]
     position: Vector  # [m] of the flange
@@ -109,7 +112,7 @@ class ObservedPose(NamedTuple):
 
 
 class ArmMeasures(NamedTuple):
-    """What follows from the joints; nan where they are not reported."""
+    """The measures of an arm's joints; nan where joints are not reported."""
 
     singular_value: float = math.nan  # the smallest of the flange's Jacobian
     joint: int = 0  # which is nearest to a limit
@@ -134,7 +137,7 @@ class Measures(NamedTuple):
 
 
 class MotionState(NamedTuple):
-    """What the observations so far leave to those that follow."""
+    """The state that the observations so far leave to later ones."""
 
     poses: tuple[ObservedPose, ...] = ()  # the newest POSES, oldest first, none across a gap
     push: float = 0.0  # as in Measures
@@ -155,11 +158,11 @@ class Meter:
         self._tracker, self._zeroed_tracker = _tracker(setup.bias_n), _tracker(TARED_BIAS_N)
 
     def setup_of(self, state: MotionState) -> CoachingSetup:
-        """By which the measures of a state are judged: as a tared force, once its zero is known."""
+        """Return the setup for the measures of a state: that of a tared force, once the zero is known."""
         return self._setup if state.zero is None else self._zeroed
 
     def advance(self, state: MotionState, pose: ObservedPose) -> tuple[MotionState, Measures]:
-        """Take one observation."""
+        """Process one observation; return the next state, and the measures."""
         arm, arm_age = state.arm, state.arm_age + 1
         before = None if pose.after_gap or not state.poses else state.poses[-1]
         if self._setup.arm is not None:
@@ -189,7 +192,7 @@ class Meter:
         return state._replace(push=push, drift=drift), measured
 
     def _with_zero(self, state: MotionState, pose: ObservedPose) -> MotionState:
-        """Take the zero of an untared force from observations of free movement that vary little."""
+        """Return the state with the zero of an untared force, once forces of free movement vary little."""
         if self._setup.is_tared or state.zero is not None:
             return state
         free = (*state.free, pose.force)[-ZERO_COUNT:] if _moves_freely(pose) else ()
@@ -199,7 +202,7 @@ class Meter:
         return state._replace(zero=(x, y, z), free=(), push=0.0, drift=DriftState())
 
     def _held(self, state: MotionState, before: ObservedPose, pose: ObservedPose) -> float:
-        """[J] of work that what the tool touches holds after a pose: it took it up, and did not return it."""
+        """Return the work [J] that the touched object has taken up, and not returned, after a pose."""
         bias = _sum(state.zero or NOTHING, state.drift.mean)
         now, earlier = _difference(pose.force, bias), _difference(before.force, bias)
         if math.hypot(*now) <= self.setup_of(state).bias_n:
@@ -210,7 +213,7 @@ class Meter:
     def _of_force(
         self, state: MotionState, pose: ObservedPose, dt: float
     ) -> tuple[DriftState, float, float, float]:
-        """The bias after a force; a hand's push; how much of the force drives, and is stray [N].
+        """Return the bias after a force, the hand's push, and the driving and the stray force [N].
 
         The push is the cumulative sum (Page 1954) of the driving force beyond the predicted bias.
         """
@@ -234,19 +237,20 @@ class Meter:
 
 
 def _tracker(scale_n: float) -> DriftTracker:
-    """What tracks a bias of that scale [N]."""
+    """Return a tracker of a bias with this scale [N]."""
     return DriftTracker(scale_n**2 / DRIFT_TIME_S, most_n2=scale_n**2)
 
 
 def _moves_freely(pose: ObservedPose) -> bool:
-    """Is the force of an observation bias, as far as is known: faster than a contact, and without a load?"""
+    """Whether the force counts as bias: the movement is faster than a contact, and without a known load."""
     return math.hypot(*pose.velocity) >= FREE_M_PER_S and pose.holding != 1.0
 
 
 def _stored(force: Vector, way: Vector) -> float:
-    """[J] that a spring can take up of a force [N] on a way [m], less what it returns.
+    """Return the energy [J] that a spring can take up of a force [N] on a way [m].
 
-    Friction is at most the force across the way, and stores nothing.
+    It is negative where the spring returns energy. Friction is at most the force across the way, and stores
+    nothing.
     """
     (x, y, z), (dx, dy, dz) = force, way
     returned = x * dx + y * dy + z * dz
@@ -266,18 +270,21 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 def _along(variance: Vector, heading: Vector) -> float:
-    """The variance [N²] along a heading of a force whose axes have these."""
+    """Return the variance [N²] along a heading of a force whose axes have these variances."""
     (x, y, z), (hx, hy, hz) = variance, heading
     return x * hx * hx + y * hy * hy + z * hz * hz
 
 
 def _singular(arm: ArmLimits, pose: ObservedPose) -> ArmMeasures:
-    """Measure how near the joints of an observation are to a singularity."""
+    """Return the measure of how near the joints of an observation are to a singularity."""
     return NO_ARM if pose.joints is None else ArmMeasures(arm.smallest_singular_value(pose.joints))
 
 
 def _near_limit(arm: ArmLimits, measured: ArmMeasures, poses: Sequence[ObservedPose]) -> ArmMeasures:
-    """Add how near the joints come to a limit; poses: up to three without a gap, the newest last."""
+    """Return the measures with the joints' distance to a limit [rad].
+
+    poses: up to three in a row without a gap, the newest last.
+    """
     joints = poses[-1].joints
     if joints is None:
         return NO_ARM
@@ -287,7 +294,7 @@ def _near_limit(arm: ArmLimits, measured: ArmMeasures, poses: Sequence[ObservedP
 
 
 def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:
-    """How fast each joint is at the end of up to three poses [rad/s], and how it slows down [rad/s²]."""
+    """Return joint speeds (n,) [rad/s] at the end of up to three poses, and their slowing (n,) [rad/s²]."""
     known = [(one.t, one.joints) for one in poses if one.joints is not None]
     steps = [((q - before) / (t - earlier), t - earlier) for (earlier, before), (t, q) in pairwise(known)]
     if len(steps) < 2:
@@ -298,7 +305,7 @@ def _joint_speeds(poses: Sequence[ObservedPose]) -> tuple[Array, Array]:
 
 
 def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[float, float]:
-    """[N] of a force that drives along the heading, and what neither friction nor a load explains of it.
+    """Return the force [N] that drives along the heading, and the rest that no friction or load explains.
 
     holding: 0, the fingers hold nothing. Where they may, a force that sinks with its load does not drive. 1,
     they hold something: what pulls down is its weight.
@@ -316,11 +323,11 @@ def _driving_and_stray(force: Vector, heading: Vector, holding: float) -> tuple[
 
 
 def path_error(poses: tuple[ObservedPose, ...]) -> float:
-    """[m] by which the cubic through four poses misses the movement at most; 0 before POSES in a row.
+    """Return how far [m] the cubic through four poses misses the movement at most; 0 for fewer poses.
 
     The movement between two poses is the cubic with their velocities, whose error midway is nine times
-    smaller. With e and f, by which the slopes of the two differ at the poses [m a step], they are
-    s (1 − s) ((1 − s) e − s f) apart. The farthest of three places is within 3 % of the farthest of all.
+    smaller. The slopes of the two curves differ by e and f at the poses [m a step]. So the curves are s (1 −
+    s) ((1 − s) e − s f) apart. The farthest of three places is within 3 % of the farthest of all.
     """
     if len(poses) < POSES:
         return 0.0

@@ -31,7 +31,10 @@ LIMIT_CONFIRM = 2  # observations: at the fastest point of a movement no joint s
 
 @dataclass(frozen=True)
 class SignalRule:
-    """level: of 1 where the limit is reached, nan where nothing is measured; words: for a new hint."""
+    """A rule on signals, with functions for its level and for the words of a new hint.
+
+    level: 1 and more where the limit is reached, nan where nothing is measured.
+    """
 
     trigger: Trigger
     level: Callable[[Measures, CoachingSetup], float]
@@ -39,12 +42,18 @@ class SignalRule:
 
 
 def _hand_level(m: Measures, setup: CoachingSetup) -> float:
-    """Without a tare the bias is unknown, and may drive as a hand does."""
+    """Return the level of a hand's push.
+
+    0 without a tare, because an unknown bias may drive as a hand does.
+    """
     return m.push / PUSH_LIMIT if setup.is_tared and m.driving_n > setup.bias_n else 0.0
 
 
 def _joint_level(m: Measures, _setup: CoachingSetup) -> float:
-    """Of what is ahead: 1 at the margin, 2 at the limit, 0 two margins away. Within the margin it is loud."""
+    """Return the level of the joint that comes nearest to a limit: 1 at the margin, 2 at the limit.
+
+    0 is two margins away. Where a joint is within the margin now, the level is at least LOUD.
+    """
     ahead = 2.0 - m.arm.joint_left_rad / JOINT_MARGIN_RAD
     return max(ahead, LOUD) if m.arm.left_now_rad <= JOINT_MARGIN_RAD else ahead
 

@@ -16,7 +16,7 @@ FIRST_FROZEN_S = 2.0
 
 
 class UnchangedForce(NamedTuple):
-    """From when to when a force has had the same length, to within rounding, and where that began."""
+    """A span in which a force has had the same length, to within rounding, and the place at its start."""
 
     measured_n: float  # [N]
     since: float  # [s]
@@ -27,7 +27,7 @@ class UnchangedForce(NamedTuple):
 
     @property
     def frozen_s(self) -> float:
-        """How long [s] it counts as frozen; 0 for what may be a step."""
+        """The time [s] for which the force counts as frozen; 0 where it may be a step of the sensor."""
         seconds = self.until - self.since
         is_known = self.has_changed or seconds > FIRST_FROZEN_S
         return seconds if is_known and not self.has_steps else 0.0
@@ -36,7 +36,10 @@ class UnchangedForce(NamedTuple):
 def begun(
     before: UnchangedForce | None, measured_n: float | None, t: float, place: Vector
 ) -> UnchangedForce | None:
-    """A length [N] that the force did not have before; None without a wrench. t: [s]; place: [m]."""
+    """Return the span that starts with a new length [N] of the force; None without a wrench.
+
+    t: [s]; place: [m].
+    """
     if measured_n is None:
         return None
     first = UnchangedForce(measured_n, t, t, place)
@@ -49,7 +52,10 @@ def begun(
 def advanced(
     before: UnchangedForce | None, measured_n: float | None, t: float, place: Vector
 ) -> tuple[UnchangedForce | None, float]:
-    """Take the next force, and return how long [s] it is frozen: 0 until the flange has moved by MOVED_M."""
+    """Return the span after the next force, and for how long [s] that force is frozen.
+
+    The time is 0 until the flange has moved by MOVED_M.
+    """
     if before is None or measured_n is None or not math.isclose(measured_n, before.measured_n):
         return begun(before, measured_n, t, place), 0.0
     goes_on = before._replace(until=t)

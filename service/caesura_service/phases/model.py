@@ -55,12 +55,12 @@ class LogNormal(NamedTuple):
     spread: float
 
     def density(self, seconds: float) -> float:
-        """Density [1/s]."""
+        """Return the density [1/s] of a duration [s]."""
         z = math.log(seconds / self.median_s) / self.spread
         return math.exp(-0.5 * z * z) / (seconds * self.spread * SQRT_TAU)
 
     def survival(self, seconds: float) -> float:
-        """Probability that it lasts longer."""
+        """Return the probability of a longer duration than this one [s]."""
         z = math.log(seconds / self.median_s) / self.spread
         return 0.5 * math.erfc(z / math.sqrt(2.0))
 
@@ -70,14 +70,14 @@ PIECE_S = LogNormal(0.5, 1.5)  # of a segment that is cut where nothing ends: 0.
 
 @dataclass(frozen=True)
 class PhaseKind:
-    """What a phase of one kind is made of; probabilities are per segment.
+    """The parameters of the phases of one kind; probabilities are per segment.
 
-    own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt.
-    moving: one of its segments is a movement; step_m [m]: standard deviation an axis of how far it leads.
-    ends, interrupted: what follows one of its own segments. resumed: an interruption is over. repeats: a
-    phase is resumed at an end of an earlier stroke. retraces: it goes over its way again and again.
-    bounds: a demonstration begins, and ends, in this kind. weight: how often it follows another, relative to
-    other kinds.
+    own, aside: (free, contact, transport) contact state of its own segments, and of those that interrupt;
+    own_s, aside_s: their durations. moving: one of its segments is a movement; step_m [m]: standard deviation
+    per axis of its displacement. ends, interrupted: the phase ends, or is interrupted, after one of its own
+    segments. resumed: an interruption is over. repeats: a phase is resumed at an end of an earlier stroke.
+    retraces: it goes over its way again and again. bounds: a demonstration begins, and ends, in this kind.
+    weight: the frequency at which it follows another kind, relative to other kinds.
     """
 
     name: Name
@@ -123,10 +123,10 @@ class Parameters:
 
 
 class SegmentFeatures(NamedTuple):
-    """What the model sees of a segment.
+    """The features of a segment from which the model infers phases.
 
-    likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet. moves:
-    it is a movement, not a rest. way, retraced: of a movement, and what it retraces.
+    likelihood: (3,) of each contact state. start, end: (3,) [m]. grows: its end is not known yet. moves: it
+    is a movement, not a rest. way, retraced: of a movement, its pieces, and those that it retraces.
     """
 
     likelihood: Array
@@ -152,9 +152,9 @@ def seen(
     *,
     grows: bool,
 ) -> SegmentFeatures:
-    """Return what the model sees of a segment.
+    """Return the features of a segment.
 
-    before: the segments before it, the last one last.
+    before: the features of the segments before it, the last one last.
     """
     earlier = [(one.way, one.retraced) for one in before]
     return SegmentFeatures(
@@ -304,9 +304,12 @@ class Chain:
         return found
 
     def _gain(self, start: Array, earlier: Sequence[SegmentFeatures], strokes: Sequence[int]) -> Array:
-        """How much more probable it is here than anywhere, by the age of a phase from its last stroke on.
+        """Return the density of a resumption at `start` over one anywhere, by the age of a phase.
 
-        earlier: the segments before it, the last one first; strokes: which of them are strokes of the phase.
+        Ages are those from its last stroke on.
+
+        earlier: the segments before it, the last one first; strokes: the indices of those that are strokes of
+        the phase.
         """
         places = np.concatenate([(earlier[age].start, earlier[age].end) for age in strokes])
         gain, count = np.zeros(self.parameters.memory), np.zeros(self.parameters.memory)

@@ -24,7 +24,7 @@ ALIVE = 1e-3  # a state that is less probable after a settled segment is dropped
 
 @dataclass(frozen=True)
 class ForwardStep:
-    """What is known after a segment, from those up to it.
+    """The state probabilities and the best paths after a segment, given the segments up to it.
 
     share: (states,) probability of each state. log_best: (states,) of the best path into it. come_from:
     (states,) the state before on that path. emission, resumed, ends: (states,) as the chain has them for it.
@@ -41,7 +41,7 @@ class ForwardStep:
 
 
 def first_step(chain: Chain, segment: SegmentFeatures) -> ForwardStep:
-    """Return what is known after the first segment."""
+    """Return the forward step of the first segment."""
     emission = chain.emission(segment)
     share = chain.first * emission
     with np.errstate(divide="ignore"):
@@ -60,7 +60,7 @@ def first_step(chain: Chain, segment: SegmentFeatures) -> ForwardStep:
 def next_step(
     chain: Chain, last: ForwardStep, segment: SegmentFeatures, before: Sequence[SegmentFeatures]
 ) -> ForwardStep:
-    """Return what is known after one more segment; before: those before it, the last one last."""
+    """Return the forward step of one more segment; before: those before it, the last one last."""
     emission, resumed, moves = chain.emission(segment), chain.resumed(segment, before), int(segment.moves)
     goes_on, begins = last.share @ chain.goes_on, (last.share * last.ends) @ chain.switches[moves]
     share = emission * (goes_on + begins + (last.share * resumed) @ chain.resumes)

@@ -30,13 +30,13 @@ class Way(NamedTuple):
 
 
 class Retraced(NamedTuple):
-    """What a segment retraces, (memory,) by how many segments its phase has, this one included.
+    """The pieces that a segment retraces, as (memory,) by the number of segments its phase has with this one.
 
     again: pieces of the segment that are retraced; astray: those that are not, although the phase has
     retraced its way before. first: number of the first piece of the phase that is retraced so far, infinite
-    where none is: the phase has not come round. more_outside: what lies in the phase before that piece is no
-    part of a cycle; by how many pieces that is more than without this segment. pieces: of the demonstration,
-    up to the end of the segment.
+    where none is: the phase has not come round. more_outside: pieces of the phase before that one are no part
+    of a cycle; by how many they are more than without this segment. pieces: of the demonstration, up to the
+    end of the segment.
     """
 
     again: Array
@@ -50,7 +50,7 @@ NO_WAY = Way(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def way_of(places: Array) -> Way:
-    """The way through places (m, 3) [m]; no pieces where it is shorter than one."""
+    """Return the way through places (m, 3) [m]; it has no pieces where it is shorter than one."""
     ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
     borders = PIECE_M * np.arange(int(ends[-1] / PIECE_M) + 1)[-MOST_PIECES - 1 :]
     at = np.stack([np.interp(borders, ends, axis) for axis in places.T], axis=1)
@@ -58,7 +58,10 @@ def way_of(places: Array) -> Way:
 
 
 def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, memory: int) -> Retraced:
-    """What a segment retraces of the segments before it, the last one last, and of itself."""
+    """Return the pieces that a segment retraces of the segments before it and of itself.
+
+    before: the last one last; near_m: [m] distance of a retraced piece; memory: length of the results.
+    """
     pieces = before[-1][1].pieces if before else 0
     first_before = np.append(np.inf, before[-1][1].first[:-1] if before else np.full(memory - 1, np.inf))
     if not len(way.middles):

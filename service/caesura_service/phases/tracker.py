@@ -30,7 +30,7 @@ WAY_S = 60.0  # of a segment, its end, whose way is looked at
 
 
 class _PhaseRun(NamedTuple):
-    """Segments first to last, as far as they are one phase. aside: does the last one interrupt it?"""
+    """Consecutive segments, first to last, of one phase. aside: whether the last one interrupts it."""
 
     kind: PhaseKind
     probability: float
@@ -68,7 +68,7 @@ class PhaseTracker:
 
     @property
     def settled(self) -> int:
-        """How many segments have been taken as settled: the next look begins with this one."""
+        """The number of segments that have settled; the next look begins with this one."""
         return self._settled
 
     def look(self, segments: Sequence[Segment], *, finished: bool) -> tuple[list[Phase], list[Phase]]:
@@ -110,7 +110,7 @@ class PhaseTracker:
         self._kept, self._first = self._kept[index:], self._first + index
 
     def _follow(self, segments: Sequence[Segment], *, finished: bool) -> list[_CachedStep]:
-        """The steps of the segments that have not settled; those that stay the same are not made anew."""
+        """Return the steps of the segments that have not settled; unchanged segments keep their steps."""
         looked: list[_CachedStep] = []
         for segment in segments:
             grows = segment is segments[-1] and not finished
@@ -138,7 +138,7 @@ class PhaseTracker:
     def _groups(
         self, looked: Sequence[_CachedStep], states: Sequence[int], sure: Sequence[Array]
     ) -> list[_PhaseRun]:
-        """Phases on a path of states; sure: (states,) probability of each state at each segment."""
+        """Return the phases on a path of states; sure: (states,) state probabilities at each segment."""
         chain, groups = self._chain, [] if self._open is None else [self._open]
         for number, (one, state) in enumerate(zip(looked, states, strict=True), start=self._first):
             aside, segment = bool(chain.aside[state]), one.segment

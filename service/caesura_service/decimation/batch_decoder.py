@@ -20,7 +20,7 @@ LIMITS = Limits()
 
 
 class BatchDecoder:
-    """Batches in the order of their numbers to runs of samples: a fold."""
+    """A fold from batches, in the order of their numbers, to runs of samples."""
 
     def __init__(self, opening: Open) -> None:
         self._opening = opening
@@ -29,15 +29,15 @@ class BatchDecoder:
 
     @property
     def latest(self) -> float:
-        """[s] the newest sample."""
+        """The time [s] of the newest sample."""
         return self._runs.latest
 
     def push(self, batches: Sequence[BatchRow]) -> list[SampleRun]:
-        """The samples of further batches, lengths in metres."""
+        """Return the runs of samples of further batches, lengths in metres."""
         return self._runs.push(*self._matrix(batches)) if batches else []
 
     def _matrix(self, batches: Sequence[BatchRow]) -> tuple[Array, NDArray[np.int64]]:
-        """(n, columns) in metres, and the number of the batch of each row."""
+        """Return the samples (n, columns) in metres, and the number of the batch of each row."""
         sizes = {len(one.samples) // max(one.n, 1) for one in batches}
         plain = all(one.columns == self._opening.columns for one in batches) and len(sizes) == 1
         width = len(self._opening.columns)
@@ -63,7 +63,10 @@ class BatchDecoder:
         )
 
     def _checked(self, batches: Sequence[BatchRow]) -> tuple[Array, NDArray[np.int64]]:
-        """As the session has checked them, one by one."""
+        """Return the results of `_matrix` from batches that are validated one by one, as in the session.
+
+        Rejected batches are left out.
+        """
         parts, seqs = [np.zeros((0, len(self._opening.columns)))], [np.zeros(0, np.int64)]
         for one in batches:
             batch = SampleBatch.model_construct(

@@ -32,7 +32,7 @@ HELD = Limits().held_batches  # that may come before their turn
 
 
 class PageTimes(NamedTuple):
-    """Records that were read together: which times, at which places."""
+    """The times and places of records that were read together."""
 
     t0: float  # [s]
     tn: float  # [s]
@@ -61,23 +61,23 @@ class SessionOverview:
 
     @property
     def opening(self) -> Open:
-        """What the session was opened with."""
+        """The opening of the session."""
         return self.extent.opening
 
     @property
     def nbytes(self) -> int:
-        """What it takes in memory, about [bytes]."""
+        """The approximate size [bytes] in memory."""
         return sum(part.nbytes for part in self._parts) + 200 * len(self.pages) + 500 * len(self.holes)
 
     def extremes(self) -> Extremes:
-        """All bins."""
+        """Return the extremes of all bins."""
         if not self._parts:
             return nothing(len(self.columns))
         self._parts = [joined(self._parts)]
         return self._parts[0]
 
     def push(self, page: list[BatchRow | Lost], up_to: int) -> None:
-        """The next page, which ends with the place `up_to`."""
+        """Add the next page, which ends with the place `up_to`."""
         batches = []
         for one in page:
             if isinstance(one, Lost):
@@ -92,7 +92,7 @@ class SessionOverview:
         self.read_up_to = up_to
 
     def finish(self) -> None:
-        """No batch comes any more: what waits for an earlier one waits for nothing."""
+        """Add the batches that wait for an earlier one, because no batch comes any more."""
         while self._held:
             self._take(self._skip(min(self._held)))
 
@@ -125,7 +125,10 @@ class SessionOverview:
             self._parts = [joined(self._parts)]
 
     def _index(self, page: list[BatchRow | Lost]) -> None:
-        """Where the times of a page are; those of a batch lie within its span."""
+        """Add the times and places of a page to `pages`.
+
+        The times of a batch lie between those of its first and last row.
+        """
         batches = [one for one in page if isinstance(one, BatchRow)]
         if not batches:
             return
@@ -133,7 +136,7 @@ class SessionOverview:
         self.pages.append(PageTimes(min(times), max(times), batches[0].place, batches[-1].place))
 
     def as_bytes(self) -> bytes:
-        """All of it, to be kept beside a session that has ended."""
+        """Return the overview as bytes, to be stored beside a session that has ended."""
         fields = {name: getattr(self, name) for name in KEPT} | {"version": VERSION}
         fields |= {"holes": [hole.model_dump() for hole in self.holes], "identity": self._identity()}
         header = np.frombuffer(json.dumps(fields).encode(), np.uint8)
@@ -143,7 +146,7 @@ class SessionOverview:
 
     @classmethod
     def restored(cls, key: Key, extent: SessionExtent, content: bytes) -> SessionOverview | None:
-        """What `as_bytes` has made of the same copy; None of another, or of another version."""
+        """Return the overview that `as_bytes` has made of the same copy; None for another copy or version."""
         overview = cls(key, extent)
         try:
             with np.load(BytesIO(content), allow_pickle=False) as kept:
@@ -163,16 +166,16 @@ class SessionOverview:
         return overview
 
     def _identity(self) -> str:
-        """Of this copy of the session in its file, which may be moved; and of what is drawn of it."""
+        """Return the identity of this copy of the session and its columns; it stays if the file is moved."""
         return repr((self.extent.identity[1:], self.columns))
 
     def places(self, t0: float, tn: float) -> list[PageTimes]:
-        """The pages that may have samples from t0 to tn [s]."""
+        """Return the pages that may have samples from t0 to tn [s]."""
         return [page for page in self.pages if page.t0 <= tn and page.tn >= t0]
 
 
 def _time(batch: BatchRow, row: int) -> float:
-    """The time of one row of a batch [s]; `t0` where it has no such row."""
+    """Return the time [s] of one row of a batch; `t0` where it has no such row."""
     width = len(batch.columns)
     kind, size = ("<f", 4) if len(batch.samples) == 4 * batch.n * width else ("<d", 8)
     place = row * width * size
@@ -183,6 +186,6 @@ def _time(batch: BatchRow, row: int) -> float:
 
 
 def _width(t: NDArray[np.float64]) -> float:
-    """The greatest round width with at most SAMPLES_PER_BIN of these samples."""
+    """Return the greatest round width [s] of a bin with at most SAMPLES_PER_BIN of these samples."""
     interval = float(np.median(np.diff(t))) if t.size > 1 else 0.001
     return WIDTHS_S[max(bisect_right(WIDTHS_S, SAMPLES_PER_BIN * interval * 1.01) - 1, 0)]

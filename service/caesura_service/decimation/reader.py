@@ -49,7 +49,7 @@ class Owned(NamedTuple):
 
 
 class SampleReader:
-    """Answers for one service. One thread calls it."""
+    """Answers queries for samples of one service's sessions. One thread calls it."""
 
     def __init__(self, source: BatchSource, held_bytes: int = HELD_BYTES) -> None:
         self._source = source
@@ -98,7 +98,10 @@ class SampleReader:
         return self._overview(owned, slice_s)[1]
 
     def _overview(self, owned: Owned, slice_s: float) -> tuple[SessionOverview, bool]:
-        """All of the session up to now, and whether it is; slice_s: [s] after which it stops reading."""
+        """Return the overview of a session up to now, and whether it is complete.
+
+        slice_s: [s] after which it stops reading. Raises as `read`.
+        """
         until = time.monotonic() + slice_s
         key = (owned.station, owned.session)
         extent = self._source.find(key)
@@ -145,7 +148,7 @@ class SampleReader:
         return sum(one.nbytes for one in self._overviews.values())
 
     def _extremes(self, overview: SessionOverview, wanted: SampleRange) -> tuple[float, Extremes]:
-        """The bins that a range touches, and their width [s]."""
+        """Return the width [s] and the extremes of the bins that a range touches."""
         bin_s = (wanted.tn - wanted.t0) / wanted.bins
         if bin_s < overview.bin_s:
             return bin_s, self._fresh(overview, wanted, bin_s)
@@ -157,7 +160,7 @@ class SampleReader:
         return every * overview.bin_s, coarser(some, every)
 
     def _fresh(self, overview: SessionOverview, wanted: SampleRange, bin_s: float) -> Extremes:
-        """From the samples themselves."""
+        """Return the extremes of the bins that a range touches, computed from the samples themselves."""
         first, last = bins_of(np.array([wanted.t0, wanted.tn]), bin_s).tolist()
         pages = overview.places(first * bin_s - LEAD_S, (last + 1) * bin_s)
         batches: dict[int, BatchRow] = {}
@@ -176,7 +179,7 @@ class SampleReader:
 
 
 def _listed(holes: list[Gap], wanted: SampleRange) -> tuple[tuple[Gap, ...], int]:
-    """The holes that reach into a range, in order, and how many shorter ones are not listed."""
+    """Return the holes that reach into a range, in order, and the number of shorter ones not listed."""
     inside = [hole for hole in holes if hole.tn > wanted.t0 and hole.t0 < wanted.tn]
     more = max(0, len(inside) - MAX_HOLES)
     if more:

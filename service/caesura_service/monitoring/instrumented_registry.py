@@ -21,7 +21,10 @@ from caesura_service.sessions.session import Session
 
 
 class InstrumentedRegistry(Registry):
-    """As Registry; any thread may read `station_counters` as well. monotonic: a clock [s]."""
+    """A Registry that counts and logs every call; any thread may read `station_counters` as well.
+
+    monotonic: a clock [s].
+    """
 
     def __init__(self, *, monotonic: Callable[[], float] = time.monotonic, **given: Any) -> None:
         super().__init__(**given)
@@ -89,7 +92,7 @@ class InstrumentedRegistry(Registry):
         return self._instrumented(station, None, partial(super().report_dropped, station, messages))
 
     def tick(self, now: float) -> list[Output]:
-        """Do what is due by time, as Registry. now: [s]."""
+        """Run the work that is due by time, as Registry. now: [s]."""
         return self._instrumented(None, None, partial(super().tick, now))
 
     def record_work(self, station: str, seconds: float) -> None:

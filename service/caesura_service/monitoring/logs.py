@@ -20,7 +20,7 @@ _RENAMED = {"levelname": "level", "name": "logger", "exc_info": "exception"}
 
 
 class _Ordered(JsonFormatter):
-    """With the fields that every line has in front, for those who read it all the same."""
+    """A formatter of JSON lines that begin with the fields that every line has, for human readers."""
 
     def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
         return {name: log_data[name] for name in (*FIELDS, *log_data) if name in log_data}

@@ -44,7 +44,7 @@ class MetricsSource:
 
     @property
     def can_be_found(self) -> bool:
-        """Has it joined, and is its router there?"""
+        """Whether the service has joined the network, and its router is there."""
         return self.is_ready() and self.is_linked()
 
 
@@ -125,7 +125,7 @@ class ServiceCollector(Collector):
         self._clock = clock
 
     def collect(self) -> Iterable[Metric]:
-        """Every family, once for each scrape."""
+        """Yield every family of metrics, once for each scrape."""
         status, index = self._observed.status(), self._observed.registry.index
         yield _info(status)
         yield GaugeMetricFamily(

@@ -20,8 +20,8 @@ class Change(NamedTuple):
 class RegistryCall(NamedTuple):
     """One message, command or tick.
 
-    station: None where the key has none, or where it concerns all. refused: how many refusals it
-    made, of which `refusal` is the last. batches: how many were processed together, `message` the first.
+    station: None where the key has none, or where it concerns all. refused: the number of refusals it made,
+    of which `refusal` is the last. batches: the number processed together, `message` the first.
     """
 
     station: str | None
@@ -35,7 +35,7 @@ class RegistryCall(NamedTuple):
 
 
 def changes_between(before: Mapping[str, SessionState], after: Mapping[str, SessionState]) -> list[Change]:
-    """Every session that is not what it was, by name; what stayed is left out."""
+    """Return the change of every session whose state is another object than before, by name."""
     names = before if before.keys() == after.keys() else dict.fromkeys((*before, *after))
     pairs = [(before.get(name), after.get(name)) for name in names]
     return [Change(old, new) for old, new in pairs if old is not new]

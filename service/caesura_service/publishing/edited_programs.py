@@ -22,7 +22,7 @@ SESSIONS = 4  # whose edited programs are kept: a garbage collection takes 7 ms 
 
 
 class _Made(NamedTuple):
-    """A program, and the objects that it is made of: held, so that no others get their ids."""
+    """A program and the objects it was made from; they are held, so that no others get their ids."""
 
     inferred: tuple[object, ...]
     log: EditLog
@@ -41,9 +41,9 @@ class EditedPrograms:
         self._made: tuple[_Made, ...] = ()  # the last one asked for first
 
     def edited(self, header: Program, inferred: Program, log: EditLog, number: int | None = None) -> Program:
-        """The program with these edits, once for each version; its apps are encoded.
+        """Return the program with these edits, made once for each version; its apps are encoded.
 
-        header: what `inferred` was made of, with its apps; number: of the last edit that counts.
+        header: the object that `inferred` was made from, with its apps; number: of the last edit that counts.
         """
         _recently_used.add(self)
         made_of = (header, inferred.apps)
@@ -58,7 +58,7 @@ class EditedPrograms:
         check_applies(inferred, log, self._drafts, give_way)
 
     def clear(self) -> None:
-        """Keep nothing of what was made."""
+        """Drop all drafts and programs."""
         self._drafts, self._made = DraftCache(), ()
 
     def _program(self, inferred: Program, log: EditLog, number: int | None) -> Program:
@@ -69,7 +69,7 @@ class EditedPrograms:
         return made.model_copy(update={"apps": packed(App, _in_slices(made.apps))})
 
     def __eq__(self, other: object) -> bool:
-        """It is no part of a state, whose results do not depend on it."""
+        """Return True for any other cache: it is no part of a state, whose results do not depend on it."""
         return isinstance(other, EditedPrograms)
 
     def __hash__(self) -> int:
@@ -83,14 +83,14 @@ def _in_slices(apps: Iterable[App]) -> Iterator[App]:
 
 
 class _RecentlyUsed:
-    """Bounds how many sessions keep what was made of their edits."""
+    """Limits the number of sessions that keep their edited programs."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._sessions: dict[int, EditedPrograms] = {}  # by their ids, the last one used last
 
     def add(self, used: EditedPrograms) -> None:
-        """Count one as used now; empty the one that was not for longest."""
+        """Mark a cache as used now; beyond SESSIONS, clear the one that was not used for longest."""
         with self._lock:
             self._sessions.pop(id(used), None)
             self._sessions[id(used)] = used

@@ -64,7 +64,7 @@ def next_state(state: Lifecycle, event: LifecycleEvent) -> Lifecycle:
 
 
 def _what_is_left(state: Lifecycle, event: LifecycleEvent) -> str:
-    """What a person can do in place of a correction or an edit that was refused."""
+    """Return words for what a person can still do after a refused command; empty without one."""
     commands: tuple[LifecycleEvent, ...] = ("edit", "describe", "edit_program")
     left = [EVENT_WORDS[one] for one in commands if (state, one) in TRANSITIONS]
     return f", only {' and '.join(left)}" if event in commands and left else ""

@@ -76,7 +76,7 @@ class SessionState(NamedTuple):
 
     @property
     def annotations(self) -> int:
-        """Changes so far that alter no result: of the description, and edits of the program."""
+        """The number of changes that alter no result: of the description, and edits of the program."""
         return self.described + self.program_edits.revision
 
     @property
@@ -142,13 +142,13 @@ def status_of(state: SessionState) -> SessionStatus:
 
 
 def changepoints_of(state: SessionState, first: int = 0) -> Changepoints:
-    """The changepoints from the `first` on."""
+    """Make the message of the changepoints from the `first` on."""
     bare = Changepoints(**state.header("changepoints"), first=first, changepoints=())
     return bare.model_copy(update={"changepoints": since(state.view.changepoints, first)})
 
 
 def segments_of(state: SessionState, first: int = 0, first_phase: int = 0) -> Segments:
-    """The segments from the `first` on, and the phases from the `first_phase` on."""
+    """Make the message of the segments from the `first` on, and the phases from the `first_phase` on."""
     bare = Segments(**state.header("segments"), first=first, segments=(), first_phase=first_phase)
     view = state.view
     return bare.model_copy(
@@ -157,7 +157,7 @@ def segments_of(state: SessionState, first: int = 0, first_phase: int = 0) -> Se
 
 
 def posterior_of(state: SessionState) -> Posterior:
-    """The posterior of the current segment's start."""
+    """Make the message of the posterior of the current segment's start."""
     return Posterior(
         **state.header("posterior"),
         starts=state.view.posterior_starts,
@@ -197,7 +197,10 @@ def check_program_edit(state: SessionState, log: EditLog) -> None:
 
 
 def snapshot_of(state: SessionState, program: Program | None = None) -> Snapshot:
-    """Everything so far, with the last sequence number of each stream. program: by default the edited one."""
+    """Make the message of everything so far, with the last sequence number of each stream.
+
+    program: by default the edited one.
+    """
     return Snapshot(
         status=status_of(state),
         changepoints=changepoints_of(state),

@@ -85,9 +85,9 @@ _PATHS = (
 
 @dataclass(frozen=True)
 class NetworkSettings:
-    """Where the service is found.
+    """The endpoint and the credentials with which the service joins the network.
 
-    listen: endpoint of the embedded router; port 0 takes a free one; None: what the file says, else
+    listen: endpoint of the embedded router; port 0 takes a free one; None: as config_file says, else
     DEFAULT_ENDPOINT. connect: a router to be client of instead. config_file: zenoh json5 with certificates,
     users and access rules. insecure: listen without credentials where other machines reach it.
     """

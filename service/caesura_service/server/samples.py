@@ -135,7 +135,10 @@ class SampleServer(BackgroundThread):
                 reply_error(query, reply or ProtocolError("overloaded", "too many queries for samples"))
 
     def _reply(self, owned: Owned, parameters: str) -> RecordedSamples | ProtocolError | None:
-        """None: more of the session has to be read before. Raises JournalError."""
+        """Return the answer or the refusal; None where more of the session has to be read before.
+
+        Raises JournalError.
+        """
         try:
             wanted = parse_samples_parameters(parameters)
             return self._reader.read(owned, wanted, SLICE_S)
@@ -143,7 +146,10 @@ class SampleServer(BackgroundThread):
             return error
 
     def _owned(self, station: str, session: str) -> Owned | None:
-        """The session, held or stored, where its station is this instance's. Raises JournalError."""
+        """Return the session, held or stored, where its station is this instance's; None otherwise.
+
+        Raises JournalError.
+        """
         for held in self._index().sessions.get(station, ()):
             if held.state.session == session:
                 return _owned(held.state)

@@ -132,7 +132,7 @@ class StationManager:
         return max(0.0, min([self._next_change_s, *self._polls_s, *takeover_s]) - self._clock())
 
     def step(self) -> list[Output]:
-        """Do the next step of a takeover that is due; return its outputs."""
+        """Run the next step of a takeover that is due; return its outputs."""
         now = self._clock()
         if self._has_new_bridge or now >= self._next_change_s:
             self._next_change_s = self._membership.next_change_s(now)

@@ -39,7 +39,7 @@ SOURCES = 1024  # whose drops are counted one by one; those of further ones coun
 
 @dataclass(frozen=True)
 class QueueSettings:
-    """How much may wait. Raises ValueError for marks that are no shares in order."""
+    """The limits of the work queue. Raises ValueError where its marks are not shares in rising order."""
 
     capacity: int = 4096  # items; commands have as much again
     capacity_bytes: int = 1 << 28

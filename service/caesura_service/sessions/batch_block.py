@@ -31,7 +31,7 @@ _PACKING = Packing()
 
 @dataclass(frozen=True, slots=True)
 class BatchLayout:
-    """Where a payload has its number, `t0` and samples, and the bytes around them."""
+    """The places of the number, `t0` and the samples in a payload, and the bytes around them."""
 
     message: SampleBatch  # of one such payload; the others differ in `seq`, `t0` and `samples`
     size: int  # [bytes]
@@ -118,7 +118,7 @@ class BatchBlock(NamedTuple):
 
     @property
     def session(self) -> str:
-        """The name of their session."""
+        """The name of the session of these batches."""
         return self.layout.message.session
 
     def after(self, count: int) -> Self:
@@ -138,5 +138,5 @@ class BatchBlock(NamedTuple):
 
 
 def _packed(*values: object) -> int:
-    """Return how long the values are one after the other [bytes]."""
+    """Return the length [bytes] of the values, packed one after the other."""
     return sum(len(_PACKING.pack(value)) for value in values)

@@ -42,7 +42,7 @@ def validated_samples(batch: SampleBatch, columns: tuple[str, ...], limits: Limi
 def is_usual(samples: NDArray[np.float64], limits: Limits) -> bool:
     """Whether samples (n, columns) of several batches are such that `validated_samples` passes each of them.
 
-    False says nothing: each has to be validated by itself.
+    After False, each batch has to be validated by itself.
     """
     if not np.vdot(samples, samples) <= limits.value**2:
         return False

@@ -26,7 +26,7 @@ class ClosedPipeline:
 
     @property
     def due_s(self) -> float:
-        """No sample is expected."""
+        """Always −inf, because no sample is expected."""
         return float("-inf")
 
     def push(self, samples: NDArray[np.float64]) -> bool:
@@ -37,7 +37,7 @@ class ClosedPipeline:
     has_due_program = False
 
     def make_due_program(self) -> None:
-        """Do nothing: the program is final."""
+        """Make nothing, because the program is final."""
 
     def declare_gap(self) -> None:
         """Raise RuntimeError: a closed session has all its gaps."""
@@ -48,23 +48,23 @@ class ClosedPipeline:
         raise RuntimeError("the session is closed")
 
     def refresh(self) -> None:
-        """Do nothing: the view is final."""
+        """Change nothing, because the view is final."""
 
     @property
     def kinds(self) -> Sequence[str]:
-        """Only what has been folded can be corrected."""
+        """Always empty, because a correction needs a pipeline rebuilt from the journal."""
         return ()
 
     def resolve(self, change: Change) -> ResolvedEdit:
-        """Only what has been folded can be corrected."""
+        """Raise RuntimeError: a correction needs a pipeline rebuilt from the journal."""
         raise RuntimeError("the session has to be rebuilt from the journal first")
 
     def observation_at(self, t: float) -> int:
-        """Only what has been folded can be corrected."""
+        """Raise RuntimeError: a correction needs a pipeline rebuilt from the journal."""
         raise RuntimeError("the session has to be rebuilt from the journal first")
 
     def corrected(self, corrections: Sequence[ResolvedEdit]) -> Pipeline:
-        """Only what has been folded can be corrected."""
+        """Raise RuntimeError: a correction needs a pipeline rebuilt from the journal."""
         raise RuntimeError("the session has to be rebuilt from the journal first")
 
 

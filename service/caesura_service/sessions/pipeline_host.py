@@ -141,7 +141,7 @@ class PipelineHost:
 
     @property
     def has_due_program(self) -> bool:
-        """Does `make_due_program` have anything to do?"""
+        """Whether the last push has left a program to `make_due_program`."""
         return self._pipeline.has_due_program
 
     def make_due_program(self) -> list[Output]:

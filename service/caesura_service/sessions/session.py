@@ -89,7 +89,7 @@ class Session:
 
     @property
     def name(self) -> str:
-        """Of the session, unique at its station."""
+        """The name of the session, unique at its station."""
         return self._opening.session
 
     @property
@@ -119,7 +119,7 @@ class Session:
 
     @property
     def revision(self) -> int:
-        """Edits so far."""
+        """The number of edits so far."""
         return self.state.revision
 
     @property
@@ -227,7 +227,7 @@ class Session:
 
     @property
     def awaited(self) -> Awaited:
-        """What the session awaits of its bridge; any thread may read it."""
+        """The next batch and session time that the session awaits of its bridge; any thread may read them."""
         return Awaited(self.next_seq, self._host.due_s)
 
     def receive_together(self, block: BatchBlock, now: float) -> tuple[int, list[Output]]:
@@ -244,7 +244,7 @@ class Session:
 
     @property
     def has_due_program(self) -> bool:
-        """Does `make_due_program` have anything to do?"""
+        """Whether the last block has left a program to `make_due_program`."""
         return self._host.has_due_program
 
     def make_due_program(self) -> list[Output]:

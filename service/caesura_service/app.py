@@ -119,16 +119,16 @@ class Service:
 
     @property
     def endpoint(self) -> str:
-        """Where it is found, with its real port once entered."""
+        """The endpoint of the service, with its real port once entered."""
         return self._edge.endpoint
 
     @property
     def is_alive(self) -> bool:
-        """Does its work go on, or is it not ready yet?"""
+        """Whether the worker goes on, or the service is not ready yet."""
         return liveness(self._observed).healthy
 
     def _batches(self, kept: Journal) -> BatchSource:
-        """Where samples are read: all journals of the directory, or the one in memory."""
+        """Return the source of stored samples: all journals of the directory, or the one in memory."""
         return JournalBatches(kept) if self._file is None else FileBatches(self._file.path.parent, self._file)
 
     @property
@@ -141,7 +141,7 @@ class Service:
         self._edge.check_link()
 
     def status(self) -> ServiceStatus:
-        """How it is doing."""
+        """Return the status of the service."""
         return self._edge.status()
 
 
@@ -152,7 +152,7 @@ def run_service(
     over: threading.Event,
     pipeline_factory: PipelineFactory | None = None,
 ) -> None:
-    """Run until it is `over` (see `stopping`), then leave cleanly. `ready` is called once it can be found.
+    """Run the service until `over` is set (see `stopping`), then leave; call `ready` once it can be found.
 
     Raises NetworkError where it cannot join, or the router keeps it out later on.
     """
@@ -169,7 +169,10 @@ def run_service(
 
 
 def segmenting_pipeline() -> PipelineFactory:
-    """The real mathematics, compiled. Imported here: a service with another one does not wait for it."""
+    """Return the factory of segmentation pipelines, with compiled kernels.
+
+    It imports them here, so that a service with another pipeline does not wait for them.
+    """
     from caesura_service.numba_support import has_kernels, is_compiled  # noqa: PLC0415
     from caesura_service.prepare import prepare  # noqa: PLC0415
     from caesura_service.segmentation.pipeline import make_pipeline  # noqa: PLC0415
@@ -181,7 +184,7 @@ def segmenting_pipeline() -> PipelineFactory:
 
 
 def steady_clock() -> Callable[[], float]:
-    """A clock that reads like the time of day [s] and never steps back."""
+    """Return a clock that reads like the time of day [s] and never steps back."""
     offset = time.time() - time.monotonic()
     return lambda: offset + time.monotonic()
 
@@ -198,7 +201,7 @@ def _switching_often() -> Iterator[None]:
 
 @contextmanager
 def stopping(*, with_stdin: bool = False) -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set while the context lasts.
+    """Yield an event that SIGINT and SIGTERM set while the context lasts.
 
     with_stdin: also the end of the standard input, which the parent process holds open while it lives.
     """

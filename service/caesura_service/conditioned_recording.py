@@ -38,7 +38,7 @@ class ConditionedRecording:
 
     @cached_property
     def inputs(self) -> list[ModelInput]:
-        """What the segment models see of each observation."""
+        """The input of the segment models at each observation."""
         upright = upright_rotation(self.layout.up)
         return [observed(observation, upright) for observation in self.observations]
 
@@ -75,7 +75,7 @@ def condition(recording: Recording, parameters: ConditioningParameters | None = 
 
 
 def observed(observation: Observation, upright: NDArray[np.float64] | None = None) -> ModelInput:
-    """What the segment models see of an observation; upright: as of `ObservationStore`.
+    """Return an observation as the input of the segment models; upright: as of `ObservationStore`.
 
     It shares nothing with the rows of a session, so that results can be compared with those of a session.
     """

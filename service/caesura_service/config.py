@@ -56,7 +56,7 @@ class ServiceConfig:
 
     @property
     def network(self) -> NetworkSettings:
-        """Where it is found."""
+        """The settings with which the service joins the network."""
         return NetworkSettings(
             listen=self.listen,
             connect=self.connect,

@@ -30,7 +30,10 @@ IDLE = 4  # stacks that are kept for later work
 
 
 class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
-    """Does one piece of work after the other; each ends with a switch to where its last slice was begun."""
+    """A greenlet that does one piece of work after the other.
+
+    Each work ends with a switch to the greenlet in which its last slice was begun.
+    """
 
     until = inf  # [s] when the slice of its work is over
     work: Callable[[], None] | None = None  # to be begun
@@ -39,7 +42,7 @@ class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
     stands_aside = False  # for the rest of its work
 
     def run(self) -> None:
-        """Until the greenlet is left off; keeps nothing of a work that has ended."""
+        """Run every work until the greenlet is left off; keep nothing of a work that has ended."""
         while (work := self.work) is not None:
             self.is_idle, self.work, self.stands_aside = False, None, False
             try:
@@ -74,38 +77,38 @@ class Slices:
         self._idle: list[_Stack] = []
 
     def is_under_way(self, name: str) -> bool:
-        """Is there a slice left to do?"""
+        """Whether a work of this name has a slice left."""
         return name in self._under_way
 
     def stands_aside(self, name: str) -> bool:
-        """May what is left wait until others have nothing to do?"""
+        """Whether the rest of a work may wait until others have nothing to do."""
         return name in self._under_way and self._under_way[name].stands_aside
 
     def begin(self, name: str, work: Callable[[], None]) -> bool:
-        """Do the first slice; True where that was all."""
+        """Run the first slice of a work; return whether that was all of it. Raises what the work raises."""
         stack = self._idle.pop() if self._idle else _Stack()
         stack.work = work
         return self._do(name, stack, self.slice_s)
 
     def go_on(self, name: str) -> bool:
-        """Do the next slice, if there is one; True where nothing is left."""
+        """Run the next slice of a work, if there is one; return whether nothing is left of it."""
         stack = self._under_way.pop(name, None)
         return stack is None or self._do(name, stack, self.slice_s)
 
     def finish(self, name: str) -> None:
-        """Do all that is left."""
+        """Run the rest of a work at once, if there is any."""
         if (stack := self._under_way.pop(name, None)) is not None:
             self._do(name, stack, inf)
 
     def stop(self) -> None:
-        """Leave off where it stands."""
+        """Abandon all works where they stand."""
         stacks = [*self._under_way.values(), *self._idle]
         self._under_way, self._idle = {}, []
         for stack in stacks:
             stack.throw(GreenletExit)
 
     def _do(self, name: str, stack: _Stack, slice_s: float) -> bool:
-        """One slice of its work. Raises what the work raises."""
+        """Run one slice of a work; return whether the work has ended. Raises what the work raises."""
         stack.parent = getcurrent()
         stack.until = time.perf_counter() + slice_s
         stack.switch()

@@ -31,7 +31,10 @@ BATCH_SAMPLES = 20
 
 
 def opening_of(recording: Recording, preset: str | None = None, setting: CellSettings = UNSET) -> Open:
-    """What a bridge states of the recording; what `setting` leaves open is as the recording states it."""
+    """Return the opening with which a bridge would send the recording.
+
+    Values that `setting` leaves open are as the recording states them.
+    """
     return Open(
         session="file",
         columns=recording.columns,
@@ -47,12 +50,15 @@ def opening_of(recording: Recording, preset: str | None = None, setting: CellSet
 
 
 def capabilities_of(recording: Recording) -> WrenchCapabilities:
-    """What the recording's wrench supports. Raises ValueError for columns that cannot be segmented."""
+    """Return the capabilities of the recording's wrench. Raises ValueError for columns it cannot segment."""
     return layout_of(opening_of(recording)).source
 
 
 def batches(recording: Recording) -> Iterator[NDArray[np.float64]]:
-    """The samples (n, columns) of a recording as a service gets them. Raises ProtocolError `malformed`."""
+    """Yield the samples (n, columns) of a recording as a service gets them.
+
+    Raises ProtocolError `malformed`.
+    """
     batcher = Batcher(recording.columns, BATCH_SAMPLES)
     for seq, rows in enumerate([*batcher.push(recording.matrix()), *batcher.flush()]):
         batch = pack_samples(rows, recording.columns, session="file", epoch=0, seq=seq)
@@ -66,10 +72,10 @@ def views(
     threshold: float | None = None,
     setting: CellSettings = UNSET,
 ) -> Iterator[PipelineView]:
-    """What is known after every batch of a recording, and last of all after its end.
+    """Yield the view after every batch of a recording, and a last one after its end.
 
-    threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values
-    that cannot be segmented.
+    threshold: as for `make_pipeline`. Raises ProtocolError or ValueError for a preset, columns or values that
+    cannot be segmented.
     """
     pipeline = make_pipeline(opening_of(recording, preset, setting), preset, threshold=threshold)
     taken = 0
@@ -85,12 +91,12 @@ def views(
 
 
 def _counted_from(taken: int, error: str) -> str:
-    """An error text whose sample is counted from the start of the recording, not of its batch."""
+    """Return an error text whose sample is counted from the start of the recording, not of its batch."""
     return re.sub(r"^sample (\d+)", lambda found: f"sample {taken + int(found[1])}", error)
 
 
 def recording_of(records: Iterable[Record]) -> Recording:
-    """The samples that a session has taken, in order. Raises RecordingError where there are none."""
+    """Return the samples of a session's records, in order. Raises RecordingError where there are none."""
     opening: Open | None = None
     taken: dict[int, NDArray[np.float64]] = {}
     for record in records:

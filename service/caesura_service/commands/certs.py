@@ -71,7 +71,7 @@ def _holders(asked: dict[Role, _Names]) -> Iterable[Identity]:
 
 
 def _print_summary(kept: CredentialStore) -> None:
-    """What was written, and what to do with it."""
+    """Print the files that were written, and the steps to take with them."""
     for file in kept.written:
         typer.echo(f"wrote {file}")
     if not kept.written:
@@ -91,7 +91,10 @@ def _print_summary(kept: CredentialStore) -> None:
 
 
 def _command(holder: Identity, endpoint: str) -> str:
-    """What its holder runs. A client's file names the router; a service with one would be a router itself."""
+    """Return the command that a holder runs with its file.
+
+    A client's file names the router. A service needs `--connect`, or it would be a router itself.
+    """
     words = {
         "service": f"serve --instance {holder.name} --connect {endpoint}",
         "bridge": f"bridge --station {holder.name}",

@@ -179,7 +179,7 @@ def _run_instances(
 
 
 def _directory(journal: str | None) -> Path | None:
-    """None is in memory."""
+    """Return the directory of the journal; None for a journal in memory."""
     if journal is None:
         return journal_directory()
     return None if journal == IN_MEMORY else Path(journal)

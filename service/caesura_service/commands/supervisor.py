@@ -37,7 +37,7 @@ LEAVES_WITH_STDIN = "--leave-with-stdin"
 
 
 class InstanceError(Exception):
-    """An instance could not even be started once; it has said why."""
+    """Raised where an instance ended before it was ready; its own output has the reason."""
 
 
 class Instance:
@@ -66,11 +66,11 @@ class Instance:
         self._thread = threading.Thread(target=self._keep, name=f"instance {name}", daemon=True)
 
     def start(self) -> None:
-        """Returns at once."""
+        """Start the instance and return at once."""
         self._thread.start()
 
     def look(self) -> None:
-        """To be called every LOOK_S: kills it where it has been silent for too long."""
+        """Kill the process where it has been silent for too long. Call this every LOOK_S."""
         with self._guard:
             self._silent_s += LOOK_S
             if self._silent_s < self._limit_s or self._process is None or self._over.is_set():
@@ -80,7 +80,7 @@ class Instance:
             self._silent_s = 0.0
 
     def end(self) -> None:
-        """Let it leave; what does not is killed."""
+        """Terminate the process, and kill it where it does not leave within PATIENCE_S."""
         with self._guard:
             self._over.set()
             process = self._process
@@ -121,7 +121,7 @@ class Instance:
             return self._process
 
     def _follow(self, process: subprocess.Popen[str]) -> int:
-        """Until it has ended; its exit code."""
+        """Read the output of a process until it ends; return its exit code."""
         assert process.stdout is not None
         assert process.stdin is not None
         with process.stdin, process.stdout:
@@ -143,11 +143,11 @@ def run_instances(
     *,
     silence_s: float = SILENCE_S,
 ) -> None:
-    """Keep them running until a signal. Raises NetworkError or InstanceError where they never began.
+    """Keep instances running until `over` is set.
 
-    network: of the router, which this process is unless it says `connect`; options: of `caesura serve`, for
-    an instance by its place and name; ready: called with the endpoint once all are; silence_s: for so long an
-    instance may give no sign of life.
+    network: of the router, which this process is unless it has `connect`; options: of `caesura serve`, for an
+    instance by its place and name; ready: called with the endpoint once all are; silence_s: for so long an
+    instance may give no sign of life. Raises NetworkError or InstanceError where one never began.
     """
     with _router(network, over) as endpoint, ExitStack() as stack:
         wake = threading.Event()
@@ -184,7 +184,7 @@ def _all_ready(instances: Sequence[Instance], wake: threading.Event, over: threa
 
 @contextmanager
 def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
-    """Say on the standard output that this instance is alive, while the context lasts and it is."""
+    """Print signs of life on the standard output, while the context lasts and the instance is alive."""
     over = threading.Event()
 
     def beat() -> None:
@@ -203,7 +203,7 @@ def beating(is_alive: Callable[[], bool]) -> Iterator[None]:
 
 @contextmanager
 def _router(network: NetworkSettings, over: threading.Event) -> Iterator[str]:
-    """Its endpoint: that of another router, or of the one that this process is while the context lasts."""
+    """Yield the endpoint of another router, or of the one that this process is while the context lasts."""
     if network.connect is not None:
         yield network.connect
         return
@@ -215,7 +215,7 @@ def _router(network: NetworkSettings, over: threading.Event) -> Iterator[str]:
 
 
 def names_of(instance: str, count: int, default: str) -> list[str]:
-    """West makes west-1, west-2, …; what has a number counts on from there.
+    """Return instance names numbered from 1: on the given name, or on the default without its number.
 
     >>> names_of("west", 2, "caesura-1"), names_of("caesura-1", 2, "caesura-1")
     (['west-1', 'west-2'], ['caesura-1', 'caesura-2'])
@@ -225,19 +225,19 @@ def names_of(instance: str, count: int, default: str) -> list[str]:
 
 
 def reachable(endpoint: str) -> str:
-    """How an endpoint is reached from the same machine.
+    """Return the endpoint at which the same machine reaches one that listens at any address.
 
     >>> reachable("tcp/0.0.0.0:7447"), reachable("tls/[::]:7447"), reachable("tcp/127.0.0.1:7447")
     ('tcp/127.0.0.1:7447', 'tls/localhost:7447', 'tcp/127.0.0.1:7447')
 
-    By its name, because Zenoh accepts no TLS certificate for an address in brackets; Caesura's always name
-    localhost.
+    In place of brackets it has the name, because Zenoh accepts no TLS certificate for an address in brackets.
+    Caesura's certificates always name localhost.
     """
     return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/localhost:")
 
 
 def passed_on(context: typer.Context, but: Sequence[str]) -> list[str]:
-    """The options that were given, as they were, but some by name."""
+    """Return the given options of a command as arguments, without those named in `but`."""
     given: list[str] = []
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")
@@ -252,7 +252,10 @@ def passed_on(context: typer.Context, but: Sequence[str]) -> list[str]:
 
 
 def credentials_of(config: Path | None, name: str) -> list[str]:
-    """Those of an instance, as `caesura certs` lays them beside the router's; else the router's own file."""
+    """Return the option for the credentials of an instance; without a config it is empty.
+
+    It names the file that `caesura certs` writes beside the router's, or else the router's own.
+    """
     if config is None:
         return []
     own = config.parent / f"service.{name}.json5"
@@ -260,10 +263,12 @@ def credentials_of(config: Path | None, name: str) -> list[str]:
 
 
 def metrics_of(address: str | None, place: int) -> list[str]:
-    """Every instance serves its own, at ports that follow each other; port 0 is a free one for each.
+    """Return the option for the metrics address of an instance, whose port counts on by its place.
 
     >>> metrics_of("127.0.0.1:9100", 2), metrics_of("127.0.0.1:0", 2), metrics_of(None, 2)
     (['--metrics', '127.0.0.1:9102'], ['--metrics', '127.0.0.1:0'], [])
+
+    Port 0 is a free one for each.
     """
     if address is None:
         return []

@@ -506,7 +506,10 @@ class Registry:
         self.counters = self.counters.with_refusal(error)
 
     def _as_only_read(self, station: str, name: str, error: ProtocolError) -> ProtocolError:
-        """Where an operator's session is not found because it is too old to be held, say that."""
+        """Return the error of an operator's command.
+
+        Where its session is stored and too old to be held, the error states that it can only be read.
+        """
         with suppress(JournalError):
             if error.code == "unknown_session" and self.stored.has(station, name):
                 why = "newer sessions have taken the place of this one: it can be read, and cannot change"

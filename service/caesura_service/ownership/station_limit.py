@@ -12,7 +12,7 @@ Stations = Mapping[str, Mapping[str, Session]]  # the sessions by name, by stati
 
 
 class StationLimit:
-    """When each station last sent something, and which ones to release for it.
+    """The times at which stations last sent something, and the stations to release beyond the limit.
 
     is_busy: whether work on a station is under way, which keeps it.
     """

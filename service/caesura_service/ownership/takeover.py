@@ -36,7 +36,7 @@ Steps = Generator[list[Output], None, Session | None]  # gives way after every r
 
 
 class NotRecordedError(JournalError):
-    """What another instance has recorded of a session cannot be read or recorded here, so far."""
+    """Raised where a record of another instance's session cannot be read or recorded here, so far."""
 
 
 class SessionFactory:

@@ -48,7 +48,7 @@ _WAKE_S = 0.2  # how often the waiting main thread looks up for a signal
 
 
 class Service:
-    """One instance of the service while the context lasts. Raises NetworkError or JournalError on entry."""
+    """An instance of the service while the context lasts. Raises NetworkError or JournalError on entry."""
 
     def __init__(
         self,

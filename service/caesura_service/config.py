@@ -30,7 +30,7 @@ def journal_path(directory: Path, instance: str) -> Path:
 
 @dataclass(frozen=True)
 class ServiceConfig:
-    """One instance. Raises ProtocolError where its name is no valid name.
+    """The settings of an instance. Raises ProtocolError where its name is no valid name.
 
     journal: the directory of the instance's journal, which instances on one router and one machine share;
     None keeps it in memory.
@@ -67,5 +67,5 @@ class ServiceConfig:
 
     @property
     def journal_path(self) -> Path | None:
-        """The file of this instance's journal."""
+        """The file of this instance's journal; None for a journal in memory."""
         return None if self.journal is None else journal_path(self.journal, self.instance)

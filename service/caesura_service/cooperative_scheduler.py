@@ -54,14 +54,14 @@ class _Stack(greenlet):  # type: ignore[misc]  # greenlet comes without types
 
 
 def give_way() -> None:
-    """Let others have their turn, if the slice of the work that calls this is over."""
+    """Switch to other works, if the slice of the work that calls this is over."""
     current = getcurrent()
     if isinstance(current, _Stack) and time.perf_counter() >= current.until:
         current.parent.switch()
 
 
 def stand_aside() -> None:
-    """Let others have their turn now, and as long as they have anything to do."""
+    """Switch to other works now, and as long as any of them has something to do."""
     current = getcurrent()
     if isinstance(current, _Stack):
         current.stands_aside = True
@@ -69,7 +69,7 @@ def stand_aside() -> None:
 
 
 class Slices:
-    """Work by name, at most one piece of each. One thread uses it."""
+    """Works by name, at most one for each name. One thread uses it."""
 
     def __init__(self, slice_s: float = SLICE_S) -> None:
         self.slice_s = slice_s

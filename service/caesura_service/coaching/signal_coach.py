@@ -22,7 +22,7 @@ class SignalCoach:
         self._again_until = 0.0  # [s]
 
     def observe(self, pose: ObservedPose) -> None:
-        """Take one observation."""
+        """Process one observation: raise and clear hints by every rule."""
         self._motion, measured = self._meter.advance(self._motion, pose)
         setup = self._meter.setup_of(self._motion)
         for rule in RULES:
@@ -33,7 +33,7 @@ class SignalCoach:
             self.log.clear("show_again", pose.t)
 
     def report_gap(self, t0: float, tn: float) -> None:
-        """Ask for the part in which samples are missing, from t0 to tn [s]."""
+        """Raise a hint to show the part again in which samples are missing, from t0 to tn [s]."""
         self.log.clear("show_again", tn)
         self._again_until = tn + SHOWN_S
         self.log.raise_hint(

@@ -18,7 +18,7 @@ class Change(NamedTuple):
 
 
 class RegistryCall(NamedTuple):
-    """One message, command or tick.
+    """A call of the registry with its effects: one message, command or tick.
 
     station: None where the key has none, or where it concerns all. refused: the number of refusals it made,
     of which `refusal` is the last. batches: the number processed together, `message` the first.

@@ -98,15 +98,15 @@ class PhaseKind:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All that a model of phases assumes.
+    """The assumptions of a model of phases.
 
     wrong: of a segment's class probabilities, the share that is spread evenly. priors: prior weight of each
-    contact state in these probabilities. cut: the share of segments that are pieces, of any length. last:
-    the share that ends a demonstration. near_m, far_m [m]: standard deviation a axis of where a stroke is
-    repeated, and of where the tool goes else. again, by_chance: how much of its way a cycle retraces, and
-    another movement; ways of `retracing.APART` times near_m do so independently. left_open: how often a cycle
-    that has not come round ends, relative to one that has. memory: segments of a phase that its next one may
-    repeat.
+    contact state in these probabilities. cut: the share of segments that are pieces, of any length. last: the
+    share that ends a demonstration. near_m, far_m [m]: standard deviation per axis of the place where a
+    stroke is repeated, and of any other place of the tool. again, by_chance: the share of its way that a
+    cycle retraces, and another movement; ways of `retracing.APART` times near_m do so independently.
+    left_open: how often a cycle that has not come round ends, relative to one that has. memory: segments of a
+    phase that its next one may repeat.
     """
 
     kinds: tuple[PhaseKind, ...]
@@ -170,7 +170,7 @@ def seen(
 
 
 def _likelihood(segment: Segment, parameters: Parameters) -> Array:
-    """(3,) likelihood of the contact states: a segment's class probabilities without their prior weights."""
+    """Return the likelihood (3,) of the contact states: class probabilities without prior weights."""
     own = CONTACT_STATES.index(segment.contact)
     other = own if segment.runner_up is None else STATE_OF_KIND.get(segment.runner_up, own)
     share = np.zeros(3)
@@ -195,7 +195,7 @@ class Chain:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        """Raises ValueError for a memory below 2, or probabilities that are none."""
+        """Raise ValueError for a memory below 2, or probabilities outside of their limits."""
         if parameters.memory < 2:
             raise ValueError(f"memory is {parameters.memory} segments, expected 2 or more")
         for one in parameters.kinds:
@@ -239,13 +239,13 @@ class Chain:
         self._retraces = np.array([one.retraces for one in parameters.kinds])[self.kind] & (self.aside == 0)
 
     def starts(self, name: Name) -> NDArray[np.bool_]:
-        """(states,) whether a phase of that name starts."""
+        """Return a mask (states,) of the states in which a phase of that name starts."""
         named = np.array([one.name == name for one in self.parameters.kinds])[self.kind]
         found: NDArray[np.bool_] = named & self._begins
         return found
 
     def emission(self, segment: SegmentFeatures) -> Array:
-        """(states,) density of what a segment is like, over the highest; at least LEAST."""
+        """Return the density (states,) of the features of a segment, over the highest; at least LEAST."""
         share = np.log(self._states @ segment.likelihood)
         seconds = [
             [
@@ -262,12 +262,18 @@ class Chain:
         return found
 
     def ends(self, segment: SegmentFeatures) -> Array:
-        """(states,) weight of a phase's end after a segment: 1, but for a cycle that has not come round."""
+        """Return the weight (states,) of a phase's end after a segment.
+
+        It is 1, but `left_open` for a cycle that has not come round.
+        """
         is_open = self._retraces & ~np.isfinite(segment.retraced.first)[self.age - 1]
         return np.where(is_open, self.parameters.left_open, 1.0)
 
     def _log_retraced(self, of_segment: Retraced) -> Array:
-        """(memory,) log weight of a cycle by what a segment retraces, and does not, by the phase's age."""
+        """Return the log weight (memory,) of a cycle by the pieces that a segment retraces, and does not.
+
+        The index is the age of the phase.
+        """
         share, chance = self.parameters.again, self.parameters.by_chance
         again, astray = math.log(share / chance), math.log((1.0 - share) / (1.0 - chance))
         pieces = APART * self.parameters.near_m / PIECE_M  # that are retraced together
@@ -289,9 +295,9 @@ class Chain:
         return math.log(max(lasts, LEAST))
 
     def resumed(self, segment: SegmentFeatures, before: Sequence[SegmentFeatures]) -> Array:
-        """(states,) weight, by the state before, of where a phase is resumed, over resuming it anywhere.
+        """Return the weight (states,) of resuming a phase at this place over resuming it anywhere.
 
-        before: the segments before it, the last one last.
+        States are those before. before: the segments before it, the last one last.
         """
         earlier = before[: -self.parameters.memory - 1 : -1]
         weight = np.ones((len(self.parameters.kinds), self.parameters.memory))
@@ -333,7 +339,7 @@ _SHARES = ("ends", "interrupted", "resumed", "bounds", "moving")
 
 
 def _check(one: PhaseKind) -> None:
-    """Raises ValueError for probabilities that are none."""
+    """Raise ValueError for shares or probabilities outside of their limits."""
     sums = {"own": sum(one.own), "aside": sum(one.aside)}
     if any(abs(total - 1.0) > 1e-9 for total in sums.values()):
         raise ValueError(f"contact states of phase {one.name!r} sum to {sums}, expected 1")
@@ -345,7 +351,7 @@ def _check(one: PhaseKind) -> None:
 
 
 def _gain(start: Array, places: Array, left: Array, parameters: Parameters) -> Array:
-    """(…,) density of a start [m] near each place (…, 3), over that of one anywhere around `left`."""
+    """Return the density (…,) of a start [m] near each place (…, 3), over one anywhere around `left`."""
     near, far = (start - places) / parameters.near_m, (start - left) / parameters.far_m
     scale = 3.0 * math.log(parameters.far_m / parameters.near_m) + 0.5 * float(far @ far)
     gain: Array = np.exp(np.minimum(scale - 0.5 * np.square(near).sum(axis=-1), LARGEST_LOG))

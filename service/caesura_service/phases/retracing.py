@@ -92,7 +92,7 @@ def retraced(way: Way, before: Sequence[tuple[Way, Retraced]], near_m: float, me
 
 
 def _follows(way: Way, other: Way, pieces_between: NDArray[np.int64], near_m: float) -> NDArray[np.bool_]:
-    """(n, m) whether each piece goes over one of another way; pieces_between: from that to this."""
+    """Return whether each piece goes over one of another way, (n, m); pieces_between: from that to this."""
     apart = way.middles[:, None] - other.middles
     near = np.vecdot(apart, apart) < near_m**2
     lengths = np.linalg.norm(way.steps, axis=1)[:, None] * np.linalg.norm(other.steps, axis=1)

@@ -15,7 +15,7 @@ FIELDS: tuple[AppField, ...] = get_args(AppField)
 
 
 def value(app: App, name: str) -> Any:
-    """The value of a field as an edit states it."""
+    """Return the value of a field as an edit states it; None where the app has none."""
     match name:
         case "force_n":
             return None if app.force is None else math.hypot(*app.force)
@@ -26,7 +26,10 @@ def value(app: App, name: str) -> Any:
 
 
 def _set_target(app: App, target: Vector) -> dict[str, Any]:
-    """Another target has no joints that were taught; its path ends at rest, as far off as the target is."""
+    """Return the fields of an app with another target.
+
+    It has no joints, because none were taught there. Its path ends at rest, and deviates by the shift more.
+    """
     if target == app.target:
         return {}
     path = app.path
@@ -38,7 +41,7 @@ def _set_target(app: App, target: Vector) -> dict[str, Any]:
 
 
 def _set_force(app: App, newtons: float) -> dict[str, Any]:
-    """Rests beside a stroke are pressed harder or softer by the same factor."""
+    """Return the fields of an app with another force [N]; its rests change by the same factor."""
     direction = _direction(app)
     x, y, z = (newtons / math.hypot(*direction) * component for component in direction)
     factor = newtons / max(math.hypot(*(app.force or direction)), LEAST_FORCE_N)
@@ -48,7 +51,10 @@ def _set_force(app: App, newtons: float) -> dict[str, Any]:
 
 
 def _pressed(rest: RestForce, factor: float, newtons: float) -> RestForce:
-    """A rest pressed by a factor, no harder than its stroke or than before: both are within the limit."""
+    """Return a rest with its force times a factor, at most that of its stroke or its own before.
+
+    Both of these are within the limit.
+    """
     most = max(rest.newton, newtons)
     return rest.model_copy(update={"newton": min(factor * rest.newton, most)})
 

@@ -39,7 +39,7 @@ class _Drafts(NamedTuple):
         return self.apps is apps and same_limits
 
     def longest(self, edits: Sequence[ProgramEdit]) -> EditDraft:
-        """The draft that lacks the fewest of these edits."""
+        """Return the draft that lacks the fewest of these edits; without one, that of no edit."""
         known = (draft for draft in (*self.steps.values(), *self.newest) if _begins(draft.edits, edits))
         return max(known, key=lambda draft: len(draft.edits), default=self.bare)
 
@@ -63,7 +63,7 @@ class DraftCache:
         corrections: Sequence[Correction] = (),
         pause: Callable[[], None] = go_on,
     ) -> EditDraft:
-        """The inferred apps with these edits; not to be changed. pause: called after each edit.
+        """Return the inferred apps with these edits; do not change the draft. pause: called after each edit.
 
         force_limit_n: of the cell [N]; corrections: of the session, which may limit the force of an app.
         """
@@ -83,7 +83,10 @@ class DraftCache:
         return made
 
     def _remember(self, program: _Drafts) -> None:
-        """Only here, in one step: what paused before may have been overtaken."""
+        """Store the drafts of a program as the last used ones.
+
+        Only this step changes the cache, because what paused before may have been overtaken.
+        """
         others = (
             one
             for one in self._programs
@@ -93,7 +96,7 @@ class DraftCache:
 
 
 def _read(apps: Sequence[App], pause: Callable[[], None]) -> list[App]:
-    """All apps, a few at a time: they may be decoded for it."""
+    """Return all apps, read a few at a time, because they may have to be decoded."""
     read: list[App] = []
     for first in range(0, len(apps), AT_ONCE):
         read += apps[first : first + AT_ONCE]
@@ -102,7 +105,7 @@ def _read(apps: Sequence[App], pause: Callable[[], None]) -> list[App]:
 
 
 def _begins(some: Sequence[ProgramEdit], edits: Sequence[ProgramEdit]) -> bool:
-    """Whether edits begin with some others."""
+    """Whether `edits` begin with `some`, by identity."""
     return len(some) <= len(edits) and all(map(is_, some, edits))
 
 

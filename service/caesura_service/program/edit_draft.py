@@ -48,11 +48,11 @@ MOST_M, MOST_N = 100.0, 10_000.0  # a target and a force that are beyond any rob
 
 
 class NotApplicableError(Exception):
-    """An edit does not apply; says why."""
+    """Raised where an edit does not apply; the message is the reason."""
 
 
 class EditDraft:
-    """The apps after some edits."""
+    """The apps of a program after some edits, and the outcome of each edit."""
 
     def __init__(
         self, apps: Sequence[App], force_limit_n: float | None = None, limits: Sequence[LimitForce] = ()
@@ -75,7 +75,7 @@ class EditDraft:
         self._other_times: list[str] = []  # apps of the last edit that had other times when it was made
 
     def copy(self) -> EditDraft:
-        """Another draft with the same apps."""
+        """Return another draft with the same apps."""
         other = EditDraft.__new__(type(self))
         other.force_limit_n, other.limits, other.name = self.force_limit_n, self.limits, self.name
         other._taught, other._other_times = self._taught, []
@@ -87,7 +87,7 @@ class EditDraft:
 
     @property
     def items(self) -> list[DraftApp]:
-        """The apps as the program has them."""
+        """The apps in the order of the program."""
         return [self._items[number] for number in self._order]
 
     @property
@@ -110,7 +110,7 @@ class EditDraft:
             self.known.append(found)
 
     def place(self, wanted: AppReference) -> int:
-        """The index of the app that is meant. Raises NotApplicableError."""
+        """Return the index of the app that a reference names. Raises NotApplicableError without one."""
         index = self._find(wanted)
         found = self._at(index).inferred
         if wanted.added is None and max(abs(found.t0 - wanted.t0), abs(found.tn - wanted.tn)) > OTHER_S:
@@ -121,7 +121,7 @@ class EditDraft:
     # --- which app is meant ---------------------------------------------------------------------------------
 
     def _find(self, wanted: AppReference) -> int:
-        """The index of the app with the key, or else of the taught one of most nearly the same time."""
+        """Return the index of the app with the key, or else of the taught one nearest in time."""
         same = [number for key in keys_meant(wanted) for number in self._by_key.get(key, ())]
         if len(same) == 1:
             return self._order.index(same[0])
@@ -135,7 +135,7 @@ class EditDraft:
         return common_share(wanted, self._items[number].inferred)
 
     def _alike(self, wanted: AppReference) -> list[int]:
-        """The taught apps of a kind and of about a time that are in the program; none for an added one."""
+        """Return the taught apps of the kind and about the time of a reference; none for an added one."""
         return [number for number in self._near(wanted) if self._items[number].inferred.kind == wanted.kind]
 
     def _near(self, wanted: AppReference) -> list[int]:
@@ -144,7 +144,7 @@ class EditDraft:
         return [number for number in self._taught.near(wanted) if number not in self._deleted_by]
 
     def _last_of(self, numbers: Collection[int]) -> int:
-        """The index of the app among these that comes last in the program."""
+        """Return the index of the app among these that comes last in the program."""
         if len(numbers) == 1:
             (number,) = numbers
             return self._order.index(number)
@@ -166,7 +166,7 @@ class EditDraft:
         return f"{what} at {_seconds(wanted)} is no longer in the program{now}"
 
     def _deletion(self, wanted: AppReference) -> int | None:
-        """The number of the edit that took the app out; None where none did."""
+        """Return the number of the edit that took the app out; None where none did."""
         exact = [(1.0, self._deleted[key]) for key in keys_meant(wanted) if key in self._deleted]
         gone = [] if wanted.added is not None else self._taught.near(wanted)
         of_kind = [number for number in gone if self._items[number].inferred.kind == wanted.kind]
@@ -205,7 +205,7 @@ class EditDraft:
         return self._items[self._order[index]]
 
     def _put(self, index: int, items: Sequence[DraftApp]) -> None:
-        """Put new apps in the program."""
+        """Put new apps in the program, the first one at `index`."""
         numbers = range(len(self._items), len(self._items) + len(items))
         self._items += items
         self._order[index:index] = numbers
@@ -213,7 +213,7 @@ class EditDraft:
             self._by_key[item.key] = (*self._by_key.get(item.key, ()), number)
 
     def _take_out(self, first: int, stop: int, edit: ProgramEdit) -> None:
-        """Leave apps out of the program."""
+        """Take the apps from index `first` to `stop`, which is not included, out of the program."""
         for number in self._order[first:stop]:
             key = self._items[number].key
             self._by_key[key] = tuple(one for one in self._by_key[key] if one != number)
@@ -235,7 +235,10 @@ class EditDraft:
         self._put(first, [self._taught_again(app, later_s, edit) for app in edit.apps])
 
     def _taught_again(self, app: App, later_s: float, edit: ProgramEdit) -> DraftApp:
-        """An app of another session, at times of this one and within the force limit of its cell."""
+        """Return an app of another session, at times of this one and within the force limit of its cell.
+
+        later_s: [s] added to its times.
+        """
         limited = app if self.force_limit_n is None else with_force_limit(app, self.force_limit_n)
         mark = AppChange(field="taught_again", author=edit.author, edit=edit.number)
         changes = {"segments": (), "added": edit.number, "changes": (mark,)}
@@ -263,7 +266,7 @@ class EditDraft:
         return item.with_values(given)
 
     def _check(self, name: str, value: Any, app: App) -> None:
-        """Check that an app has such a value. Raises NotApplicableError."""
+        """Check that an app may have this value of a field. Raises NotApplicableError."""
         lacks = LACKS[name](app) if name in LACKS else ""
         if lacks:
             raise NotApplicableError(f"'{app_title(app.kind)}' {lacks}")

@@ -30,12 +30,12 @@ class EditLog(NamedTuple):
 
     @property
     def listed(self) -> tuple[ProgramEdit, ...]:
-        """All that a program lists, oldest first."""
+        """The edits that a program lists, oldest first."""
         taken_back = (edit.model_copy(update={"state": "undone"}) for edit in reversed(self.undone))
         return (*self.active, *taken_back)
 
     def takes(self, command: EditProgram, apps: Sequence[App] = ()) -> bool:
-        """Whether a command is the next of this log; one of an instance with other edits may be none."""
+        """Whether a command is the next edit of this log; one for an instance with other edits may not be."""
         try:
             self.after(command, 0.0, apps)
         except ProtocolError:
@@ -43,9 +43,10 @@ class EditLog(NamedTuple):
         return command.revision == self.revision
 
     def after(self, command: EditProgram, at: float, apps: Sequence[App] = ()) -> EditLog:
-        """With one edit more, whatever it applies to. at: time of day [s]; apps: those of a `ReplacePart`.
+        """Return the log with one more edit, whatever it applies to.
 
-        Raises ProtocolError where there is nothing to undo or redo, or no room.
+        at: time of day [s]; apps: those of a `ReplacePart`. Raises ProtocolError where there is nothing to
+        undo or redo, or no room.
         """
         active, undone, number = self.active, self.undone, self.revision + 1
         action = command.action
@@ -74,7 +75,7 @@ class EditLog(NamedTuple):
 
 
 def log_of(program: Program) -> EditLog:
-    """The edits that a program lists."""
+    """Return the log of the edits that a program lists."""
     bare = {"state": "applied", "reason": None}
     active = (edit.model_copy(update=bare) for edit in program.edits if edit.state != "undone")
     undone = (edit.model_copy(update=bare) for edit in reversed(program.edits) if edit.state == "undone")

@@ -26,9 +26,11 @@ from caesura_service.program.edit_log import EditLog
 def with_edits(
     program: Program, log: EditLog, drafts: DraftCache | None = None, pause: Callable[[], None] = go_on
 ) -> Program:
-    """The inferred program with these edits; its notes name those that do not apply, or to another time.
+    """Return the inferred program with these edits.
 
-    drafts: what is known of earlier edits of the session; pause: called after each edit and app.
+    Its notes name the edits that do not apply, and those that apply to an app at another time.
+
+    drafts: cached drafts of earlier edits of the session; pause: called after each edit and app.
     """
     if not log.revision:
         return program
@@ -51,7 +53,7 @@ def at_edit(
     drafts: DraftCache | None = None,
     pause: Callable[[], None] = go_on,
 ) -> Program:
-    """The inferred program with the edits that count, up to a number: a version of it; 0 for none."""
+    """Return the version of the program after the edits that count, up to a number; 0 for no edit."""
     bare = program.model_copy(update={"edits": (), "edit_revision": 0})
     version = EditLog(tuple(edit for edit in log.active if edit.number <= number), (), number)
     return with_edits(bare, version, drafts, pause)
@@ -90,7 +92,7 @@ def _note(edit: ProgramEdit) -> str:
 
 
 class EditedApps(NamedTuple):
-    """Apps after edits, and what became of each edit."""
+    """The apps after edits, and each edit with its outcome."""
 
     apps: tuple[App, ...]
     edits: tuple[ProgramEdit, ...]

@@ -14,7 +14,7 @@ from caesura_service.program.paths import Paths
 
 
 def with_end_velocities(apps: Sequence[App], paths: Paths, before: App | None) -> tuple[App, ...]:
-    """Apps in time order whose paths state the velocities of their ends.
+    """Return apps in time order whose paths state the velocities of their ends.
 
     A start has one where the app before goes on to it, a target where the app goes on to the next. before:
     the app before the first one.

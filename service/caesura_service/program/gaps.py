@@ -45,7 +45,7 @@ class Gaps:
         self._total_s = 0.0
 
     def add(self, gap: Gap) -> None:
-        """A gap later than all before it."""
+        """Add a gap that is later than all before it."""
         self.all = (*self.all, gap)
         self._longest = sorted([*self._longest, gap], key=lambda one: one.t0 - one.tn)[:NAMED]
         self._total_s += gap.tn - gap.t0

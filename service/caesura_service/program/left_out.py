@@ -50,7 +50,7 @@ def _at_the_ends(segments: Sequence[Segment], apps: Sequence[App], moment_at: Mo
 
 
 def _moved(one: Moment, other: Moment) -> str:
-    """By how much a flange moves and turns, in words; nothing where a hand at rest drifts as far."""
+    """Return how far a flange moves and turns, in words; empty where a hand at rest drifts as far."""
     metres, turned = math.dist(one.position, other.position), 0.0
     if one.orientation is not None and other.orientation is not None:
         turned = angle_between(one.orientation, other.orientation)

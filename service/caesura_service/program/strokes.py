@@ -136,7 +136,7 @@ def with_rests(steps: Sequence[ProgramSegment], context: Context) -> list[Progra
 
 
 def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
-    """[N] median with which a stroke is pressed; None where nothing pushes back.
+    """Return the median force (3,) [N] with which a stroke is pressed; None where nothing pushes back.
 
     Touching and letting go are left out, as in the force of a segment. The median is taken in the tool's
     axes, because a force turns with the tool along a surface.
@@ -146,10 +146,10 @@ def stroke_force(stroke: ProgramSegment, moment_at: MomentAt) -> Vector | None:
 
 
 def rest_force_n(rests: Sequence[ProgramSegment], moment_at: MomentAt) -> float | None:
-    """[N] median with which rests are pressed; None for less than `STROKE_REST_S`, in which the force rises.
+    """Return the median force [N] with which rests are pressed; None for less than `STROKE_REST_S`.
 
-    It is one median over all of them, so it is the same however they are divided. Where that pushes back, the
-    time before the touch is left out.
+    In a shorter time the force still rises. It is one median over all rests, so it is the same however they
+    are divided. Where that pushes back, the time before the touch is left out.
     """
     return _rest_force_n(rests, _felt(rests, moment_at))
 

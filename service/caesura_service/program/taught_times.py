@@ -14,7 +14,7 @@ class TaughtTimes:
     """The apps that were taught, sorted by their beginnings. Immutable."""
 
     def __init__(self, apps: Sequence[App]) -> None:
-        """An app that an edit added is not among them."""
+        """Leave out the apps that an edit has added."""
         taught = (index for index, app in enumerate(apps) if app.added is None)
         self._indices = sorted(taught, key=lambda index: apps[index].t0)
         self._apps = [apps[index] for index in self._indices]
@@ -22,7 +22,7 @@ class TaughtTimes:
         self._latest = list(accumulate((app.tn for app in self._apps), max))  # end of those up to each one
 
     def near(self, wanted: AppReference) -> Iterator[int]:
-        """The indices of the apps whose time is about that of a reference, in no order."""
+        """Yield the indices of the apps whose time is about that of a reference, in no order."""
         first, last = wanted.t0 - 2 * SLACK_S, wanted.tn + 2 * SLACK_S
         place = bisect_left(self._starts, last) - 1
         while place >= 0 and first < self._latest[place]:

@@ -89,7 +89,7 @@ class FakePipeline:
 
     @property
     def due_s(self) -> float:
-        """Every sample may change the view."""
+        """Always −inf, because every sample may change the view."""
         return float("-inf")
 
     def push(self, samples: NDArray[np.float64]) -> bool:
@@ -151,7 +151,7 @@ class FakePipeline:
         return tuple(sorted({*self.jumps, *self.inserted}))
 
     def _latest_start(self) -> Any:
-        """In the preset `unspeakable`, nothing that a message takes from the third observation on."""
+        """Return the newest start [s]; in the preset `unspeakable`, later a value that no message accepts."""
         return "now" if self.preset == "unspeakable" and self.observations > 2 else max(self.t, 0.0)
 
     def _push_one(self, t: float, value: float) -> None:

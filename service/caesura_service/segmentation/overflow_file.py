@@ -34,19 +34,19 @@ class OverflowFile:
         self._file: _File | None = None
 
     def put(self, data: bytes) -> FileBlock:
-        """A whole block into the file. Raises OSError where it cannot be written."""
+        """Write a whole block into the file. Raises OSError where it cannot be written."""
         if self._file is None or self._file.process != os.getpid():
             self._file = _File(tempfile.TemporaryFile(buffering=0, dir=self.directory), self.block)  # noqa: SIM115
         return self._file.put(data)
 
     @property
     def size(self) -> int:
-        """[bytes] of the file."""
+        """The size [bytes] of the file."""
         return 0 if self._file is None else os.fstat(self._file.number).st_size
 
     @contextmanager
     def within(self, directory: Path | None) -> Iterator[None]:
-        """While the context lasts a new file is made there."""
+        """Make a new file in a directory while the context lasts."""
         before, self.directory = self.directory, directory
         try:
             yield
@@ -66,7 +66,7 @@ class FileBlock:
         self._file.free.append(self._place)
 
     def read(self, start: int, stop: int) -> bytes:
-        """Bytes start to stop of it, the stop not included. Raises OSError."""
+        """Return the bytes from start to stop of the block, the stop not included. Raises OSError."""
         why = "the end of the file is missing"
         try:
             data = os.pread(self._file.number, stop - start, self._place + start)
@@ -78,7 +78,10 @@ class FileBlock:
 
 
 class _File:
-    """Without a lock: a list gives an item to one thread only, and so does a count a number."""
+    """An open file of blocks, with its free places.
+
+    It needs no lock: a list gives an item to one thread only, and so does a count a number.
+    """
 
     def __init__(self, file: BinaryIO, block: int) -> None:
         self._file = file  # closed after its last block
@@ -117,14 +120,14 @@ class AppendLog:
         return first + len(tail)
 
     def append(self, data: bytes) -> None:
-        """Keep these too."""
+        """Append bytes."""
         tail = self._tail[1]
         tail += data
         if len(tail) >= self._full:
             self._write()
 
     def read(self, start: int, stop: int) -> bytes:
-        """Bytes start to stop, the stop not included."""
+        """Return the bytes from start to stop, the stop not included."""
         first, tail = self._tail  # as one: a block is listed before it leaves the tail
         if start >= first:
             return bytes(tail[start - first : stop - first])
@@ -136,7 +139,7 @@ class AppendLog:
         return b"".join([*parts, tail[: stop - until]])
 
     def _write(self) -> None:
-        """All but the last block."""
+        """Write all blocks except the last one to the file; on an error they stay in memory."""
         (first, tail), size = self._tail, self._spool.block
         whole = (len(tail) // size - 1) * size
         try:

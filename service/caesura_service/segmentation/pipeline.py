@@ -131,7 +131,7 @@ def _pose(observation: Observation, upright: NDArray[np.float64] | None) -> Obse
 
 
 class _Happened(NamedTuple):
-    """All that segments and program depend on, but how far the last segment reaches."""
+    """The state on which segments and program depend, without the end of the last segment."""
 
     outline: tuple[int, list[tuple[int, int]]] = (0, [])
     beside: tuple[int, tuple[Gap, ...], tuple[float, float, float] | None] = (
@@ -160,7 +160,7 @@ _NEVER = _Looked()
 
 
 class SegmentationPipeline:
-    """One demonstration, from samples to task program. See `Pipeline`."""
+    """The pipeline of a demonstration, from samples to task program. See `Pipeline`."""
 
     def __init__(
         self, layout: SampleLayout, preset: Preset, opening: Open, *, arm: ArmLimits | None = None
@@ -203,7 +203,7 @@ class SegmentationPipeline:
 
     @property
     def due_s(self) -> float:
-        """[s] The first sample from then on changes the view, as in `Pipeline`."""
+        """The time [s] from which on a sample changes the view, as in `Pipeline`."""
         return self._conditioner.due_s if self._first_second.is_over else -math.inf
 
     def push(self, samples: NDArray[np.float64]) -> bool:

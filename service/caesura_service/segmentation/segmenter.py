@@ -69,7 +69,7 @@ class Segmenter:
         orientation: bool,
         torque: bool = False,
     ) -> None:
-        """Raises ValueError where the preset looks at nothing that is reported."""
+        """Raise ValueError where the preset uses nothing that is reported."""
         self.tared, self._orientation = tared, orientation
         self.online = filter_of(preset, source, tared=tared, orientation=orientation, torque=torque)
         self.settled = FinalizedSegments()

@@ -136,7 +136,7 @@ class RouterLinkChanged:
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """From here on changes of tokens are reported."""
+    """The event from which on changes of tokens are reported."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,7 +179,7 @@ def _config(file: Path | None) -> zenoh.Config:
 
 
 def _insert(config: zenoh.Config, settings: Mapping[str, Any]) -> None:
-    """Raises NetworkError for an endpoint that is none."""
+    """Insert settings into a configuration. Raises NetworkError for an invalid endpoint."""
     for key, value in settings.items():
         try:
             config.insert_json5(key, json.dumps(value))
@@ -210,7 +210,7 @@ def _beside(file: Path, read: exposure.Read) -> dict[str, str]:
 
 
 def _check_is_for_a_router(config: zenoh.Config, file: Path | None) -> None:
-    """Raises NetworkError for the file of a client, which says nothing of who may connect."""
+    """Raise NetworkError for the file of a client, which does not state who may connect."""
     read = _reader(config)
     if read("mode") == "client":
         router = next(iter(read("connect/endpoints") or ()), "ENDPOINT")
@@ -228,7 +228,7 @@ def _endpoints(config: zenoh.Config, settings: NetworkSettings) -> list[str]:
 
 
 def _check_exposure(endpoints: Sequence[str], config: zenoh.Config, *, insecure: bool) -> None:
-    """Raises NetworkError for an endpoint that would be open to every client, unless `insecure`."""
+    """Raise NetworkError for an endpoint that would be open to every client, unless `insecure`."""
     read = _reader(config)
     for endpoint in endpoints:
         if exposure.is_local(endpoint):

@@ -115,7 +115,7 @@ class PipelineHost:
 
     @property
     def due_s(self) -> float:
-        """[s] Session time of the first sample that changes more than counts, as of `Pipeline.due_s`."""
+        """The session time [s] of the first sample that changes more than counts, as of `Pipeline.due_s`."""
         return self._pipeline.due_s
 
     def push(self, samples: NDArray[np.float64]) -> list[Output]:

@@ -19,7 +19,7 @@ class _Held(NamedTuple, Generic[T]):
 
 
 class ReorderBuffer(Generic[T]):
-    """Returns items by sequence number; holds a bounded number of early ones."""
+    """A buffer that returns items by sequence number, and holds a bounded number of early ones."""
 
     def __init__(self, capacity: int, capacity_bytes: int) -> None:
         self.next_seq = 0  # the next expected batch

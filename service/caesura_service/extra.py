@@ -1,4 +1,4 @@
-"""Is the extra `service` installed? Found out without importing any of it, which takes a second."""
+"""A check that the extra `service` is installed, without importing any of it, which takes a second."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the process returns memory: a large block goes back to the system once it is no longer used.
+"""The return of memory to the system: a large block goes back once it is no longer used.
 
 The allocator of glibc raises the size from which it does so with every such block that a program frees, up to
 32 MB. A long program is encoded anew at each change of it, and the blocks of these bytes then leave holes. Of

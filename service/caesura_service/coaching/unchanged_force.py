@@ -1,4 +1,4 @@
-"""How long the measured force has been the same number while the flange moves, as a dead driver repeats it.
+"""The time for which the measured force is one number while the flange moves, as from a dead driver.
 
 A sensor with steps repeats its values too: it has done so for a shorter time, and changed, before. A force
 that has never changed in a session may be such a step for its first FIRST_FROZEN_S.

@@ -1,4 +1,4 @@
-"""How far a movement goes over the way of its phase again.
+"""The part of a movement that goes over the way of its phase again.
 
 A way is cut into pieces of `PIECE_M`. A piece is retraced where an earlier piece of the phase lies nearby, in
 the same direction, and the way between the two is longer than they are apart: a stroke does not retrace

@@ -1,4 +1,4 @@
-"""Which steps touch something, and where what they touch pushes back.
+"""The steps that touch something, and the places at which the touched object pushes back.
 
 - A contact changes the force: what does not is no contact, and goes on as what came before it. What follows a
   contact and holds its force, without leaving, is still in contact. A sensor drifts by newtons within a

@@ -1,4 +1,4 @@
-"""How a contact is left.
+"""The end of a contact: the decay of its force, and the movement out of it.
 
 - A way in the air after a contact is a movement; the force of the contact that decays is nothing.
 - A movement far out of what was pressed goes on in the air. One that stays inside of it goes on to the next.

@@ -1,4 +1,4 @@
-"""With which velocity the hand goes on from one app to the next.
+"""The velocity with which the hand goes on from one app to the next.
 
 Where one movement in the air becomes the next, a hand need not stop. A path that rests there would stop the
 robot.

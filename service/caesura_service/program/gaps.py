@@ -1,4 +1,4 @@
-"""What was not observed, and what that means for a task program.
+"""The gaps of a demonstration, and their effect on a task program.
 
 Principle: an app is as sure as what it was made from, times the share of its time that was observed. Its time
 is its own and that of every gap in it or at its edge, for there it ends because nothing more was seen, not

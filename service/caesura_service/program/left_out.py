@@ -1,4 +1,4 @@
-"""What was taught and is in no app: motion at both ends of a demonstration, and touches.
+"""Parts of a demonstration that are in no app: motion at both of its ends, and touches.
 
 What moves between two apps shows in their paths (`caesura_protocol.programs.checks.fidelity`). Nothing shows
 what lies before the first app and after the last one, nor a contact that is too short for an app. So a note

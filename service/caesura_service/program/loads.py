@@ -1,4 +1,4 @@
-"""What the robot carries or holds.
+"""The loads that the robot carries or holds.
 
 - What the fingers have let go is not carried, nor is anything between fingers that are shut, nor what begins
   to weigh in the air. What they hold is, and so is what only hangs on the robot.

@@ -1,4 +1,4 @@
-"""Which segments a program is made of, and what each is taken for beside what came before it.
+"""The segments that a program is made of, each read beside those around it.
 
 A segment is inferred by itself. In two passes,
 1. each one is read beside those around it: what the robot carries (`loads`), what it touches (`contacts`),

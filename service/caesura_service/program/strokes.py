@@ -1,4 +1,4 @@
-"""What belongs to a stroke, and how hard it is pressed.
+"""The parts of a stroke, and the force with which it is pressed.
 
 - A rest at either end of a stroke or of a turn in contact is part of it. It has a force of its own where it
   lasts for half a second. What is pressed otherwise before or after that rest is a press of its own.

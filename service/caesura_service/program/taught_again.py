@@ -1,4 +1,4 @@
-"""Which apps a session gives to replace a part of another session's program, and why it gives none."""
+"""The apps of a session that replace a part of another session's program, or the reason for none."""
 
 from __future__ import annotations
 

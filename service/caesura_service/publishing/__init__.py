@@ -1,1 +1,1 @@
-"""What a session publishes: its state, its messages and its events."""
+"""The results that a session publishes: its state, its messages and its events."""

@@ -1,4 +1,4 @@
-"""What an edit changes: the segments, apps and phases in which two states of a session differ."""
+"""The effect of an edit: the segments, apps and phases in which two states of a session differ."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a view shows that an operator may correct: changepoints with what lies between them, and segments."""
+"""The parts of a view that an operator may correct: changepoints, segments, apps and phases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a session states about its input: the wrench, as it is used, and what its opening does not state."""
+"""The notes of a session on its input: the use of its wrench, and values that its opening does not state."""
 
 from __future__ import annotations
 

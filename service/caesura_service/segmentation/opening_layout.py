@@ -1,4 +1,4 @@
-"""What an opening says of the samples of its session: how they are read, and of which robot they are."""
+"""The layout of a session's samples and the robot that they are of, from its opening."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which instances are live, computed from tokens, the own link and time, without a network.
+"""The live instances, computed from tokens, the own link and time, without a network.
 
 An instance whose token goes while our own link stands is gone, and its stations are given away. With our own
 link all tokens go at once, which says nothing about their holders: they count as there until the link is

@@ -42,9 +42,9 @@ class SignalRule:
 
 
 def _hand_level(m: Measures, setup: CoachingSetup) -> float:
-    """Return the level of a hand's push.
+    """Return the level of a hand's push; 0 where a bias of this scale may drive the movement instead.
 
-    0 without a tare, because an unknown bias may drive as a hand does.
+    That holds for a driving force within the scale, and without a tare, where the bias is unknown.
     """
     return m.push / PUSH_LIMIT if setup.is_tared and m.driving_n > setup.bias_n else 0.0
 

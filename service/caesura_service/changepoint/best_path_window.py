@@ -37,12 +37,12 @@ class PathSegment:
 
     @property
     def node(self) -> Node:
-        """Where the best segmentation before it is kept."""
+        """The key of the best segmentation before this segment: its start, and the group before it."""
         return self.start, self.before
 
 
 def outline_of(lattice: SegmentModelSet, path: Iterable[PathSegment]) -> list[tuple[int, int]]:
-    """Of each segment where it starts and the number of its kind."""
+    """Return (start, number of the best kind) for each segment of a path."""
     return [(ended.start, lattice.best_kind(ended.kind_log_evidence, ended.group)) for ended in path]
 
 
@@ -71,7 +71,7 @@ class FinalPath(Sequence[PathSegment]):
         return map(self._read, range(len(self)))
 
     def extend(self, settled: Iterable[PathSegment]) -> None:
-        """These are final too."""
+        """Append segments that have become final."""
         for ended in settled:
             self._starts.append(ended.start)
             self._groups.append(NOTHING if ended.group is None else ended.group)
@@ -83,13 +83,13 @@ class FinalPath(Sequence[PathSegment]):
 
 
 class Links(NamedTuple):
-    """What every group of a segment that starts somewhere descends from.
+    """The segmentations before one start, joined with each group of a segment that begins there.
 
     prior, best: (groups,) A(start), and the same with maximum; before: (groups,) the group of the segment
     that the best segmentation has before it; total, ended: (groups,) log sum, and log maximum, over the
     segmentations that end there, by the group of their last segment, of which `likeliest` has the largest
-    maximum; free: whether every group may follow every other here; opens: whether nothing is known of what
-    was before, at the first observation and after a gap.
+    maximum; free: whether every group may follow every other here; opens: whether the past before the start
+    is unknown, as at the first observation and after a gap.
     """
 
     prior: Array
@@ -103,18 +103,18 @@ class Links(NamedTuple):
 
     @property
     def nodes(self) -> set[int]:
-        """Groups of segments that end here and that something descends from, the likeliest included."""
+        """The groups of the segments that end here and precede a possible segment, the likeliest included."""
         return {*self.before[self.best > -np.inf].tolist(), self.likeliest}
 
 
 def first_links(groups: int) -> Links:
-    """Of the first segment."""
+    """Return the links of the first segment, which has no segment before it."""
     zero = np.zeros(groups)
     return Links(zero, zero, np.full(groups, NOTHING), zero, zero, NOTHING, free=True, opens=True)
 
 
 def link(total: Array, ended: Array, lattice: SegmentModelSet, *, free: bool, opens: bool = False) -> Links:
-    """Join what ends at a start with what begins there."""
+    """Return the links of a start; total, ended: (groups,) log sum and log maximum of the paths before it."""
     scores = ended[:, None] + _weights(lattice.log_transition, free=free)
     before = scores.argmax(axis=0)
     best = scores[before, np.arange(before.size)]
@@ -128,7 +128,7 @@ def _weights(log_transition: Array, *, free: bool) -> Array:
 
 
 class Window:
-    """Of every start among the last `size` observations: its links, and its evidence at every age since.
+    """The links of each of the last `size` observations as a start, and its evidence at every age since.
 
     hazard: to the power of the model set.
     """
@@ -142,11 +142,11 @@ class Window:
         self._links: list[Links] = [first_links(groups)] * size  # at [start mod size]
 
     def oldest(self, count: int) -> int:
-        """The first observation still in the window, of `count`."""
+        """Return the first observation that is still in the window after `count` observations."""
         return max(0, count - self.size)
 
     def links(self, start: int) -> Links:
-        """What a segment from this start descends from."""
+        """Return the links of a start that is still in the window."""
         return self._links[start % self.size]
 
     def remember(
@@ -226,6 +226,6 @@ def _tables(hazard: Hazard, size: int) -> tuple[Array, Array]:
 
 
 def _with_past(links: Links, before: int, log_transition: Array) -> Links:
-    """The same, where the group of the segment that ends here is certain."""
+    """Return the links of a start at which a segment of the group `before` ends for certain."""
     best: Array = links.ended[before] + _weights(log_transition, free=links.free)[before]
     return links._replace(best=best, before=np.full(best.size, before))

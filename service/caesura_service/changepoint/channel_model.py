@@ -29,9 +29,9 @@ UNTURNED.setflags(write=False)
 
 
 class ModelInput(NamedTuple):
-    """What a model sees of one moment, in the base frame.
+    """The conditioned signals of one observation as a model sees them, in the base frame.
 
-    Gravity pulls along −z. Of a tilted base, vectors are turned by the least rotation that makes it so.
+    Gravity pulls along −z. If the base is tilted, the least rotation that makes it so turns all vectors.
     """
 
     position: Array  # (3,) [m]
@@ -42,7 +42,7 @@ class ModelInput(NamedTuple):
 
 
 class ChannelModel(Protocol):
-    """What one channel of the observation does during a segment."""
+    """The model of one channel of the observation during a segment."""
 
     def empty(self) -> Rows:
         """Rows of no hypothesis."""
@@ -107,9 +107,9 @@ class Noise:
     correlation: float = 0.0
 
     def fresh(self, now: Array, before: Array, n: NDArray[np.int64], origin: Origin) -> Array:
-        """What is new in values (h, …), given those before; n: (h,) samples before.
+        """Return the whitened innovation of values `now` (h, …), given those before; n: (h,) samples before.
 
-        Where nothing came before and the start is no sample of its own, the first value is all new.
+        If a hypothesis has no sample before and does not start at one, its first value counts in full.
         """
         whitened = whiten(now, before, self.correlation)
         if origin == "previous":

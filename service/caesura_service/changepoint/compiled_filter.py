@@ -104,12 +104,12 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     @property
     def capped(self) -> int:
-        """Steps on which the cap bit."""
+        """The number of steps on which the cap dropped hypotheses."""
         return int(self._state.counters["capped"][0])
 
     @property
     def starts(self) -> Starts:
-        """(h,) ascending."""
+        """(h,) starts of the living hypotheses, ascending."""
         return self._state.starts[: self._living].copy()
 
     @property
@@ -119,7 +119,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
     @property
     def log_evidence(self) -> Array:
-        """(h, groups) the same over the kinds of a group, to the power of the lattice."""
+        """(h, groups) log evidence over the kinds of each group, to the power of the lattice."""
         return self._state.evidence[:, : self._living].T.copy()
 
     @property
@@ -143,23 +143,23 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         return path[::-1]
 
     def outline(self) -> list[tuple[int, int]]:
-        """As `map_path`, of each segment where it starts and the number of its kind."""
+        """Return (start, number of the kind) for each segment of `map_path`, oldest first."""
         count = steps.outline(self._here, self._path)
         return [(start, kind) for start, kind in self._path[count - 1 :: -1].tolist()]
 
     @property
     def _living(self) -> int:
-        """Hypotheses, which stand in the first places."""
+        """The number of living hypotheses, which stand in the first places."""
         return int(self._state.counters["living"][0])
 
     def _keep(self, model: Model, state: State) -> None:
-        """From now on."""
+        """Use this model and state from now on."""
         self._model, self._state, self._table = model, state, table_of(model, state)
         self._here, self._left = self._table.ctypes.data, state.counters["left"]
         self._path = np.zeros((state.node_start.size + 1, 2), np.int64)  # scratch
 
     def _settle(self) -> None:
-        """Take over what has become final."""
+        """Append the segments that the last step or decision made final to `final`."""
         count = self._state.counters["settled"][0]
         state = self._state
         settled = (getattr(state, f"settled_{name}")[:count] for name in ("start", "kinds", "group"))
@@ -168,7 +168,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
         )
 
     def _make_room(self) -> None:
-        """For some steps, and for a decision after each of them."""
+        """Grow tables and nodes so that they suffice for `_room` steps with a decision after each of them."""
         spare, each = self.parameters.window + 2, len(self.lattice.log_transition) + 1
         while self._state.node_start.size < self._state.counters["nodes"][0] + 2 * spare * each:
             self._keep(self._model, with_more_nodes(self._state))
@@ -183,7 +183,7 @@ class CompiledRunLengthFilter(SmoothedProbabilities):
 
 
 def compile_now() -> None:
-    """Have everything compiled, or loaded if it has been before. All lattices share it."""
+    """Compile all kernels, or load them from the cache. All lattices share them."""
     still = StudentRandomWalk("position", scale=1.0)
     lattice = SegmentModelSet({"still": still}, (SegmentKind("steady", "steady", "free", ("still",)),))
     small = CompiledRunLengthFilter(lattice, Geometric(10.0), FilterParameters(window=2, certain=1.0))

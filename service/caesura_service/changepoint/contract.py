@@ -1,8 +1,8 @@
-"""What a channel model promises, as checks that run on any of them, Caesura's or a third party's.
+"""The contract of a channel model as checks, for the models of Caesura and of third parties.
 
-Each takes a model and some observations and raises AssertionError where the promise is broken. `mass` is no
-check but a measurement: a model whose evidence is a density comes to 1 over what may be observed next, and
-then its evidence is the product of its predictives.
+Each check takes a model and observations, and raises AssertionError where the model breaks the contract.
+`mass` is no check but a measurement. For a model whose evidence is a density it returns 1, and the evidence
+of that model is the product of its predictives.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def rows_after(model: ChannelModel, observations: Iterable[ModelInput], rows: Ro
 
 
 def check_pure(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
-    """Nothing given is changed or kept, and the same gives the same bits."""
+    """Check that a model neither changes nor keeps its arguments, and repeats its results bit for bit."""
     rows = model.empty()
     for observed in observations:
         _freeze(rows)
@@ -62,7 +62,7 @@ def check_pure(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
 
 
 def check_independent(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
-    """A hypothesis goes on alone, or beside any others, as it does beside all."""
+    """Check that the evidence of a hypothesis does not depend on which others are extended beside it."""
     *past, observed = observations
     rows = rows_after(model, past)
     count = len(rows[0])
@@ -73,7 +73,7 @@ def check_independent(model: ChannelModel, observations: Sequence[ModelInput]) -
 
 
 def check_serialisable(model: ChannelModel, observations: Sequence[ModelInput]) -> None:
-    """Model and rows survive being written down, bit for bit, and go on as if nothing had been."""
+    """Check that a model and its rows, stored and read again, go on with the same bits."""
     half = len(observations) // 2
     rows = rows_after(model, observations[:half])
     again, file = pickle.loads(pickle.dumps(model)), io.BytesIO()
@@ -91,7 +91,7 @@ def check_serialisable(model: ChannelModel, observations: Sequence[ModelInput]) 
 
 
 def check_constant_work(model: ChannelModel, observations: Iterable[ModelInput]) -> None:
-    """After many observations a hypothesis takes the memory, and the lines run, that it took early on.
+    """Check that a late observation takes no more memory, bytes of rows or lines run than an early one.
 
     observations: endless, or longer than `LATE`. No clock is looked at.
     """
@@ -131,10 +131,11 @@ def mass(
     places: tuple[Sequence[ModelInput], Array],
     after: Sequence[ModelInput] = (),
 ) -> float:
-    """What the next observation's density comes to over all places, given the past.
+    """Integrate the density of the next observation, given the past, over all places; 1 for a true density.
 
     past: its first observation comes before the segment, which starts with the second, or with the next where
-    there is no second. after: what follows the next one; then it is the density of both that is summed.
+    there is no second. places: the next observations, and the volume [unit³] of each (`everywhere`). after:
+    observations that follow the next one; then the joint density of the next one and these is summed.
     """
     rows, known = rows_after(model, past), 0.0
     if len(past) > BEFORE:
@@ -149,7 +150,7 @@ def mass(
 
 
 def _work(model: ChannelModel, rows: Rows, observed: ModelInput) -> tuple[int, int, int]:
-    """Of one step: bytes of the rows, lines run, most bytes allocated."""
+    """Run one step; return the bytes of its rows, the lines run, and the most bytes allocated."""
 
     def step() -> Rows:
         extended = model.extend(rows, observed)

@@ -80,7 +80,10 @@ class CornerWeight:
         return n + 1, np.tile(past, (len(n), 1, 1)), weights
 
     def _log_weight(self, past: Array, age: int, chord: int, reach: int) -> float:
-        """Of a start so many observations ago, at one chord. past: (memory, 3) the last values [unit]."""
+        """Return the log weight of the start `age` observations ago, at one chord.
+
+        past: (memory, 3) the last values [unit]; chord, reach: in observations.
+        """
         before, after = past[-2 - age] - past[-2 - age - chord], past[-1] - past[-1 - age]
         lengths = np.sqrt((before**2).sum()), np.sqrt((after**2).sum())
         steps = np.sqrt((np.diff(past[-2 - age - reach :], axis=0) ** 2).sum(axis=1))

@@ -104,22 +104,22 @@ def traced_motion() -> TracedMotion:
 
 
 def corner() -> CornerWeight:
-    """Where the path turns while its speed dips."""
+    """Return the weight on a start where the path turns while its speed dips."""
     return CornerWeight(gamma=60.0, standing=25.0, fast=FAST, pace=SLOW, straight=STRAIGHT)
 
 
 def corner_of_rotation() -> CornerWeight:
-    """Where the tool turns back, or about another axis."""
+    """Return the weight on a start where the tool turns back, or begins to turn about another axis."""
     return CornerWeight(gamma=40.0, pace=SLOW / HANDS_BREADTH_M, channel="rotation", straight=STRAIGHT)
 
 
 def even_moves() -> list[Profile]:
-    """Minimum jerk: the speed is a symmetric bell. Flash & Hogan 1985."""
+    """Return minimum jerk profiles, whose speed is a symmetric bell. Flash & Hogan 1985."""
     return [minimum_jerk(float(duration)) for duration in DURATIONS_S]
 
 
 def early_moves() -> list[Profile]:
-    """Lognormal speed: fast at first, then a long tail. Plamondon 1995."""
+    """Return profiles of lognormal speed: fast at first, then a long tail. Plamondon 1995."""
     return [lognormal(float(duration)) for duration in DURATIONS_S]
 
 
@@ -341,7 +341,7 @@ def _torqueless(bias_n: float) -> Channels:
 
 
 def _untraced(bias_n: float) -> Channels:
-    """What moves is guided: each step follows from the last two."""
+    """Return the channels without `traced`: all movements are guided, each step follows from the last two."""
     return {name: model for name, model in default_channels(bias_n).items() if name != "traced"}
 
 

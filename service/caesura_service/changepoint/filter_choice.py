@@ -1,4 +1,4 @@
-"""Which filter works on a lattice: the compiled one where it can, the reference where it cannot."""
+"""The choice of the filter for a lattice: the compiled one where it is possible, otherwise the reference."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from caesura_service.numba_support import has_kernels
 
 
 def filter_for(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters) -> ChangepointFilter:
-    """A filter at its beginning. A third party's channel model has no compiled twin, and needs none."""
+    """Return a new filter: the compiled one, or `RunLengthFilter` without Numba or without a model's twin.
+
+    A third party's channel model has no compiled twin, and needs none.
+    """
     if not has_kernels():
         return RunLengthFilter(lattice, hazard, parameters)
     from caesura_service.changepoint.compiled_filter import CompiledRunLengthFilter, can_compile  # noqa: PLC0415
@@ -21,7 +24,7 @@ def filter_for(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParam
 
 
 def prepare() -> None:
-    """Compile what is not compiled yet, so that no session has to wait for it."""
+    """Compile the kernels that are not compiled yet, so that no session waits for it."""
     if has_kernels():
         from caesura_service.changepoint.compiled_filter import compile_now  # noqa: PLC0415
 

@@ -18,27 +18,27 @@ Array = NDArray[np.float64]
 
 
 class ChangepointFilter(Protocol):
-    """Takes observations one by one; see `RunLengthFilter` for what each of these is."""
+    """A filter that takes observations one by one; `RunLengthFilter` describes each member in full."""
 
     @property
     def lattice(self) -> SegmentModelSet:
-        """What a segment may be."""
+        """The segment model set: the kinds of a segment with their channel models."""
 
     @property
     def hazard(self) -> Hazard:
-        """How long it may last."""
+        """The prior of a segment's length."""
 
     @property
     def parameters(self) -> FilterParameters:
-        """What bounds the work."""
+        """The bounds on the filter's work, and its threshold for a certain changepoint."""
 
     @property
     def count(self) -> int:
-        """Observations taken."""
+        """The number of observations taken."""
 
     @property
     def starts(self) -> Starts:
-        """(h,) of the living hypotheses, ascending."""
+        """(h,) starts of the living hypotheses, ascending."""
 
     @property
     def boundaries(self) -> Sequence[int]:
@@ -50,7 +50,7 @@ class ChangepointFilter(Protocol):
 
     @property
     def capped(self) -> int:
-        """Steps on which the cap bit."""
+        """The number of steps on which the cap dropped hypotheses."""
 
     @property
     def posterior(self) -> Array:
@@ -70,16 +70,16 @@ class ChangepointFilter(Protocol):
         """The segments of the best segmentation from the final ones on; the last is still growing."""
 
     def outline(self) -> list[tuple[int, int]]:
-        """Of each segment of `map_path` where it starts and the number of its kind."""
+        """Return (start, number of the kind) for each segment of `map_path`."""
 
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
         """Smoothed probability that a segment starts at observation `start`."""
 
     def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
-        """The same of every observation from the first to the last."""
+        """Return `changepoint_probability` of every observation from the first to the last, both included."""
 
     def stands(self, start: int) -> bool:
-        """Can nothing change any more that is said of this start and those next to it?"""
+        """Whether later observations can no longer change the probabilities at and next to this start."""
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:
         """Smoothed probability of a start here or next to it."""

@@ -1,4 +1,4 @@
-"""What a surface does to a sliding tool: a weight on the force, given the direction of the movement."""
+"""The friction of a surface on a sliding tool: a weight on the force, given the direction of the movement."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class FrictionConeWeight:
         return np.tile(observed.position, (len(evidence), 1)), evidence
 
     def log_weight(self, force: Array, step: Array) -> float:
-        """Of a force (3,) [N] at the end of a step (3,) [m]."""
+        """Return the log weight of a force (3,) [N] at the end of a step (3,) [m]."""
         along = float(force @ step) / float(np.sqrt(step @ step + self.pace**2))
         across2 = max(float(force @ force) - along**2, 0.0)
         outside = max(along, -along - np.sqrt(across2), 0.0)

@@ -1,4 +1,4 @@
-"""What is turned against a resistance, and what is not: a screw that is driven, a ratchet that returns."""
+"""Turns against a resistance and turns without one: a screw that is driven, a ratchet that returns."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OfflinePosterior:
-    """What a whole recording says.
+    """The result of segmenting a whole recording at once.
 
     changepoint_probability: (n,) that a segment starts at each observation; path: the best segmentation.
     """

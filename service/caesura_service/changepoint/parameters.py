@@ -1,4 +1,4 @@
-"""What bounds the work of a filter, and when it takes a changepoint for certain."""
+"""The bounds on the work of a filter, and its threshold for a certain changepoint."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FilterParameters:
-    """What bounds the work.
+    """The bounds on the work of a filter, and its threshold for a certain changepoint.
 
     Hypotheses below `prune_ratio` relative to the best are dropped (thesis (2.34), the right way round),
     but never the `keep_youngest`, which have not had time to show what they are worth (a movement that has

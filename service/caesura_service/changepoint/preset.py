@@ -30,7 +30,7 @@ MOVEMENT = (
 
 @dataclass(frozen=True)
 class Preset:
-    """How a demonstration is segmented.
+    """A named choice of channel models, kinds and parameters by which a demonstration is segmented.
 
     channels: the channel models, given the scale of the force's bias [N]; kinds: of the whole lattice.
     `mean_segment_s` [s] sets the hazard, which is low for the first `refractory_s` [s] of a segment. After

@@ -106,7 +106,7 @@ class ProfileModel:
         return n + 1, start, y, squares + fresh * weighed, moments + phi * weighed, paced
 
     def _log_pace(self, rows: Rows, z: Array) -> float:
-        """Of the step from the observation before, which is the same for every hypothesis."""
+        """Return the log weight of the last step, to value z (3,); it is the same for every hypothesis."""
         if not self.pace or not len(rows[0]):
             return 0.0
         step = z - rows[1][-1] - rows[2][-1]

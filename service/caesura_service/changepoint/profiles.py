@@ -80,7 +80,7 @@ FIRST_ROWS = 64  # of a table; within them every profile is at its fastest
 
 
 def whiten(now: Array, before: Array, correlation: float) -> Array:
-    """What is new in a value, given the one before, when neighbours have this correlation.
+    """Return the whitened innovation of a value, given the one before and the correlation of neighbours.
 
     Turns a first-order autoregression of any scale into white noise of the same scale.
     """
@@ -127,7 +127,10 @@ class ProfileLibrary:
         self._at_rest = bool(plain[-1].all()) and np.array_equal(plain[-2], plain[-1])
 
     def _variances(self, steps: Array) -> Array:
-        """Of residuals, (rows, profiles), 1 where a profile is fastest; the start itself has none."""
+        """Return relative variances of residuals, (rows, profiles), from absolute steps (row 0 is cleared).
+
+        A variance is 1 where a profile is fastest, and at the start, which has no step.
+        """
         steps[0] = 0.0
         variances: Array = self.calm**2 + (1.0 - self.calm**2) * (steps / steps[:FIRST_ROWS].max(axis=0)) ** 2
         variances[0] = 1.0
@@ -154,11 +157,11 @@ class ProfileLibrary:
         return _continued(self._log_scales[row], index - row, -0.5 * np.log(self._precisions[-1]))
 
     def last_row(self, index: int) -> int:
-        """Where everything up to this sample index stands: there, or where every profile has come to rest."""
+        """Return the table row of a sample index: itself, or the last row if all profiles rest before it."""
         return int(self._reach(np.array([index]))[0])
 
     def _reach(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The row of each index, which is the last one where every profile has come to rest before."""
+        """Return the table row of each index, as `last_row`; grow the table where profiles still move."""
         longest = int(np.max(index, initial=0))
         while longest >= len(self._values) and not self._at_rest:
             self._tabulate(2 * len(self._values))

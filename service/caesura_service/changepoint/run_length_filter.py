@@ -244,7 +244,7 @@ class RunLengthFilter(SmoothedProbabilities):
 
     @property
     def _nodes(self) -> set[Node]:
-        """What living hypotheses, and the next one, descend from."""
+        """The nodes from which the living hypotheses, and the next one, descend."""
         living = np.argwhere(self.map_prior > -np.inf)
         nodes = {(int(self.starts[i]), int(self.before[i, g])) for i, g in living}
         return nodes | {(self.count, group) for group in self._next.nodes}

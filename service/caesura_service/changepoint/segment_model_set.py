@@ -183,7 +183,7 @@ def _groups(kinds: tuple[SegmentKind, ...], unrepeated: tuple[tuple[str, ...], .
 
 
 def _weight_beside(before: SegmentKind, after: SegmentKind) -> float:
-    """How likely a kind is directly after another, relative to what its prior weight says."""
+    """Return the factor on a kind's prior weight for the case that it directly follows another kind."""
     if "steady" in (before.motion, after.motion):
         return 1.0
     return min(before.beside_movement, after.beside_movement)

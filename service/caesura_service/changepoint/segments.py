@@ -26,7 +26,7 @@ IsTurn = Callable[[], bool]
 
 @dataclass(frozen=True, slots=True)
 class Classification:
-    """What a segment is, given where it begins and ends."""
+    """The kind of a segment, given its start and end, with its probability."""
 
     kind: SegmentKind
     probability: float
@@ -49,7 +49,7 @@ class InferredSegment:
 
     @property
     def stands(self) -> bool:
-        """Can nothing change any more that is said of it?"""
+        """Whether later observations can no longer change any figure of this segment."""
         return self.start_stands and self.end_final
 
 
@@ -99,7 +99,10 @@ def _shown(lattice: SegmentModelSet, ended: PathSegment, best: int, is_turn: IsT
 def outline(
     online: ChangepointFilter, decided: ThresholdSegmenter | None = None
 ) -> tuple[int, list[tuple[int, int]]]:
-    """How many segments are final; of each that is not, where it starts and the number of its kind."""
+    """Return the number of final segments, and (start, number of the kind) of each segment after them.
+
+    decided: the threshold segmenter to take the segments from; None takes the best segmentation.
+    """
     if decided is None:
         return len(online.final), online.outline()
     return len(decided.final), outline_of(online.lattice, decided.path())
@@ -137,7 +140,7 @@ def stretches(
 def _ended(
     online: ChangepointFilter, decided: ThresholdSegmenter | None
 ) -> tuple[Sequence[PathSegment], Sequence[PathSegment]]:
-    """The segments that are final, and those after them."""
+    """Return the final segments, and those after them."""
     return (online.final, online.map_path()) if decided is None else (decided.final, decided.path())
 
 
@@ -167,7 +170,7 @@ def _stretch(
 
 
 def _interval(online: ChangepointFilter, before: int, start: int, after: int) -> tuple[float, float]:
-    """Ends of the central interval, among the observations that may be the same event."""
+    """Return the ends of the central interval of a start, among observations that may be the same event."""
     if start == 0:
         return 0.0, 0.0
     first, last = max(start - INTERVAL_REACH, before + 1, 1), min(start + INTERVAL_REACH, after - 1)
@@ -180,9 +183,10 @@ def _interval(online: ChangepointFilter, before: int, start: int, after: int) ->
 
 
 def interpolated_quantile(mass: Iterable[float], share: float) -> float:
-    """Where a share of the masses at 0, 1, … is reached, each of them even within `PLACE_STEPS` around it.
+    """Return the place at which the cumulative mass reaches a share of the total.
 
-    At least one mass is above 0.
+    mass: of the places 0, 1, …, each spread evenly within `PLACE_STEPS` around its place; at least one is
+    above 0.
     """
     known = (0.0, *mass, 0.0)
     left, alone = 2.0 * PLACE_STEPS * share * sum(known), 1.0 - PLACE_STEPS

@@ -1,8 +1,8 @@
-"""How probable it is that a segment starts at some observation, given what came after it.
+"""The probability that a segment starts at an observation, given the observations after it.
 
-Within the window that is what is known now, behind it what was known as the observation left the window.
-Where a start was taken for certain, what is said of it and its neighbours stays as it was just before: of
-INTERVAL_REACH observations to either side it is remembered.
+Within the window it depends on all observations so far; behind it, it stays as it was on leaving the window.
+Where a start was taken for certain, the probabilities of INTERVAL_REACH observations to either side are
+stored as they were just before, and stay so.
 """
 
 from __future__ import annotations
@@ -38,31 +38,30 @@ class RunLengthFilterBase:
         return len(self._past) + self.window.size
 
     def follow(self, window: Array, count: int) -> None:
-        """Take what is known of the last observations, of `count`."""
+        """Take the probabilities of the last observations, after `count` observations in all."""
         leaving = count - window.size - len(self._past)
         self.leave(self.window[:leaving].tolist(), window)
 
     def leave(self, left: Iterable[float], window: Array) -> None:
-        """Take what has left the window, and what is known of those in it."""
+        """Take the probabilities that have left the window, and those of the observations in it."""
         self._past.extend(left)
         self.window = window
 
     def decide(self, start: int) -> None:
-        """A segment starts there for certain from now on; remember how probable it was."""
+        """Store the probabilities around a start, which a segment has for certain from now on."""
         first = max(start - INTERVAL_REACH, len(self._past))
         around = self.window[first - len(self._past) : start + INTERVAL_REACH + 1 - len(self._past)]
         self._undecided[start] = first, around.tobytes()
 
     def probability(self, start: int, about: int | None = None) -> float:
-        """That a segment starts at observation `start`.
+        """Return the probability that a segment starts at observation `start`.
 
-        about: where this start was taken for certain, its neighbours as they were just before, of what had
-        been seen then.
+        about: a start taken for certain; its neighbours have the probabilities stored just before that.
         """
         return self.between(start, start, about)[0]
 
     def between(self, first: int, last: int, about: int | None = None) -> list[float]:
-        """The same of every observation from the first to the last."""
+        """Return `probability` of every observation from the first to the last, both included."""
         past = len(self._past)
         found = self._past[first : last + 1].tolist() if first < past else []
         found += self.window[max(first - past, 0) : max(last + 1 - past, 0)].tolist()
@@ -74,12 +73,15 @@ class RunLengthFilterBase:
         return found
 
     def stands(self, start: int) -> bool:
-        """Can nothing change any more that is said of a start and its neighbours?"""
+        """Whether later observations can no longer change the probabilities at and next to a start.
+
+        That is so once the INTERVAL_REACH observations after it are behind the window, or stored by `decide`.
+        """
         first, packed = self._undecided.get(start, (0, b""))
         return start + INTERVAL_REACH < max(first + len(packed) // self._past.itemsize, len(self._past))
 
     def event(self, start: int, others: Collection[int] = ()) -> float:
-        """That a segment starts here or next to it: the same event, to the grid's resolution.
+        """Return the probability that a segment starts here or next to it: one event, on this grid.
 
         others: neighbours that are events of their own.
         """
@@ -100,7 +102,7 @@ class RunLengthFilterBase:
 
 
 class SmoothedProbabilities(ABC):
-    """What follows from the joints and the smoothed probabilities of a filter, however it computes them."""
+    """The results that follow from a filter's log joints and smoothed probabilities, compiled or not."""
 
     lattice: SegmentModelSet
     final: FinalPath
@@ -116,7 +118,7 @@ class SmoothedProbabilities(ABC):
         """The segments of the best segmentation from the root on, oldest first; the last is still growing."""
 
     def outline(self) -> list[tuple[int, int]]:
-        """Of each segment of `map_path` where it starts and the number of its kind."""
+        """Return (start, number of the kind) for each segment of `map_path`."""
         return outline_of(self.lattice, self.map_path())
 
     @property
@@ -129,24 +131,23 @@ class SmoothedProbabilities(ABC):
 
     @property
     def smoothed(self) -> Array:
-        """(n,) smoothed probability at every observation; about what was taken for certain, that before."""
+        """(n,) smoothed probability at every observation; around a start taken for certain, that before."""
         return self._smoothing.everything({segment.start for segment in (*self.final, *self.map_path())})
 
     def changepoint_probability(self, start: int, *, about: int | None = None) -> float:
-        """Smoothed probability that a segment starts at observation `start`.
+        """Return the smoothed probability that a segment starts at observation `start`.
 
         Given everything so far while it is in the window, and as of its leaving the window after that.
-        about: where this start was taken for certain, its neighbours as they were just before, of what had
-        been seen then.
+        about: a start taken for certain; its neighbours have the probabilities stored just before that.
         """
         return self._smoothing.probability(start, about)
 
     def changepoint_probabilities(self, first: int, last: int, *, about: int | None = None) -> list[float]:
-        """The same of every observation from the first to the last."""
+        """Return `changepoint_probability` of every observation from the first to the last, both included."""
         return self._smoothing.between(first, last, about)
 
     def stands(self, start: int) -> bool:
-        """Can nothing change any more that is said of this start and those next to it?"""
+        """Whether later observations can no longer change the probabilities at and next to this start."""
         return self._smoothing.stands(start)
 
     def event_probability(self, start: int, others: Collection[int] = ()) -> float:

@@ -1,4 +1,4 @@
-"""How fast something changes, or may change, without a model of how it does."""
+"""Bounds on the rate of change of a channel, without a model of its course."""
 
 from __future__ import annotations
 

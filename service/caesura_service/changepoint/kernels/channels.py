@@ -209,7 +209,7 @@ def constant(here, c, joins):
 
 @compiled
 def add_squares(sums, values, lanes):
-    """To sums, which take the values' place."""
+    """Add squared values to sums, and copy the sums to the values."""
     for i in range(lanes):
         sums[i] += values[i] * values[i]
         values[i] = sums[i]
@@ -243,7 +243,7 @@ def biased(here, c):
 
 @compiled
 def extend(sums, value, first, newborn):
-    """Every sum by one value, but the newborn's, which has a first one."""
+    """Add a value to every sum; the newborn hypothesis' sum is set to `first` instead."""
     for i in range(newborn):
         sums[i] += value
     sums[newborn] = first
@@ -251,7 +251,7 @@ def extend(sums, value, first, newborn):
 
 @compiled
 def about_mean(squares, total_squares, totals, weights, lanes):
-    """Sums of squares about the mean."""
+    """Compute sums of squares about the mean, from total squares, totals and weights."""
     for i in range(lanes):
         squares[i] = max(total_squares[i] - totals[i] * totals[i] / weights[i], 0.0)
 
@@ -280,7 +280,7 @@ def add_mean_density(here, channel, log_evidence, lanes):
 
 @compiled
 def add_deviation(log_evidence, totals, weights, variances, lanes):
-    """Of a mean from 0."""
+    """Add −mean²/2σ² to the log evidence: the exponent of a normal density of the mean about 0."""
     for i in range(lanes):
         mean = totals[i] / weights[i]
         log_evidence[i] -= 0.5 * mean * mean / variances[i]

@@ -61,12 +61,12 @@ ORIGINS: Mapping[Origin, int] = {"previous": layout.PREVIOUS, "first": layout.FI
 
 
 def can_compile(lattice: SegmentModelSet) -> bool:
-    """Whether every channel has a twin."""
+    """Whether every channel model has a compiled twin."""
     return all(type(model) in RECORDS and _fits(model) for model in lattice.channels.values())
 
 
 def _fits(model: ChannelModel) -> bool:
-    """Whether the options of a model are within what the arrays have room for."""
+    """Whether the options of a model are within the fixed sizes of the arrays."""
     match model:
         case GuidedMotion() | TracedMotion():
             return len(model.scales) <= MOST_SHARES and model.away_steps < PAST
@@ -77,7 +77,7 @@ def _fits(model: ChannelModel) -> bool:
 
 
 def model_of(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters, lengths: int) -> Model:
-    """The lattice for segments of up to so many samples."""
+    """Return the lattice as arrays, with tables for segments of up to `lengths` samples."""
     models = tuple(lattice.channels.values())
     n, channels = np.arange(lengths + 1), _channels(models)
     return Model(
@@ -95,12 +95,12 @@ def model_of(lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParamet
 
 
 def fields_of(lattice: SegmentModelSet) -> int:
-    """Numbers that a hypothesis keeps."""
+    """Return the number of sums that a hypothesis keeps."""
     return sum(_width(model) for model in lattice.channels.values())
 
 
 def profiled_of(lattice: SegmentModelSet) -> tuple[int, int]:
-    """How many channels have profiles, and how many blocks of them one has at most."""
+    """Return the number of channels with profiles, and the most blocks of profiles that one of them has."""
     blocks = [_blocks(model) for model in lattice.channels.values() if isinstance(model, ProfileModel)]
     return len(blocks), max(blocks, default=0)
 
@@ -352,7 +352,7 @@ def _corner(model: CornerWeight) -> Record:
 
 
 def _padded(values: ArrayLike, room: int) -> NDArray[Any]:
-    """As many as there is room for; zeros behind."""
+    """Return the values in an array of length `room`, with zeros behind them."""
     given = np.asarray(values)
     padded = np.zeros(room, given.dtype)
     padded[: given.size] = given
@@ -434,12 +434,12 @@ def _noise(model: ChannelModel) -> Noise:
 
 
 def _width(model: ChannelModel) -> int:
-    """Numbers that a hypothesis keeps of a channel."""
+    """Return the number of sums that a hypothesis keeps for one channel."""
     return _WIDTHS[type(model)]
 
 
 def by_length(channel: Record, n: Ints) -> Floats:
-    """(lengths,) what of the log evidence of n samples, of one group of axes, depends on n alone."""
+    """Return (lengths,) the terms of log evidence, on one group of axes, that depend on n samples alone."""
     values = channel["pooled"] * np.maximum(n - channel["unvalued"], 0)
     nu0 = channel["nu0"] or 1.0
     gammas = gammaln(0.5 * (nu0 + values)) - gammaln(0.5 * nu0) - 0.5 * values * np.log(np.pi)

@@ -125,7 +125,7 @@ def exp_in_parts(x):
 
 @compiled
 def logarithms(values, n):
-    """Of the first n numbers, in their place."""
+    """Replace each of the first n numbers by its logarithm."""
     for i in range(n):
         values[i] = log(values[i])
 

@@ -1,13 +1,13 @@
-"""Which arrays the compiled filter works on.
+"""The arrays of the compiled filter.
 
 Living hypotheses stand in places, oldest first and without a gap, so that a loop takes several at a time;
-what stands behind them is anything. A hypothesis' sums over profiles are too many to move up when another
-one goes: they stay in its slot. A node is what is known at a start: which node the best segmentation before
-it goes back to, and what the segment in between was. Living hypotheses, the next one, and later nodes refer
+places behind them are undefined. A hypothesis' sums over profiles are too many to move up when another
+one goes: they stay in its slot. A node is the past of a start: the node to which the best segmentation before
+it goes back, and the segment in between. Living hypotheses, the next one, and later nodes refer
 to it; a node without a reference is free. The root is the node that all of them descend from. A hypothesis is
 a start with a group of kinds; each group descends from a node of its own.
 
-What is kept of an observation in the window stands in row or column (observation mod w).
+The data of an observation in the window stand in row or column (observation mod w).
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ COUNTERS = np.dtype(
 
 
 class Model(NamedTuple):
-    """What never changes, but for tables that grow as segments do."""
+    """The constants of the filter; only the tables grow, as segments do."""
 
     settings: NDArray[Any]  # (1,) SETTINGS
     channels: NDArray[Any]  # (c,) CHANNEL
@@ -152,8 +152,8 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a step changes. s: places or slots, n: nodes, g: groups, w: window; s and W ≥ w in whole
-    vectors.
+    """The arrays that a step changes.
+    s: places or slots, n: nodes, g: groups, w: window; s and W ≥ w in whole vectors.
     """
 
     counters: NDArray[Any]  # (1,) COUNTERS
@@ -219,7 +219,7 @@ WORK = 7 + 2 * MOST_SHARES
 def fresh_state(
     settings: NDArray[Any], kinds: int, groups: int, channels: int, fields: int, profiled: tuple[int, int]
 ) -> State:
-    """Before the first observation: one node, the root, where the first segment starts."""
+    """Return the state before the first observation: one node, the root, where the first segment starts."""
     window = int(settings["window"][0])
     slots, nodes = whole(int(settings["cap"][0]) + 1), (groups + 1) * 4 * (window + 2)
     libraries, blocks = profiled
@@ -290,12 +290,12 @@ def fresh_state(
 
 
 def whole(n: int) -> int:
-    """The same or the next multiple of a vector."""
+    """Return n rounded up to a multiple of VECTOR."""
     return -(-n // VECTOR) * VECTOR
 
 
 def _zeros(shape: tuple[int, ...]) -> Floats:
-    """Numbers that begin where a vector, and a line of the cache, does."""
+    """Return an array of zeros that begins at a vector's and cache line's boundary."""
     size = int(np.prod(shape))
     memory = np.zeros(size + VECTOR)
     first = -(memory.ctypes.data // memory.itemsize) % VECTOR
@@ -303,7 +303,7 @@ def _zeros(shape: tuple[int, ...]) -> Floats:
 
 
 def with_more_nodes(state: State) -> State:
-    """The same with twice the room for nodes."""
+    """Return the state with twice the room for nodes."""
     return state._replace(
         **{
             name: np.concatenate([array, np.full_like(array, -1)])
@@ -314,7 +314,7 @@ def with_more_nodes(state: State) -> State:
 
 
 def _examples() -> tuple[Model, State]:
-    """Of all types, with nothing in them."""
+    """Return an empty model and state, whose arrays have the types of all others."""
     settings = np.zeros(1, SETTINGS)
     settings["window"] = 1
     model = Model(

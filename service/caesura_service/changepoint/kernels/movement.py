@@ -51,7 +51,7 @@ def way_squared(past, steps):
 
 @compiled
 def column(channel):
-    """Where a channel's values begin in `state.past`: positions come first, then rotations."""
+    """Return the first column of a channel's values in `state.past`: positions come first, then rotations."""
     return AXES if channel.signal else 0
 
 
@@ -75,7 +75,7 @@ def innovation(here, channel, n):
 
 @compiled
 def add_step(here, channel, sums, n, first, last):
-    """The last step, to the sums of hypotheses that had n observations before it."""
+    """Add the last step to the sums of hypotheses first to last (exclusive) with n observations before it."""
     squared, log_scale = innovation(here, channel, n)
     for i in range(first, last):
         sums[WEIGHTS, i] -= AXES * log_scale
@@ -89,7 +89,7 @@ def add_step(here, channel, sums, n, first, last):
 
 @compiled
 def mix_scales(work, scales, sums, evidence, lanes):
-    """The mean over scales."""
+    """Compute the log evidence of each hypothesis as the mean over the scales."""
     peak, total = work[PEAK], work[TOTAL]
     peak[:lanes] = -math.inf
     for k in range(scales):
@@ -103,21 +103,21 @@ def mix_scales(work, scales, sums, evidence, lanes):
 
 @compiled
 def raise_peak(peak, values, lanes):
-    """To the larger of both."""
+    """Raise each peak to the value where that is larger."""
     for i in range(lanes):
         peak[i] = larger(peak[i], values[i])
 
 
 @compiled
 def add_exponentials(total, values, peak, lanes):
-    """Σ exp(value − peak)."""
+    """Add exp(value − peak) to each total."""
     for i in range(lanes):
         total[i] += exp_of_negative(values[i] - peak[i])
 
 
 @compiled
 def add_up(evidence, weights, peak, logs, log_count, lanes):
-    """The whole."""
+    """Compute log evidence: weight + peak + log of the total − log of the number of scales."""
     for i in range(lanes):
         evidence[i] = weights[i] + peak[i] + logs[i] - log_count
 
@@ -164,7 +164,7 @@ def step_squared_at(past, back, first):
 
 @compiled
 def largest(values, first, last):
-    """Of the values from the first one up to, and without, the last one."""
+    """Return the largest of the values from index `first` to `last`, the last not included."""
     peak = values[first]
     for i in range(first + 1, last):
         peak = max(peak, values[i])

@@ -70,7 +70,7 @@ def profiled(here, c, joins):
 
 @compiled
 def add_pace(here, channel, evidence, paces, joins):
-    """Of the step from the observation before, which is the same for every hypothesis."""
+    """Add the last step's weight, one for all hypotheses, to `paces`, and `paces` to the evidence."""
     state = state_at(here)
     paced = log_presence(step_squared(here, channel.signal, joins), channel.pace) if joins else 0.0
     for i in range(whole(state.counters[0].living)):
@@ -94,7 +94,7 @@ def add_target(here, channel, evidence):
 
 @compiled
 def present(presence, moved2, narrow, lanes):
-    """The weight of having moved."""
+    """Compute the weight of having moved, 1 − exp(−narrow · moved²), of each hypothesis."""
     for i in range(lanes):
         presence[i] = max(share_missing(narrow * moved2[i]), TINY)
 
@@ -104,7 +104,7 @@ def present(presence, moved2, narrow, lanes):
 
 @compiled
 def explain_best(here, channel):
-    """What the best profile leaves of the sum of squares on each axis, all precisions being 1."""
+    """Compute the sum of squares that the best profile leaves on each axis, all precisions being 1."""
     model, state = model_at(here), state_at(here)
     at, library, work = channel.field, channel.library, state.work
     end, before = model.profiles.shape[1] - 1, 0 if channel.origin == PREVIOUS else 1
@@ -129,7 +129,7 @@ def explain_best(here, channel):
 
 @reducing
 def accumulate_least(moments, values, norms, new, y):
-    """One more value in the sums of every profile; what the best one explains, negative."""
+    """Add a value to the sums of every profile; return minus the squares that the best profile explains."""
     least = math.inf
     for k in range(BLOCK):
         moment = moments[k] + new * values[k]
@@ -140,7 +140,7 @@ def accumulate_least(moments, values, norms, new, y):
 
 @compiled
 def go_on(sums, last, step, beyond):
-    """A table's sums so many samples behind its end, from where they go on evenly."""
+    """Extrapolate sums by `beyond` samples behind a table's end, where each sample adds `step`."""
     for k in range(BLOCK):
         sums[k] = last[k] + beyond * step[k]
 
@@ -150,7 +150,7 @@ def go_on(sums, last, step, beyond):
 
 @compiled
 def fill_priors(here, channel):
-    """Of every share: ν₀ times the squared scale, and what it adds to the log evidence."""
+    """Compute for every share ν₀ times the squared scale, and the term that it adds to the log evidence."""
     state = state_at(here)
     lanes, half0 = whole(state.counters[0].living), 0.5 * channel.nu0
     for s in range(channel.shares):
@@ -163,14 +163,14 @@ def fill_priors(here, channel):
 
 @compiled
 def add_scale(prior, constant, moved2, floor2, share2, lanes):
-    """Twice, for the logarithm will be taken of one."""
+    """Compute floor² + share² · moved² in both arrays; the caller takes the logarithm of one."""
     for i in range(lanes):
         prior[i] = constant[i] = floor2 + share2 * moved2[i]
 
 
 @compiled
 def multiply(values, factor, lanes):
-    """Each."""
+    """Multiply each value by a factor."""
     for i in range(lanes):
         values[i] *= factor
 
@@ -202,7 +202,7 @@ def explain_all(here, channel):
 
 @compiled
 def explain(here, channel, place, group, b, table, norms):
-    """One more value of one axis or of all; what every profile of a block leaves of the sum of squares."""
+    """Add a value of one axis or all to the sums of a block; compute the squares that each profile leaves."""
     state = state_at(here)
     new, ways, residuals = state.work[SQUARES:], state.sums[channel.field + Y :], state.residuals
     sums = state.profiles[channel.library, state.slots[place], b]
@@ -221,7 +221,7 @@ def explain(here, channel, place, group, b, table, norms):
 
 @compiled
 def accumulate(first, second, third, weighed, a, b, c):
-    """One more value of each axis in the sums of every profile."""
+    """Add a value of each of the three axes to the sums of every profile."""
     for k in range(BLOCK):
         first[k] += a * weighed[k]
         second[k] += b * weighed[k]
@@ -230,14 +230,14 @@ def accumulate(first, second, third, weighed, a, b, c):
 
 @compiled
 def accumulate_one(moments, weighed, new):
-    """The same of one axis."""
+    """Add a value of one axis to the sums of every profile."""
     for k in range(BLOCK):
         moments[k] += new * weighed[k]
 
 
 @compiled
 def leave(residuals, squares, precisions, square, norms, moved2):
-    """One more square in the sums of every profile; what is left where the whole way is explained twice."""
+    """Add a square to the sums of every profile; compute Σwy² + moved² Σwφ², without −2yΣwyφ."""
     for k in range(BLOCK):
         squares[k] += square * precisions[k]
         residuals[k] = squares[k] + moved2 * norms[k]
@@ -245,14 +245,14 @@ def leave(residuals, squares, precisions, square, norms, moved2):
 
 @compiled
 def explain_by(residuals, first, second, third, x, y, z):
-    """Less what every profile explains."""
+    """Subtract 2yΣwyφ of three axes from every profile's residual."""
     for k in range(BLOCK):
         residuals[k] -= 2.0 * (x * first[k] + y * second[k] + z * third[k])
 
 
 @compiled
 def explain_by_one(residuals, moments, y):
-    """The same of one axis."""
+    """Subtract 2yΣwyφ of one axis from every profile's residual."""
     for k in range(BLOCK):
         residuals[k] -= 2.0 * y * moments[k]
 

@@ -1,7 +1,7 @@
-"""What all channel models share: an observation as hypotheses see it, and the evidence of squared residuals.
+"""The parts that channel models share: values from each hypothesis' origin, and evidence of squares.
 
 Everything is done for all hypotheses in one loop, over whole vectors: entries past the living are
-undefined. `work` holds what is passed on; its rows are named here.
+undefined. `work` holds intermediate results; its rows are named here.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -24,13 +24,13 @@ BY_LENGTH = 4
 
 @inlined
 def whole(n):
-    """Vectors that hold n numbers."""
+    """Return n rounded up to a multiple of VECTOR."""
     return (n + VECTOR - 1) // VECTOR * VECTOR
 
 
 @compiled
 def log_presence(squared, least):
-    """`models.log_presence`."""
+    """Return `channel_model.log_presence` of one squared value."""
     if least == 0.0:
         return 0.0
     return math.log(max(-math.expm1(-0.5 * squared / least**2), TINY))
@@ -38,7 +38,7 @@ def log_presence(squared, least):
 
 @compiled
 def log_absence(squared, most):
-    """`models.log_absence`."""
+    """Return `channel_model.log_absence` of one squared value."""
     if most == 0.0:
         return 0.0
     return -0.5 * squared / most**2
@@ -63,7 +63,7 @@ def step_squared(here, signal, joins):
 
 @compiled
 def by_length(here, c, n):
-    """What of the log evidence of n samples, of one group of axes, depends on n alone."""
+    """Return the terms of the log evidence, on one group of axes, that depend on n samples alone."""
     model = model_at(here)
     if n < model.by_length.shape[1]:
         return model.by_length[c, n]
@@ -80,7 +80,7 @@ def by_length(here, c, n):
 
 @compiled
 def fill_length(here, c):
-    """What depends on length alone, of every hypothesis and group of axes."""
+    """Fill `work[BY_LENGTH]` with the part of each hypothesis' log evidence that its length alone sets."""
     model, state = model_at(here), state_at(here)
     groups = 1.0 if model.channels[c].joint else float(AXES)
     me, evidence = state.counters[0], state.work[BY_LENGTH]
@@ -90,7 +90,7 @@ def fill_length(here, c):
 
 @compiled
 def follow(here, channel, joins):
-    """How far it is from where each hypothesis counts from, and what is new in that.
+    """Compute the displacement from each hypothesis' origin, its innovation and its squared length.
 
     Fields: origin 3, y 3. The last hypothesis has just begun.
     """
@@ -112,7 +112,7 @@ def follow(here, channel, joins):
 
 @compiled
 def whiten(new, y, origin, z, rho, white, lanes):
-    """`Noise.fresh`, but for what has just begun."""
+    """Compute the innovation of each hypothesis as `Noise.fresh`, the newborn one not treated apart."""
     for i in range(lanes):
         now = z - origin[i]
         new[i] = (now - rho * y[i]) * white
@@ -121,7 +121,7 @@ def whiten(new, y, origin, z, rho, white, lanes):
 
 @compiled
 def add_square(total, values, lanes):
-    """Of every hypothesis."""
+    """Add the squared value of every hypothesis to its total."""
     for i in range(lanes):
         total[i] += values[i] * values[i]
 
@@ -151,20 +151,20 @@ def over_axes(here, c, channel):
 
 @compiled
 def add_all(x, y, z, prior, lanes):
-    """To the first of three."""
+    """Store the prior and the sum of the three axes in the first of them."""
     for i in range(lanes):
         x[i] = prior + (x[i] + y[i] + z[i])
 
 
 @compiled
 def add_prior(x, prior, lanes):
-    """To each."""
+    """Add the prior to each value."""
     for i in range(lanes):
         x[i] += prior
 
 
 @compiled
 def weigh(evidence, by_length, logs, ages, half0, half, lanes):
-    """Log evidence from logarithms of squares."""
+    """Compute log evidence from logarithms of squares and from `by_length`."""
     for i in range(lanes):
         evidence[i] = by_length[i] - (half0 + half * ages[i]) * logs[i]

@@ -114,7 +114,7 @@ def drop(here, place):
 
 @compiled
 def move_up(values, first, last):
-    """By one place."""
+    """Move the values after `first`, up to `last`, forward by one place."""
     for i in range(first, last):
         values[i] = values[i + 1]
 
@@ -163,7 +163,7 @@ def opens(state, place):
 
 @compiled
 def count_ages(here):
-    """How many observations count in each segment: of a stepwise lattice, not the one that has no step."""
+    """Count the observations of each segment; a stepwise lattice omits the very first, which has no step."""
     model, state = model_at(here), state_at(here)
     me = state.counters[0]
     for place in range(me.living):
@@ -174,7 +174,7 @@ def count_ages(here):
 
 @compiled
 def forget_next(here):
-    """Nothing descends from the nodes of the next start."""
+    """Release the nodes of the next start."""
     state = state_at(here)
     for i in range(state.next_nodes.size):
         release(here, state.next_nodes[i])
@@ -197,7 +197,7 @@ def take_next(here, place):
 
 @compiled
 def follow_path(here, joins):
-    """Keep the last positions and rotations; before the first one all are what that is."""
+    """Append the last position and rotation to `state.past`; the first observation fills all of it."""
     state = state_at(here)
     past = state.past
     last = past.shape[0] - 1
@@ -258,35 +258,35 @@ def temper(each, values, power, lanes):
 
 @compiled
 def put(target, values, lanes):
-    """One to the other."""
+    """Copy values to a target."""
     for i in range(lanes):
         target[i] = values[i]
 
 
 @compiled
 def add(sums, values, lanes):
-    """Each to its sum."""
+    """Add each value to its sum."""
     for i in range(lanes):
         sums[i] += values[i]
 
 
 @compiled
 def most(largest, values, lanes):
-    """The larger of two in each place."""
+    """Keep the larger of two values in each place."""
     for i in range(lanes):
         largest[i] = max(largest[i], values[i])
 
 
 @compiled
 def beside(difference, values, largest, lanes):
-    """How much less than the largest."""
+    """Subtract the largest value of each place."""
     for i in range(lanes):
         difference[i] = values[i] - largest[i]
 
 
 @compiled
 def prepare_next(here):
-    """What ends now, by group, and the links of the next observation's start."""
+    """Compute the sum and maximum over segments that end now, by group, and the links of the next start."""
     model, state = model_at(here), state_at(here)
     me, terms, power = state.counters[0], state.terms, model.settings[0].power
     for group in range(state.nodes.shape[0]):
@@ -415,7 +415,7 @@ def certain(here):
 
 @compiled
 def best_node(here):
-    """Where the last segment of the best segmentation starts."""
+    """Return the node of the best segmentation's last segment, at its start."""
     place, group = best_pair(here)
     return state_at(here).nodes[group, place]
 

@@ -56,7 +56,7 @@ def remember_links(here, row):
 
 @compiled
 def keep_shares(here, start, group, starts, shares, n):
-    """Of the segments of a group that may have ended before `start`, the probability that each began."""
+    """Store, for a group of segments that may have ended before `start`, the probability of each start."""
     state = state_at(here)
     size = state.window_shares.shape[0]
     row = state.window_shares[start % size, group]
@@ -69,7 +69,7 @@ def keep_shares(here, start, group, starts, shares, n):
 
 @compiled
 def link(here, start, free):
-    """`window.link`, of what has ended before a start. It is that of the next one."""
+    """Compute the next start's links as `best_path_window.link`, from the segments that end before it."""
     model, state = model_at(here), state_at(here)
     ended, following, before = state.ended, state.next, state.next_before
     power = model.settings[0].power
@@ -135,7 +135,7 @@ def smooth(here):
 
 @compiled
 def go_back(begun, shares, probability):
-    """From a start to those of the segment before it."""
+    """Pass the probability of a start on to the starts of the segment before it, by their shares."""
     for s in range(begun.size):
         begun[s] += probability * shares[s]
 
@@ -176,7 +176,7 @@ def begin_anew(here, start, before):
 
 @compiled
 def end_anew(here, start, end, group):
-    """What ends before `end` with a segment of this group, all from `start` on."""
+    """Sum again over the segmentations from `start` on that end before `end` with a segment of this group."""
     model, state = model_at(here), state_at(here)
     power = model.settings[0].power
     size, priors, terms, starts = (

@@ -38,7 +38,7 @@ class JournalError(Exception):
 
 
 class JournalFullError(JournalError):
-    """Its disk has no room left, or no more than is kept for deletions."""
+    """The journal's disk is full, or has no more room than the reserve for deletions."""
 
 
 class JournalShareError(JournalError):

@@ -84,10 +84,10 @@ class MemoryJournal:
         return sizes
 
     def commit(self) -> None:
-        """Do nothing: memory has no disk."""
+        """Return at once: memory has no disk."""
 
     def flush(self) -> None:
-        """Do nothing: memory has no disk."""
+        """Return at once: memory has no disk."""
 
     def replay(self, station: str, session: str) -> Iterator[Record]:
         """Return the records of a session as they are now; later ones do not appear in the iteration."""
@@ -144,7 +144,7 @@ class MemoryJournal:
         return tuple(StoredOutcome(key, size) for key, size in reversed(sizes) if key in self._outcomes)
 
     def check_readable(self) -> None:
-        """Do nothing: memory is readable."""
+        """Return at once: memory is readable."""
 
     def quarantine(self, station: str, session: str, why: str) -> str:
         """Delete a damaged session: memory keeps none."""
@@ -180,7 +180,7 @@ class MemoryJournal:
 
 
 def _is_closed(records: list[Record]) -> bool:
-    """Whether there is a close, searched from the end."""
+    """Whether there is a close among the records, searched from the end."""
     return any(isinstance(record.message, Close) for record in reversed(records))
 
 

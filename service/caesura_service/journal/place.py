@@ -1,4 +1,4 @@
-"""Whether a journal that is open is still the file of its name.
+"""The check that an open journal is still the file of its name.
 
 A file that is removed or replaced can be written for as long as it is open, and nothing of it is there
 afterwards: what is acknowledged meanwhile would be lost without a word.

@@ -43,7 +43,7 @@ class Lost(NamedTuple):
 
 
 class SessionExtent(NamedTuple):
-    """Where the records of a session are, and how far they reach."""
+    """The identity of one copy of a session, its opening, and the place of its last record."""
 
     identity: tuple[object, ...]  # of this copy of the session, and of no other
     opening: Open
@@ -51,21 +51,21 @@ class SessionExtent(NamedTuple):
 
 
 class BatchSource(Protocol):
-    """Where batches are read; any thread may read."""
+    """A source of recorded batches; any thread may read."""
 
     def find(self, key: Key) -> SessionExtent | None:
-        """The copy of a session that is furthest along; None without one. Raises JournalError."""
+        """Return the copy of a session that is furthest along; None without one. Raises JournalError."""
 
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
     ) -> Iterator[list[BatchRow | Lost]]:
-        """Its batches behind the place `beyond`, up to `last`. Raises JournalError or ProtocolError."""
+        """Yield a copy's batches after place `beyond`, up to `last`. Raises JournalError or ProtocolError."""
 
     def overview(self, extent: SessionExtent) -> bytes | None:
-        """The overview that was kept of a copy, whole and as it was written; None without one."""
+        """Return the stored overview of a copy, whole and as it was written; None without one."""
 
     def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
-        """Keep one, where that is possible. Raises JournalError."""
+        """Store the overview of a copy, where that is possible. Raises JournalError."""
 
 
 class FileBatches:
@@ -75,7 +75,7 @@ class FileBatches:
         self._directory, self._own = directory, own
 
     def find(self, key: Key) -> SessionExtent | None:
-        """As BatchSource. A journal that cannot be read is passed over where another has the session."""
+        """Return the furthest copy in any journal. Without one, an unreadable journal raises JournalError."""
         found, failure = [], None
         for path in journals_in(self._directory):
             try:
@@ -104,7 +104,7 @@ class FileBatches:
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
     ) -> Iterator[list[BatchRow | Lost]]:
-        """As BatchSource."""
+        """Yield the copy's batches from the file that holds it, as `BatchSource.pages`."""
         path, session_id, _ = extent.identity
         assert isinstance(path, Path)
         with open_for_reading(path) as kept:
@@ -114,7 +114,7 @@ class FileBatches:
                 beyond = stored[-1].place
 
     def overview(self, extent: SessionExtent) -> bytes | None:
-        """As BatchSource."""
+        """Return the overview from the copy's file; None without one, or if a part is missing or damaged."""
         path, session_id, _ = extent.identity
         assert isinstance(path, Path)
         assert isinstance(session_id, int)
@@ -130,20 +130,20 @@ class FileBatches:
         return b"".join(payloads) if payloads and len(payloads) == len(rows) else None
 
     def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
-        """As BatchSource; the journal of another instance is left as it is."""
+        """Store an overview in this instance's journal; one for a copy in another journal is dropped."""
         path, session_id, _ = extent.identity
         if self._own is not None and path == self._own.path and isinstance(session_id, int):
             self._own.keep_overview(key, session_id, content)
 
 
 class JournalBatches:
-    """Batches from the journal of this process, as one in memory."""
+    """Batches from a journal of this process, such as one in memory."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
 
     def find(self, key: Key) -> SessionExtent | None:
-        """As BatchSource."""
+        """Return the extent of the session in this journal; None where it has no opening there."""
         records = list(self._journal.replay(*key))
         if not records or not isinstance(records[0].message, Open):
             return None
@@ -152,7 +152,7 @@ class JournalBatches:
     def pages(
         self, key: Key, extent: SessionExtent, beyond: int, last: int
     ) -> Iterator[list[BatchRow | Lost]]:
-        """As BatchSource."""
+        """Yield the session's batches after the place `beyond`, up to `last`, PAGE records at a time."""
         del extent
         records = list(self._journal.replay(*key))[: last + 1]
         for first in range(beyond + 1, len(records), PAGE):
@@ -168,14 +168,14 @@ class JournalBatches:
             yield page
 
     def overview(self, extent: SessionExtent) -> bytes | None:
-        """None: what is in memory is read at once."""
+        """Return None: a journal in memory needs no overview."""
 
     def keep_overview(self, key: Key, extent: SessionExtent, content: bytes) -> None:
-        """Nothing is kept."""
+        """Drop the overview: a journal in memory needs none."""
 
 
 def _read(place: int, encoding: str, payload: bytes) -> Iterator[BatchRow | Lost]:
-    """A record that is a batch or gives batches up. What was recorded has the codec's form."""
+    """Yield the batch of a record, not validated again, or the loss that it records; else nothing."""
     if encoding == _BATCH:
         fields = msgpack.unpackb(payload, use_list=False)
         try:

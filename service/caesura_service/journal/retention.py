@@ -24,7 +24,7 @@ PAUSE_S = 7 * DAY_S
 
 @dataclass(frozen=True)
 class JournalSettings:
-    """How long a record may wait to be written, and how much is kept. Raises ValueError below 0."""
+    """The delay of writing records, and the limits of what the journal keeps. Raises ValueError below 0."""
 
     commit_s: float = 0.05  # 0: each is written at once
     waiting_bytes: int = 1 << 26  # that wait to be written; past that, appends are refused

@@ -1,4 +1,4 @@
-"""What can be kept of a damaged journal: its undamaged sessions, each wholly or not at all."""
+"""The recovery of a damaged journal: its undamaged sessions are copied, each wholly or not at all."""
 
 from __future__ import annotations
 

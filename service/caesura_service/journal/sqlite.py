@@ -235,7 +235,7 @@ class SqliteJournal(SqliteWriter):
                 yield record_of(session.key, row)
 
     def release(self, station: str, session: str) -> None:
-        """Do nothing: the session stays until retention deletes it."""
+        """Return at once: the session stays until retention deletes it."""
 
     def check_readable(self) -> None:
         """Read the file and its log once. Raises JournalError where the disk refuses that."""
@@ -423,7 +423,7 @@ class SqliteJournal(SqliteWriter):
 
 
 def _disk_free(path: Path) -> int | None:
-    """What the disk of a file has left [bytes]; None where that is not known."""
+    """Return the free space [bytes] on the disk of a file; None where it cannot be read."""
     try:
         return shutil.disk_usage(path.parent).free
     except OSError:

@@ -63,7 +63,7 @@ OVERVIEW_PART = 1 << 19  # [bytes] of an overview in one transaction, some milli
 
 
 class SqliteWriter:
-    """What waits for the disk, and the thread that writes it."""
+    """The records that wait for the disk, and the thread that writes them."""
 
     _database: sqlite3.Connection
 

@@ -28,14 +28,14 @@ GIVEN = config.CACHE_DIR  # as NUMBA_CACHE_DIR says
 
 
 def digest(room: Path) -> str:
-    """Of all sources of a room's kernels."""
+    """Return a digest of all sources of a room's kernels, and of this module, as 16 hex digits."""
     sources = (Path(__file__), *sorted(room.glob("*.py")))
     return hashlib.blake2b(b"\0".join(path.read_bytes() for path in sources), digest_size=8).hexdigest()
 
 
 @cache
 def cache_directory(room: Path) -> Path:
-    """Where a room's compiled code is kept: as NUMBA_CACHE_DIR says, in the room, or in a copy of that."""
+    """Return the directory of a room's compiled code: in NUMBA_CACHE_DIR, in the room, or a copy of that."""
     if GIVEN:
         return Path(GIVEN) / digest(room)
     own = room / "__pycache__" / digest(room)
@@ -48,7 +48,7 @@ def cache_directory(room: Path) -> Path:
 
 
 def _own_directory() -> Path:
-    """Where this user alone writes: what lies there is run."""
+    """Return the cache in this user's home, else a new temporary one: code that lies there is executed."""
     caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     mine = Path(caches) / "caesura" / "kernels"
     try:
@@ -59,7 +59,7 @@ def _own_directory() -> Path:
 
 
 def _kept(**how: object) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator that compiles, and keeps it where its room's is kept."""
+    """Return a decorator that compiles a function and caches the code in the directory of its room."""
     compile_ = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, **how)
 
     def decorate(function: Callable[..., Any]) -> Any:

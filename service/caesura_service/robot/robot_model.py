@@ -52,7 +52,7 @@ class FlangePose:
 
 
 class HandDynamics(NamedTuple):
-    """What one step of a simulation needs to know at the flange.
+    """The quantities at the flange for one step of a simulation.
 
     position_base: (3,) [m]; rotation_base: (3, 3) flange to base; jacobian: (6, n), linear rows first, base
     axes; mass_matrix: (n, n) [kg m²] with the motors' inertia.
@@ -76,7 +76,7 @@ class Robot:
 
     @property
     def joints(self) -> int:
-        """How many joints it has."""
+        """The number of joints."""
         return int(self._model.nq)
 
     @property
@@ -224,7 +224,10 @@ class Robot:
     def nearest_joints(
         self, position_base: ArrayLike, orientation_base: ArrayLike, q_start: ArrayLike
     ) -> tuple[Array, float, float]:
-        """As `inverse_kinematics`: joints (n,) as near to the pose as it gets; what is left [m], [rad]."""
+        """Return joints (n,) [rad] as near to a pose as IK_STEPS steps get, and the error [m], [rad].
+
+        The arguments are those of `inverse_kinematics`.
+        """
         goal = pin.XYZQUATToSE3(np.concatenate([np.asarray(position_base), np.asarray(orientation_base)]))
         home = self._checked(q_start)
         q, error = home.copy(), np.full(6, np.inf)
@@ -306,7 +309,7 @@ class Robot:
         return (postures, *self._poses(postures, self._flange))
 
     def _bounded_joints(self, goal: pin.SE3, start: Array) -> tuple[Array, float, float]:
-        """Joints (n,) near a pose, and what is left [m], [rad]; joints at a limit are not pushed on."""
+        """Return joints (n,) near a pose, and the error [m], [rad]; joints at a limit are not pushed on."""
         low, high = self.lower_limits, self.upper_limits
         q, error = np.clip(start, low, high), np.full(6, np.inf)
         for _ in range(START_STEPS):
@@ -347,7 +350,7 @@ class Robot:
         return values[:, :3], _smooth_signs(values[:, 3:])
 
     def _placement(self, q: Array, frame: int) -> Array:
-        """Position and quaternion, (n,)."""
+        """Return position [m] and quaternion x y z w of a frame, (7,)."""
         pin.forwardKinematics(self._model, self._data, q)
         placement: Array = pin.SE3ToXYZQUAT(pin.updateFramePlacement(self._model, self._data, frame))
         return placement

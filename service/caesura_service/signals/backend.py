@@ -12,7 +12,7 @@ from caesura_service.signals import numpy_operations
 
 
 class Backend(NamedTuple):
-    """What `reference` says, one way or another."""
+    """The operations of `numpy_operations`, in NumPy or compiled."""
 
     take: Callable[..., bool]
     is_steady: Callable[..., bool]
@@ -36,7 +36,7 @@ REFERENCE = _named_in(numpy_operations)
 
 @cache
 def best() -> Backend:
-    """The one that is used."""
+    """Return the compiled operations if kernels are available, else the reference."""
     if not has_kernels():
         return REFERENCE
     from caesura_service.signals.kernels import compiled_operations  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Where between observations a boundary lies: read from the speed on the 100 Hz grid.
+"""The place of a boundary between observations: read from the speed on the 100 Hz grid.
 
 The filter decides with which observation a segment starts; these are 0.1 s apart. Annotators read a boundary
 from the speed: a movement starts where the speed leaves that of rest, stops where it comes down to it, and

@@ -48,7 +48,7 @@ _TARED, _UNTARED = BiasTracker(TRACKED_BIAS_N), BiasTracker(UNTARED_BIAS_N)
 
 @dataclass(frozen=True)
 class ConditioningParameters:
-    """How samples become observations. Raises ValueError for values that make no filter or no grid."""
+    """The parameters of conditioning. Raises ValueError for values that make no filter or no grid."""
 
     grid_hz: float = float(GRID_HZ)
     savgol_window: int = 11  # grid rows, odd
@@ -88,7 +88,7 @@ class ConditioningParameters:
 
 
 class ConditioningOutput(NamedTuple):
-    """What became clear with one push."""
+    """The results that one push completes."""
 
     observations: tuple[Observation, ...] = ()
     gaps: tuple[tuple[float, float], ...] = ()  # [s] last sample before, first sample after
@@ -98,12 +98,12 @@ class ConditioningOutput(NamedTuple):
 
     @property
     def is_quiet(self) -> bool:
-        """Were they but taken?"""
+        """Whether the push completed nothing and dropped no sample."""
         return not (self.observations or self.gaps or self.gripper_events or self.repeats)
 
 
 class _State(NamedTuple):
-    """What the grid rows so far leave to those that follow."""
+    """The state that the grid rows so far leave to the rows that follow."""
 
     tail: Array | None = None  # (m, c) flange rows that the filter still needs
     gripper: GripperState = GripperState()
@@ -157,7 +157,7 @@ class Conditioner:
 
     @property
     def delay_s(self) -> float:
-        """How long after its time an observation can be known [s]: half a grid cell and half a filter window.
+        """The delay [s] of an observation after its time: half a grid cell and half a filter window.
 
         The tare holds the first ones back until its window is complete, where there is a wrench.
         """
@@ -176,7 +176,7 @@ class Conditioner:
 
     @property
     def tare_doubt(self) -> str:
-        """Why what was tared may have been a contact; "" where nothing speaks for one."""
+        """The reason why the tare may have been a contact; "" without such a reason, or before the tare."""
         tare = self._state.tare.tare
         return "" if tare is None else tare.doubt
 

@@ -42,7 +42,7 @@ class SavitzkyGolay:
 
     @property
     def delay_s(self) -> float:
-        """How much earlier the described time is than the row that completes the window [s]."""
+        """The time [s] from the row that a filtered value describes to the row that completes its window."""
         return self.half / self.rate_hz
 
     def tail(self, rows: Array) -> Array:

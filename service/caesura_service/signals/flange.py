@@ -21,7 +21,7 @@ POSITION, FORCES, ORIENTATION = slice(0, FORCE), slice(FORCE, TURN), slice(TURN,
 
 
 class FlangeColumns(NamedTuple):
-    """Where things stand in a flange row: position (m), force (N), then what the session has."""
+    """The columns of a flange row: position (m), force (N), then the other signals of the session."""
 
     position: slice
     force: slice
@@ -30,17 +30,17 @@ class FlangeColumns(NamedTuple):
     torque: slice | None  # [Nm] about the flange, in the axes of the sensor
     width: int
     moving: int  # columns before this one are filtered, the others only delayed
-    sources: NDArray[np.int64]  # columns of the grid row, see `reference.flange_rows`
+    sources: NDArray[np.int64]  # columns of the grid row, see `numpy_operations.flange_rows`
     turned: bool  # the force is measured in the flange's frame
 
     @property
     def closed(self) -> int:
-        """Gripper closed: 1, 0 or nan."""
+        """The column of the gripper's closed flag: 1, 0 or nan."""
         return self.width + 1
 
     @property
     def total(self) -> int:
-        """How many columns there are."""
+        """The number of columns."""
         return self.width + 2
 
 

@@ -44,7 +44,7 @@ class Block(NamedTuple):
 
 
 class Resampled(NamedTuple):
-    """What one push came to."""
+    """The grid rows that one push completes, with its gaps and repeats."""
 
     blocks: tuple[Block, ...]
     gaps: tuple[tuple[float, float], ...]  # [s] last sample before, first sample after
@@ -55,7 +55,7 @@ NOTHING = Resampled((), (), 0)
 
 
 class GridState(NamedTuple):
-    """Where the grid stands, and the samples that the rows to come still want, as they were pushed."""
+    """The state of the grid, and the pushed samples that the rows to come still need."""
 
     anchor: float  # [s] time of the first sample
     next_row: int
@@ -150,7 +150,7 @@ class Resampler:
         return state, Resampled(tuple(blocks), gaps, repeats)
 
     def _check_clock(self, times: Array, latest: float | None) -> None:
-        """Refuse a clock that was set: what it says of before and after cannot be put in order."""
+        """Raise ValueError for a clock that was set: times before and after that cannot be put in order."""
         known = times[:1] if latest is None else np.array([latest])
         highest = np.maximum.accumulate(np.concatenate([known, times]))[:-1]
         for steps, limit, verb in (
@@ -166,7 +166,7 @@ class Resampler:
                 )
 
     def _joined(self, waiting: Sequence[Array]) -> Array:
-        """All samples in one matrix, each quaternion on the side of the one before it."""
+        """Return all samples in one matrix, each quaternion with the sign nearer to the one before it."""
         samples = np.concatenate(waiting)
         if self.quaternion is not None:
             self.arithmetic.make_sign_continuous(samples, 1 + self.quaternion.start)
@@ -185,7 +185,7 @@ class Resampler:
         return self._state(anchor, next_row, samples, posed), Block(first, rows, restarts)
 
     def _interpolated_holds(self, samples: Array, posed: float) -> float:
-        """Interpolate the poses after the last new one; return the time [s] of what is the last one now."""
+        """Interpolate the poses after the last new one; return the time [s] of the newest new pose."""
         if not self.pose:
             return float(samples[-1, 0])
         return self.arithmetic.interpolate_holds(samples, self.pose, self.beside, posed, self.hold_limit_s)
@@ -195,7 +195,7 @@ class Resampler:
         return latest - posed <= self.hold_limit_s
 
     def _state(self, anchor: float, next_row: int, samples: Array, posed: float) -> GridState:
-        """Keep of these samples what rows from next_row on want."""
+        """Return the state with those of the samples that the rows from next_row on need."""
         last = next_row + 1 + (self.phase - next_row - 1) % self.every
         due, latest = self._edge(anchor, last), float(samples[-1, 0])
         wanted = self._edge(anchor, next_row)
@@ -211,7 +211,7 @@ class Resampler:
         return rows[:-1]
 
     def _check_waiting(self, samples: Array, anchor: float, row: int) -> None:
-        """That not too many are within the cells from this row on."""
+        """Raise ValueError for more than MAX_WAITING_SAMPLES samples within the cells from this row on."""
         if len(samples) <= MAX_WAITING_SAMPLES:
             return
         waiting = len(samples) - _wanted_from(samples[:, 0], self._edge(anchor, row))
@@ -240,12 +240,12 @@ class Resampler:
 
 
 def _advancing(times: Array, latest: float) -> NDArray[np.bool_]:
-    """Which samples are later than all before them."""
+    """Return (n,) whether each sample is later than all samples before it, and than `latest` [s]."""
     highest = np.maximum.accumulate(np.concatenate([[latest], times]))
     advancing: NDArray[np.bool_] = times > highest[:-1]
     return advancing
 
 
 def _wanted_from(times: Array, edge: float) -> int:
-    """First sample that the cell beginning at this edge needs: the last one before the edge."""
+    """Return the index of the first sample that a cell from this edge on needs: the last before the edge."""
     return max(0, int(times.searchsorted(edge)) - 1)

@@ -77,14 +77,14 @@ class GripperEvent:
 
 
 class GripperRows(NamedTuple):
-    """What is known on each grid row, nan where nothing is."""
+    """The gripper's events, and its state on each grid row; nan where that is unknown."""
 
     events: tuple[GripperEvent, ...]
     grips: Array  # (n, 2) width [m]; 1 closed or grasped, 0 open
 
 
 class GripperState(NamedTuple):
-    """Where the fingers were last at rest, and the rows that the next verdict still needs."""
+    """The last rest of the fingers, and the rows that the next verdict still needs."""
 
     signal: Signal = "undecided"
     tail: Array = np.empty(0)  # (m,) [m], shorter than the window
@@ -139,7 +139,7 @@ class GripperTracker:
         return self._event(state, "open", anchor, state.last_row, state.latest)
 
     def _decided(self, state: GripperState, *, is_flag: bool) -> GripperState:
-        """Read the zeros so far as what they were."""
+        """Return the state once the signal is known: zeros so far were widths [m], or an open flag."""
         if not is_flag:
             return state._replace(signal="opening")
         opened = self.parameters.opening_max_m
@@ -177,7 +177,7 @@ class GripperTracker:
         return state, GripperRows(events, grips)
 
     def _changes(self, still: bool, recent: Array, n: int) -> list[tuple[int, bool]]:
-        """At which of the last n rows fingers come to rest (True) or begin to move, and which of it.
+        """Return (index, whether the fingers come to rest) for each change between rest and motion in n rows.
 
         They are still where the window that ends at a row is full and narrow.
         """
@@ -191,7 +191,7 @@ class GripperTracker:
         return [(i, bool(verdicts[i + 1])) for i in changed]
 
     def _closed_below(self, state: GripperState) -> float:
-        """Up to which opening fingers are closed, on something or nothing [m]; nan where that is unknown."""
+        """Return the opening [m] up to which fingers count as closed, on an object or not; nan if unknown."""
         if state.posture is None or state.signal == "undecided":
             return math.nan
         return -math.inf if state.posture == "open" else state.level + self.parameters.travel_m
@@ -199,7 +199,7 @@ class GripperTracker:
     def _settled(
         self, state: GripperState, anchor: float, row: int, level: float
     ) -> tuple[GripperState, tuple[GripperEvent, ...]]:
-        """Come to rest: the window that ends at this row is the first still one."""
+        """Return state and events of fingers that come to rest: the first still window ends at this row."""
         rest = state._replace(still=True, begun=None)
         if state.posture is not None and abs(level - state.level) < self.parameters.travel_m:
             return rest, ()

@@ -43,7 +43,7 @@ class Observation:
 
 
 class FilteredRow(NamedTuple):
-    """What becomes an observation once the tare is known."""
+    """A filtered row of the segmentation grid, which becomes an observation once the tare is known."""
 
     number: int  # becomes the observation's index
     t: float

@@ -86,7 +86,7 @@ class SampleLayout:
         return self  # immutable, and its functions may hold a robot, which is not part of the state
 
     def has(self, signal: str) -> bool:
-        """Whether the signal's columns are there."""
+        """Return whether the signal's columns are among the session's."""
         return set(self._names(signal)) <= set(self.columns)
 
     @cached_property
@@ -98,7 +98,7 @@ class SampleLayout:
 
     @property
     def source(self) -> WrenchCapabilities:
-        """What the wrench supports. Raises ValueError for statements that are unknown or contradictory."""
+        """The capabilities of the wrench. Raises ValueError for unknown or contradictory statements."""
         stated = self.wrench_source is not None
         return wrench_capabilities(self.source_in_use, self.hand_on_robot, stated=stated)
 
@@ -121,7 +121,7 @@ class SampleLayout:
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """Signal → its place among the values, the columns after the time in what `take` returns."""
+        """The slice of each signal among the values: the columns after the time in the result of `take`."""
         place, slices = 0, {}
         for signal in self._used():
             width = len(self._names(signal))
@@ -141,7 +141,7 @@ class SampleLayout:
         return self.joints if "pos" in self.slices and "q" in self.slices else 0
 
     def read(self, samples: Array) -> tuple[Array, Array]:
-        """Times (n,) [s] and values (n, c) of what `take` returns."""
+        """Return times (n,) [s] and values (n, c) from the result of `take`."""
         taken = self.take(samples)
         return taken[:, 0], taken[:, 1:]
 
@@ -163,7 +163,10 @@ class SampleLayout:
 
     @cached_property
     def _conditions(self) -> tuple[Array, int, float]:
-        """What `reference.take` holds samples against, and which columns it takes."""
+        """The arguments of `Backend.take`: plan, first quaternion column (−1: none), tolerance of its norm.
+
+        plan: (3, columns) limit, column among those taken (−1: not taken), and factor of each column.
+        """
         plan = np.array([self._limits, np.full(len(self.columns), -1), np.ones(len(self.columns))])
         plan[1, self._picked] = np.arange(len(self._picked))
         if "pos" in self.slices:
@@ -178,11 +181,11 @@ class SampleLayout:
 
     @property
     def _limits(self) -> Array:
-        """How large a value of each column may be; nothing infinite and no nan is below any limit."""
+        """(columns,) the limit of each column's absolute value; no infinity and no nan is below any limit."""
         return np.array([LIMITS[column][0] if column in LIMITS else LARGEST for column in self.columns])
 
     def _names(self, signal: str) -> tuple[str, ...]:
-        """Columns of a signal, of a robot with so many joints."""
+        """Return the columns of a signal; of joint signals those of the session's joints."""
         return SIGNALS[signal][: self.joints] if signal in {"q", "tau"} else SIGNALS[signal]
 
     def _used(self) -> tuple[str, ...]:
@@ -193,7 +196,7 @@ class SampleLayout:
         return tuple(signal for signal in SIGNALS if self.has(signal) and signal not in unused)
 
     def _refuse(self, samples: Array) -> NoReturn:
-        """Name the first value that is not finite, else beyond its column's limit, else no quaternion."""
+        """Raise ValueError for the first value that is not finite, else over its limit, else no rotation."""
         finite = np.isfinite(samples)
         beyond = ~finite if not finite.all() else np.abs(samples) > self._limits
         if not beyond.any():

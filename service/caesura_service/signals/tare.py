@@ -43,7 +43,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RestCriterion:
-    """When the force at the start of a demonstration is bias and nothing else."""
+    """The limits within which the force at the start of a demonstration counts as bias alone."""
 
     speed_limit_m_per_s: float
     scatter_limit_n: float  # standard deviation in the direction in which it is greatest
@@ -51,9 +51,9 @@ class RestCriterion:
 
 @dataclass(frozen=True)
 class Tare:
-    """What is taken off every force. bias: (fx, fy, fz) [N] base frame; None: nothing is taken off.
+    """The bias that is subtracted from every force: (fx, fy, fz) [N] base frame; None: nothing is subtracted.
 
-    torque_bias: (3,) [Nm] likewise, axes as of `torque.in_flange`; None without a tare or a torque.
+    torque_bias: (3,) [Nm] likewise, axes as of `tared_torque.in_flange`; None without a tare or a torque.
     doubt: why the force may have been a contact, "" where nothing speaks for one; up: away from gravity.
     """
 
@@ -65,11 +65,11 @@ class Tare:
 
     @property
     def may_be_contact(self) -> bool:
-        """Return whether a press of a hand explains what is taken off, and neither bias nor weight does."""
+        """Whether the bias, less any weight, is too large for a sensor and may be a hand's press."""
         return self.bias is not None and _is_press(_without_weight(self.bias, self.up))
 
     def withdrawn(self, after_s: float) -> Tare:
-        """Return what is left of a tare that was a contact, so long after the start [s]: nothing."""
+        """Return a tare of zero with the doubt that this one was a contact. after_s: [s] since the start."""
         doubt = (
             f"The {math.hypot(*(self.bias or ORIGIN)):.1f} N that the tare took off were no bias: "
             f"{after_s:.1f} s after the start the arm moves with a force near zero, and nothing is taken off "
@@ -133,7 +133,7 @@ def tare_of(
 
 
 def _doubt(mean: Array) -> str:
-    """Why a force (3,) [N] that is taken for bias may be a contact."""
+    """Return the reason why a force (3,) [N] that is taken for bias may be a contact; "" without one."""
     size = math.hypot(*mean.tolist())
     if not _is_press(size):
         return ""
@@ -144,24 +144,24 @@ def _doubt(mean: Array) -> str:
 
 
 def _is_press(force_n: float) -> bool:
-    """Return whether a hand presses so, and no bias explains it."""
+    """Whether a force [N] is larger than any bias, and within the range of a hand's press."""
     return TOUCHED_N < force_n < PRESSED_N
 
 
 def _without_weight(force: Vector, up: Vector) -> float:
-    """[N] What the weight of a tool or a load leaves of a force [N]; it pulls against up."""
+    """Return the least length [N] of a force less a weight of up to LOAD_KG, which pulls against up."""
     (x, y, z), (ux, uy, uz) = force, up
     weight_n = min(max(-(x * ux + y * uy + z * uz), 0.0), LOAD_KG * GRAVITY)
     return math.hypot(x + weight_n * ux, y + weight_n * uy, z + weight_n * uz)
 
 
 def _untared(why: str) -> Tare:
-    """No tare, with what follows from that and what to do."""
+    """Return an empty tare whose note has the reason, its consequence and the remedy."""
     return Tare(None, f"Not tared: {why}. {UNTARED}")
 
 
 def _rounded(vector: Array) -> str:
-    """(x, y, z) with two digits; a component that rounds to zero has no sign."""
+    """Return "(x, y, z)" with two digits; a component that rounds to zero has no sign."""
     return f"({', '.join(f'{round(value, 2) + 0.0:.2f}' for value in vector.tolist())})"
 
 

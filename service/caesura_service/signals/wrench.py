@@ -1,4 +1,4 @@
-"""Which models a wrench supports, by where it is measured and by whether a hand is on the robot.
+"""The models that a wrench supports, by the place of its measurement and by whether a hand is on the robot.
 
 A sensor below the guiding hand measures the environment alone. A sensor above it measures the hand as well.
 An estimate from joint torques holds the hand's force, where there is one, and the error of the robot's
@@ -23,7 +23,7 @@ STATE_IT = "State it with --wrench-source."
 
 @dataclass(frozen=True)
 class WrenchCapabilities:
-    """Which models a wrench supports, and how its bias is estimated."""
+    """The models that a wrench supports, and the way in which its bias is estimated."""
 
     contact_models: bool  # can contact and free space be distinguished?
     transport_models: bool  # can a load be weighed?
@@ -36,7 +36,10 @@ class WrenchCapabilities:
     up: str = ""  # the stated direction away from gravity, in words; "" where the base's z axis is assumed
 
     def with_preset(self, name: str, *, contact: bool, load: bool) -> WrenchCapabilities:
-        """Return what a preset uses of them; contact, load: whether it has models of these."""
+        """Return the capabilities without those of which the preset has no model.
+
+        contact, load: whether the preset has models of these.
+        """
         if not self.contact_models or (contact and load):
             return self
         return replace(self, contact_models=contact, transport_models=load, limiting_preset=name)

@@ -10,7 +10,7 @@ from caesura_service.signals.numpy_operations import ALIKE_M_PER_S, FORCE, LEFT_
 
 @compiled
 def take(samples, plan, quaternion, tolerance, taken):
-    """`reference.take`."""
+    """Compute as `numpy_operations.take`."""
     beyond = False
     for c in range(samples.shape[1]):
         limit, place, scale = plan[0, c], int(plan[1, c]), plan[2, c]
@@ -26,7 +26,7 @@ def take(samples, plan, quaternion, tolerance, taken):
 
 @compiled
 def is_steady(samples, latest, gap_limit_s):
-    """`reference.is_steady`."""
+    """Compute as `numpy_operations.is_steady`."""
     n = samples.shape[0]
     if n == 0 or not (samples[0, 0] > latest and samples[n - 1, 0] - latest <= gap_limit_s):
         return False
@@ -38,7 +38,7 @@ def is_steady(samples, latest, gap_limit_s):
 
 @compiled
 def make_sign_continuous(samples, at):
-    """`reference.make_sign_continuous`."""
+    """Compute as `numpy_operations.make_sign_continuous`."""
     for i in range(1, samples.shape[0]):
         follow_sign(samples[i - 1, at:], samples[i, at:])
 
@@ -62,7 +62,7 @@ def follow_sign(before, quaternion):
 
 @compiled
 def interpolate_holds(samples, pose, beside, posed, hold_limit_s):
-    """`reference.interpolate_holds`."""
+    """Compute as `numpy_operations.interpolate_holds`."""
     last = first_from(samples, 0, posed)
     for i in range(last + 1, samples.shape[0]):
         if not differs(samples[i], samples[i - 1], 1, 1 + pose):
@@ -96,7 +96,7 @@ def bridge(samples, last, new, width):
 
 @compiled
 def resample(samples, anchor, grid_hz, first, held, rows):
-    """`reference.resample`. A row is first the interpolant at its cell's left edge, then the mean."""
+    """`numpy_operations.resample`. A row is first the interpolant at its cell's left edge, then the mean."""
     count = rows.shape[0] - 1
     after = 0
     for k in range(count + 1):
@@ -117,7 +117,7 @@ def resample(samples, anchor, grid_hz, first, held, rows):
 
 @compiled
 def first_from(samples, i, t):
-    """Where the first sample at t or later is, counting from i."""
+    """Return the index of the first sample at t [s] or later, searched from i."""
     while i < samples.shape[0] and samples[i, 0] < t:
         i += 1
     return i
@@ -125,7 +125,7 @@ def first_from(samples, i, t):
 
 @compiled
 def interpolate(samples, i, t, row):
-    """Between samples i and i + 1."""
+    """Interpolate linearly between samples i and i + 1."""
     part = (t - samples[i, 0]) / (samples[i + 1, 0] - samples[i, 0])
     for c in range(row.size):
         row[c] = samples[i, 1 + c] + (samples[i + 1, 1 + c] - samples[i, 1 + c]) * part
@@ -152,7 +152,7 @@ def average(samples, start, stop, left, right, row, following):
 
 @compiled
 def flange_rows(rows, before, sources, oriented, turned, flange):
-    """`reference.flange_rows`."""
+    """Compute as `numpy_operations.flange_rows`."""
     known = before.shape[0]
     for i in range(known):
         for c in range(flange.shape[1]):
@@ -193,7 +193,7 @@ def rotate(row):
 
 @compiled
 def openings(rows, before, opened, measured, closed_below, recent, grips):
-    """`reference.openings`."""
+    """Compute as `numpy_operations.openings`."""
     known, column = before.size, rows.shape[1] - 1
     least, most = math.inf, -math.inf
     for i in range(known):
@@ -213,7 +213,7 @@ def openings(rows, before, opened, measured, closed_below, recent, grips):
 
 @compiled
 def fit(rows, centre, taps, moving, both):
-    """`reference.fit`."""
+    """Compute as `numpy_operations.fit`."""
     window = taps.shape[1]
     first = centre - window // 2
     value, slope = both[0], both[1]
@@ -229,7 +229,7 @@ def fit(rows, centre, taps, moving, both):
 
 @compiled
 def speeds_of(rows, first, slopes, lever, speeds):
-    """`reference.speeds_of`."""
+    """Compute as `numpy_operations.speeds_of`."""
     window = slopes.size
     for k in range(speeds.size):
         start = first + k - window // 2
@@ -253,7 +253,7 @@ def slope_at(rows, start, c, slopes):
 
 @compiled
 def boundary_row(speeds, first, last, creep, rest):
-    """`reference.boundary_row`."""
+    """Compute as `numpy_operations.boundary_row`."""
     starts, ends = speeds[first] >= rest, speeds[last] >= rest
     at = first
     if starts == ends:
@@ -276,7 +276,7 @@ def boundary_row(speeds, first, last, creep, rest):
 
 @compiled
 def finish(x, y, z, oriented, row):
-    """`reference.finish`."""
+    """Compute as `numpy_operations.finish`."""
     row[FORCE] -= x
     row[FORCE + 1] -= y
     row[FORCE + 2] -= z

@@ -1,6 +1,6 @@
 """The window: the evidence of its segments, what a start taken for certain sums anew, and smoothing.
 
-`window.Window` goes back over the evidence in logarithms. Here it is done with probabilities. A segment of
+`best_path_window.Window` goes back over the evidence in logarithms. Here probabilities do. A segment of
 group j that starts at u follows one of group i with probability E_i(u) R_ij / A_j(u) (`window_flow`). That
 one began at s with probability A_i(s) g(u−s) L_i(s,u−1) / E_i(u) (`window_shares`). Neither changes any more.
 So a segment of group i starts at s with the probability that the last one did, and for every later start u
@@ -101,7 +101,7 @@ def link(here, start, free):
 
 @compiled
 def smooth(here):
-    """`Window.smoothed`, given the joints of the living."""
+    """Compute `Window.smoothed` of each observation in the window, from the living hypotheses' joints."""
     model, state = model_at(here), state_at(here)
     me, begun, terms = state.counters[0], state.begun, state.terms
     size, groups = state.window_evidence.shape[0], begun.shape[0]
@@ -142,7 +142,7 @@ def go_back(begun, shares, probability):
 
 @compiled
 def sum_from(here, start, before):
-    """`Window.sum_from`, and the nodes that follow from it."""
+    """Compute `Window.sum_from`, and make the nodes of the starts after it."""
     state = state_at(here)
     me, size = state.counters[0], state.window_evidence.shape[0]
     for end in range(start, me.count):

@@ -123,7 +123,7 @@ class Truth:
     screws: tuple[ScrewStroke, ...] = ()
 
     def within(self, low: float, high: float) -> Truth:
-        """What of it lies between two times [s]; stretches across one of them end there."""
+        """Return the truth between two times [s]; stretches across one of them end there."""
         return self._changed(
             (max(low, self.window[0]), min(high, self.window[1])),
             tuple(point for point in self.points if low <= point.t <= high),
@@ -167,7 +167,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class ToleranceOptions:
-    """How much more than reading uncertainty is allowed: slack_s [s] is added, least_s [s] is the least."""
+    """The additional tolerance of true points: slack_s [s] is added to each, and least_s [s] is the least."""
 
     slack_s: float = 0.0
     least_s: float = 0.0
@@ -182,7 +182,7 @@ class ToleranceOptions:
 
 
 def truth_file(recording: Path) -> Path:
-    """Where the truth of a recording stands: `x.npz` → `x.ann.json`."""
+    """Return the path of a recording's truth: `x.npz` → `x.ann.json`."""
     return recording.with_suffix(SUFFIX)
 
 

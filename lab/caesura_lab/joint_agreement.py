@@ -1,4 +1,4 @@
-"""Do the positions of a recording lie where the joints of its arm have the flange?
+"""The check that a recording's positions lie where the joints of its arm have the flange.
 
 Controllers report the pose of a tool centre point, ROS one in another base frame. Both look like a flange's,
 and the targets of the program are off by as much. The joints show it.
@@ -28,9 +28,10 @@ def compared(recording: Recording) -> Array:
 
 
 def contradiction_of_joints(recording: Recording, assumed_arm: str) -> str | None:
-    """What is wrong where positions and joints contradict each other, and what to do; else None.
+    """Return how positions and joints contradict each other, with the remedy; None where they do not.
 
-    assumed_arm: whose joints these are where no arm is stated.
+    Also None without positions or joints, or where the arm has another number of joints.
+    assumed_arm: the arm of the joints where the recording states none.
     """
     signals, stated = recording.signals, recording.setting.robot
     if not {"pos", "q"} <= set(signals):
@@ -55,7 +56,10 @@ def contradiction_of_joints(recording: Recording, assumed_arm: str) -> str | Non
 
 
 def _reason(position: Array, flange: Array, orientation: Array) -> str:
-    """Why they differ, and the remedy. position, flange: (n, 3) [m]; orientation: (n, 4)."""
+    """Return the reason why positions and joints differ, with the remedy.
+
+    position, flange: (n, 3) [m]; orientation: (n, 4).
+    """
     offset = np.einsum("nji,nj->ni", matrices_of(orientation), position - flange)
     usual = np.median(offset, axis=0)
     if np.linalg.norm(offset - usual, axis=1).max() < STEADY_M:

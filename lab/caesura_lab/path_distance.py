@@ -1,4 +1,4 @@
-"""How far two paths are apart, whatever the times at which each passes its places."""
+"""The distance between two paths, whatever the times at which each passes its places."""
 
 from __future__ import annotations
 

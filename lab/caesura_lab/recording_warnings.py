@@ -43,7 +43,7 @@ UPWARD_N = 2.0  # the bias of a sensor wanders by as much within a recording
 
 
 def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
-    """What a reader must know of the recording beside its results, a sentence or two each."""
+    """Return the warnings and assumptions that a reader needs beside the results, a sentence or two each."""
     return (
         *(f"Warning: {one}" for one in (*recording.cautions, *recording.doubts)),
         *_of_assumptions(recording),
@@ -52,7 +52,7 @@ def recording_warnings(recording: Recording, preset: str) -> tuple[str, ...]:
 
 
 def _of_assumptions(recording: Recording) -> Iterator[str]:
-    """What the reader assumed; where joints show another order of the quaternions, that order."""
+    """Yield the reader's assumptions, and warnings where the joints contradict quaternions or positions."""
     yield from without_confirmed(recording).assumed
     order = order_of_quaternions(recording)
     if order in WRONG_ORDERS:
@@ -62,7 +62,7 @@ def _of_assumptions(recording: Recording) -> Iterator[str]:
 
 
 def without_confirmed(recording: Recording) -> Recording:
-    """The recording without the assumption on its quaternions where its joints show their order."""
+    """Return the recording without the assumption on its quaternions if its joints show their order."""
     if ASSUMED_ORDER not in recording.assumed or order_of_quaternions(recording) is None:
         return recording
     return replace(recording, assumed=tuple(one for one in recording.assumed if one != ASSUMED_ORDER))

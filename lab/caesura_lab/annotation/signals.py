@@ -1,4 +1,4 @@
-"""What the page draws of a recording: speed, position and force on one grid of time.
+"""The signals that the page draws of a recording: speed, position and force on one grid of time.
 
 Nothing here comes from the service's conditioning or its models: an annotation is blind to them.
 """
@@ -36,7 +36,7 @@ class PlottedSignals(NamedTuple):
 
     @property
     def coarse(self) -> str | None:
-        """How far the points are apart, where a recording is too long for PLOT_HZ; else None."""
+        """A note on the time between two points, where a recording is too long for PLOT_HZ; else None."""
         if self.t.size < MAX_ROWS:
             return None
         span = float(self.t[-1] - self.t[0])

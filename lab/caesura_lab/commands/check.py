@@ -141,7 +141,7 @@ def execute(
 
 
 def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None) -> bool:
-    """Whether it was stopped."""
+    """Run a program on the simulated robot and print its figures; return whether the run was stopped."""
     import numpy as np  # noqa: PLC0415
 
     from caesura_lab.execution.cell import Cell  # noqa: PLC0415
@@ -195,7 +195,7 @@ def _run(program: ProgramFile, scenario: str | None, seed: int, out: Path | None
 
 
 def _clock_of(program: ProgramFile) -> SessionClock:
-    """The clock in which people read its times, as in the table of `caesura program`."""
+    """Return the clock of the program's times for people, as in the table of `caesura program`."""
     return clock_from(program.apps[0].t0) if program.apps else NO_OFFSET
 
 

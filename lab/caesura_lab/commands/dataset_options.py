@@ -1,4 +1,4 @@
-"""What `caesura export` and `caesura sessions export` take for a dataset of several demonstrations."""
+"""The options of `caesura export` and `caesura sessions export` for a dataset of several demonstrations."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class SuiteVerdicts:
 
 
 class Format(StrEnum):
-    """How results are written."""
+    """The format in which results are written."""
 
     TEXT = "text"
     MARKDOWN = "markdown"

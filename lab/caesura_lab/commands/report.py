@@ -71,7 +71,7 @@ def _collected(recording: Recording, preset: str, truth: Truth | None) -> Report
 
 
 def _writers() -> ModuleType:
-    """What draws, which not every service needs."""
+    """Import the module that draws reports. Raises CaesuraError where its extra is not installed."""
     try:
         return import_module("caesura_lab.report.writers")
     except ModuleNotFoundError as error:

@@ -44,7 +44,7 @@ SHOWN_GAPS = 5
 
 
 class _Job(NamedTuple):
-    """How each recording is read and segmented."""
+    """The options with which each recording is read and segmented."""
 
     reading: Reading
     asked: ProgramOptions
@@ -53,7 +53,7 @@ class _Job(NamedTuple):
     threshold: float | None
 
     def segmented(self, file: Path) -> _Segmented:
-        """Raises CaesuraError, ProtocolError."""
+        """Read and segment a file. Raises CaesuraError, ProtocolError."""
         recording = load_recording(file, **self.reading._asdict(), mapping=self.mapping)
         recording = replace(recording, setting=self.asked.setting().completed_by(recording.setting))
         view = segmented(without_confirmed(recording), self.preset, self.threshold)
@@ -61,7 +61,7 @@ class _Job(NamedTuple):
 
     @property
     def method(self) -> dict[str, Any]:
-        """What the results depend on beside the recording and what it states."""
+        """The preset and the stated options, which determine the results of a recording."""
         options = {
             **self.reading._asdict(),
             **self.asked._asdict(),
@@ -198,7 +198,7 @@ def _as_options(answered: Answered) -> str:
 
 
 def segmented(recording: Recording, preset: str, threshold: float | None = None) -> PipelineView:
-    """Its segments, with a bar on the way. Raises SourceError where there is nothing to segment."""
+    """Segment a recording, with a progress bar on stderr. Raises SourceError where no segment comes out."""
     announce_compilation()
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
@@ -257,12 +257,12 @@ def _shown(recording: Recording, preset: str, view: PipelineView, warnings: Sequ
 
 
 def _ignored(recording: Recording) -> str:
-    """What of a file was not read, without its name; empty where everything was."""
+    """Return the parts of a file that were not read, without its name; empty where all was read."""
     return ignored_line(recording).replace(f"{recording.name}: ", "", 1)
 
 
 def _repeats(view: PipelineView) -> str:
-    """How many samples were dropped; empty where none was."""
+    """Return a sentence with the number of dropped samples; empty where none was dropped."""
     if not view.repeats:
         return ""
     verb, whose = ("was", "its") if view.repeats == 1 else ("were", "their")
@@ -270,7 +270,7 @@ def _repeats(view: PipelineView) -> str:
 
 
 def _warnings(recording: Recording, view: PipelineView, clock: SessionClock) -> Iterator[str]:
-    """What a reader must know of what is not in the tables."""
+    """Yield the notes that the tables do not show: on results, ignored columns, dropped samples and gaps."""
     yield from map(clock.text, notes_beside_tables(view))
     if ignored := ignored_line(recording):
         yield ignored

@@ -26,7 +26,7 @@ def check_output(out: Path) -> None:
 
 
 def outputs_of(files: Sequence[Path], out: Path | None) -> Mapping[Path, Path] | None:
-    """Where the results of each recording go; None where they go into no file. Makes the directory.
+    """Return the result file of each recording, and make their directory; None where no file is written.
 
     Raises SourceError for a file in place of a directory, and for two recordings of one name.
     """

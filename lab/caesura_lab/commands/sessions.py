@@ -171,7 +171,7 @@ def _format_of(out: Path, asked: Format | None, names: list[str], dataset: Datas
 
 
 def _journal_paths(directory: Path | None, instance: str | None) -> list[Path]:
-    """Of one instance, or all of the directory. Raises NotFound where there is none."""
+    """Return the journal of one instance, or all of the directory. Raises NotFound where there is none."""
     where = directory or journal_directory()
     wanted = where / "*.sqlite" if instance is None else journal_path(where, instance)
     matches = sorted(where.glob(wanted.name))
@@ -217,7 +217,10 @@ def _find_session(journals: list[Path], session: str, station: str | None) -> Fo
 
 
 def _copies(path: Path, one_of: int) -> tuple[Copy, ...]:
-    """What a journal has; one of several that cannot be read is passed over."""
+    """Return the sessions of a journal. An unreadable one of several is reported on stderr and has none.
+
+    Raises CaesuraError where the only one (`one_of` 1) is unreadable.
+    """
     try:
         with _open_journal(path) as journal:
             return journal.copies()

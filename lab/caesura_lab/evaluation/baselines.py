@@ -1,4 +1,4 @@
-"""What others do, on the same signals.
+"""Methods of other authors, on the same signals.
 
 Every parameter is the literature's or follows from a principle that stands beside it; none is fitted to our
 scenarios or recordings. Methods that only find boundaries get the same labels afterwards: the rule of the
@@ -89,7 +89,7 @@ def thresholds(signals: Signals) -> NDArray[np.intp]:
 
 
 def zero_velocity(signals: Signals) -> NDArray[np.intp]:
-    """Where an axis stops, starts or turns round; crossings within 0.3 s are one boundary.
+    """Return the rows (k,) where an axis stops, starts or turns round; crossings within 0.3 s are one.
 
     Fod, Matarić & Jenkins 2002, section 3.2 (a zero is a velocity within a dead band; crossings of several
     axes within 300 ms are one), with hysteresis between the annotators' speeds as the dead band.

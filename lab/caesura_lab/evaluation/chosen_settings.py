@@ -13,9 +13,9 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class GaussianSettings:
-    """Of Bayesian online changepoint detection on log speed and log force.
+    """Settings of Bayesian online changepoint detection on log speed and log force.
 
-    Floors: what is smaller is not distinguished. mean_weight, degrees: of the prior, in observations;
+    Floors: smaller values are not distinguished. mean_weight, degrees: of the prior, in observations;
     speed_spread, force_spread: the prior's standard deviation of a logarithm within a segment;
     mean_segment_s: of the hazard; least_s: of a segment.
     """
@@ -32,9 +32,9 @@ class GaussianSettings:
 
 @dataclass(frozen=True)
 class StudentSettings:
-    """Of Bayesian online changepoint detection on speed alone, or on its logarithm.
+    """Settings of Bayesian online changepoint detection on speed alone, or on its logarithm.
 
-    unit_m_per_s: the floor of the logarithm, or what speed is divided by; the rest as in `GaussianSettings`.
+    unit_m_per_s: the floor of the logarithm, or the divisor of speed; the rest as in `GaussianSettings`.
     """
 
     scale: Literal["log", "linear"] = "log"
@@ -48,7 +48,7 @@ class StudentSettings:
 
 @dataclass(frozen=True)
 class KernelSettings:
-    """Of kernel changepoint detection.
+    """Settings of kernel changepoint detection.
 
     signals: `log` speed and force, or velocity and force divided by their floors; gamma: of the Gaussian
     kernel, None for the median heuristic; penalty: of a changepoint, times log n.

@@ -66,7 +66,7 @@ class PublishedHint:
 
 @dataclass(frozen=True)
 class FaultResult:
-    """What came of a fault. latency [s] from the cause to the first hint, negative ahead; None: no hint."""
+    """Result of one fault. latency [s]: from its cause to the first hint, negative ahead; None: no hint."""
 
     fault: str
     scenario: str
@@ -162,7 +162,7 @@ def judged(name: str, case: CoachingCase, fault: Fault) -> FaultResult:
 
 
 def _is_explained(hint: Hint, taught: CleanDemonstration) -> bool:
-    """Does the truth have a cause for the hint, although no fault was injected?"""
+    """Whether the truth has a cause for the hint, although no fault was injected."""
     t, truth = taught.recording.t, taught.truth
     near = int(np.searchsorted(t, hint.since))
     window = slice(max(near - 1000, 0), near + 1000)
@@ -190,7 +190,7 @@ class RealRecording:
     path: Path
 
     def hints(self) -> CleanResult | None:
-        """Its hints; None where it cannot be read or segmented."""
+        """Return the hints of the recording; None where it cannot be read or segmented."""
         try:
             recording = load_recording(self.path)
             hints = published(recording)

@@ -63,7 +63,7 @@ class Fault:
     place: float | None = None
 
     def is_named_by(self, hint: Hint) -> bool:
-        """Is a hint one of this fault?"""
+        """Whether a hint is of this fault's kind and, where the fault has a place, near it."""
         if hint.kind != self.kind:
             return False
         return self.place is None or (hint.t0 is not None and abs(hint.t0 - self.place) <= NEAR_TRUTH_S)
@@ -86,7 +86,7 @@ class CleanDemonstration:
         return np.column_stack([np.convolve(column, kernel, mode="same") for column in moved.T])
 
     def free_runs(self, least_m_per_s: float, least_s: float) -> list[tuple[int, int]]:
-        """Rows from and to which it moves that fast in free space, for at least so long."""
+        """Return first and last (exclusive) row of each run in free space that is so fast for so long."""
         t, speed = self.recording.t, np.linalg.norm(self.velocity, axis=1)
         fast = (speed > least_m_per_s) & self._is_free(t)
         edges = np.flatnonzero(np.diff(np.r_[0, fast.astype(int), 0]))
@@ -135,7 +135,7 @@ def _hand(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def _lasting(true: NDArray[np.bool_], seconds: float, t: Array) -> int:
-    """The first row from which something is true for so long. Raises NotInjectableError without one."""
+    """Return the first row from which `true` holds for so long. Raises NotInjectableError without one."""
     rows = round(seconds / float(t[1] - t[0]))
     counts = (
         np.convolve(true.astype(int), np.ones(rows, int), mode="valid") if len(true) >= rows else np.zeros(0)
@@ -211,9 +211,9 @@ def _fast(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def first_unrecorded(t: Array, position: Array) -> float | None:
-    """When a path (n, 3) begins to leave the cubic through poses 0.1 s apart by more than the tolerance [s].
+    """Return the time [s] from which a path (n, 3) leaves the cubic through its poses 0.1 s apart; or None.
 
-    For half a step, so that most grids of poses miss it. None where it does not.
+    It leaves the cubic by more than the tolerance, for half a step, so that most grids of poses miss it.
     """
     step = round(0.05 / float(t[1] - t[0]))
     a, b, middle, c, d = (position[k * step : len(t) - (6 - k) * step] for k in (0, 2, 3, 4, 6))
@@ -286,7 +286,7 @@ def _at_joints(taught: CleanDemonstration, joints: Array) -> Recording:
 
 
 def _ramp(t: Array, start: float, duration: float) -> Array:
-    """0 to 1 as a movement without a jerk."""
+    """Return 0 to 1 at times t (n,) [s], as a movement with a smooth acceleration."""
     s = np.clip((t - start) / duration, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
 
@@ -312,7 +312,7 @@ def _joint_limit(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 
 def least_singular_value(robot: Robot, joints: Array) -> float:
-    """Of the flange's Jacobian."""
+    """Return the least singular value of the flange's Jacobian at joints (n,) [rad]."""
     return float(np.linalg.svd(robot.flange_jacobian(joints), compute_uv=False)[-1])
 
 
@@ -342,7 +342,7 @@ def _lost(taught: CleanDemonstration, rng: np.random.Generator) -> Fault:
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """What is injected, the hint that it should raise, and how many of it are judged."""
+    """The hint that a fault should raise, the number of judged faults, and the function that injects one."""
 
     hint: HintKind
     judged: int

@@ -1,4 +1,4 @@
-"""What a session declares of a recording: what the recording states, else what its annotation states."""
+"""The declarations of a session for a recording: those that it states, else those of its annotation."""
 
 from __future__ import annotations
 

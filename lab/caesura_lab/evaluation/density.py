@@ -1,4 +1,4 @@
-"""How many counted and optional points a second the truth of a suite has.
+"""The number of counted and optional points a second in the truth of a suite.
 
     python -m caesura_lab.evaluation.density teacher --seeds 12 --first-seed 4201
 

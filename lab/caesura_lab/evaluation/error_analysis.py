@@ -34,7 +34,7 @@ class MissedGroup:
 
 @dataclass(frozen=True)
 class OffsetGroup:
-    """How much later [s] than the true ones the changepoints of one kind are: median, and 80 % of them."""
+    """The delay [s] of changepoints of one kind after the true ones: median, and ends of the middle 80 %."""
 
     kind: str
     times: int

@@ -1,4 +1,4 @@
-"""How a guiding hand errs from step to step: the likelihood of degrees of freedom, memory and noise.
+"""The errors of a guiding hand from step to step: likelihood of degrees of freedom, memory and noise.
 
     python -m caesura_lab.evaluation.hand_noise --data DIR
 

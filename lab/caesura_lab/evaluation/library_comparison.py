@@ -1,4 +1,4 @@
-"""Which motion library explains recordings best: their log evidence, with nothing else of the model changed.
+"""The log evidence of recordings under several motion libraries, with nothing else of the model changed.
 
 The evidence of a recording is that of all segmentations of it together, parameters integrated out, by the
 exact offline recursion without pruning. The preset is `strokes`, because movements of `default` follow no
@@ -105,7 +105,7 @@ def library_evidence(case: Case) -> LibraryEvidence:
 
 
 def _load_recording(case: Case) -> Recording:
-    """A file need not be annotated here."""
+    """Load the recording of a case; a file need not be annotated here."""
     if isinstance(case, FileCase) and not truth_file(case.path).is_file():
         return load_recording(case.path)
     return case.load()[0]

@@ -1,6 +1,6 @@
-"""What can be judged: one small interface, and our presets behind it.
+"""The interface of a method that can be judged, and Caesura's presets behind it.
 
-A method never sees the truth. Caesura gets the samples batch by batch, as a session does, and what it says
+A method never sees the truth. Caesura gets the samples batch by batch, as a session does, and its result
 after each is kept, so that delays can be measured.
 """
 

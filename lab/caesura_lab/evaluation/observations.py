@@ -1,4 +1,4 @@
-"""What the baselines use: the conditioned signals at 10 Hz that the segment models use."""
+"""The signals that the baselines use: the conditioned signals at 10 Hz that the segment models use."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Signals:
 
     t: (n,) [s]; position_base: (n, 3) [m]; velocity_base: (n, 3) [m/s], central differences; speed: (n,)
     [m/s], of the filter at 100 Hz; force_base: (n, 3) [N], tared, zeros where the hand is in the wrench;
-    holding: (n,) bool, the gripper is closed on something; force_tells: whether force shows contact; tared:
-    whether there was a rest to take the force's bias from.
+    holding: (n,) bool, the gripper is closed on something; force_shows_contact: whether the force does;
+    tared: whether there was a rest to take the force's bias from.
     """
 
     t: Array

@@ -1,4 +1,4 @@
-"""Does a program do what was taught? Teach, segment, check, run, segment again, and compare the two programs.
+"""A round trip of a program: teach, segment, check, run, segment again, and compare the two programs.
 
 It holds when the apps are the same in the same order, every target lies within 1 cm of its own, every press
 has a force within 15 % of the one that the program asks for, as measured and segmented, and every path that
@@ -58,7 +58,7 @@ class RoundTripCase:
 
 @dataclass(frozen=True)
 class RoundTripResult:
-    """How one round trip went.
+    """The outcome of one round trip.
 
     taught, executed: kinds of the apps; target_m: app by app, where the apps are the same; force: errors of
     presses, relative; path_m, path_rad: largest distance and angle between the demonstrated path and the one
@@ -132,7 +132,7 @@ class AppPoses(NamedTuple):
 
 
 def _without_rests(app: App, begun: float, ended: float) -> tuple[float, float]:
-    """When [s] a run followed the path of an app that it began and ended at some times."""
+    """Return the begin and end [s] of the path in an app's run from `begun` to `ended`: without its rests."""
     before_s, after_s = rests_of(app) if APP_KINDS[app.kind].presses else (0.0, 0.0)
     return begun + before_s, ended - after_s
 
@@ -166,16 +166,16 @@ def compare_programs(case: RoundTripCase, taught: Sequence[App], executed: Seque
 
 
 def _target_error(taught: App, executed: App) -> float:
-    """[m]; nan where one of them has no target."""
+    """Return the distance [m] of two targets; nan where one app has none, 0 where neither has."""
     if taught.target is None or executed.target is None:
         return float("nan") if taught.target is not executed.target else 0.0
     return float(np.linalg.norm(np.subtract(executed.target, taught.target)))
 
 
 def _force_errors(asked: App, executed: App) -> Iterator[float]:
-    """Of the forces that were asked for; signed. What was measured is not yet scaled to a limit.
+    """Yield the signed relative error of each force asked for; the force of a rest where both state it.
 
-    The force of a rest is compared where both programs state it.
+    The measured force is the one before it is scaled to a limit.
     """
     if not APP_KINDS[asked.kind].presses:
         return

@@ -1,4 +1,4 @@
-"""Can simulated demonstrations be distinguished from real ones? A classifier on windows of 2 s tries.
+"""The distinction of simulated from real demonstrations: a classifier on windows of 2 s tries it.
 
     caesura evaluate --suite realism --data DIR
 
@@ -137,7 +137,7 @@ Case = RealCase | SimulatedCase
 
 @dataclass(frozen=True)
 class SetSeparation:
-    """How well windows are separated: AUC with its 95 % interval over recordings, and the share right."""
+    """The separation of windows: AUC with its 95 % interval over recordings, and the accuracy."""
 
     auc: float
     low: float
@@ -323,7 +323,7 @@ def separation(
 
 
 def _in_fold(positive: Labels, fold: int) -> Labels:
-    """Which recordings a fold holds back: every fifth of either class."""
+    """Return which recordings (n,) a fold holds back: every fifth of either class."""
     number = np.where(positive, np.cumsum(positive), np.cumsum(~positive))
     held: Labels = number % FOLDS == fold
     return held

@@ -1,4 +1,4 @@
-"""What the judge says: all verdicts by method, and the columns in which they are shown."""
+"""The report of the judge: all verdicts by method, and the columns in which they are shown."""
 
 from __future__ import annotations
 

@@ -251,7 +251,7 @@ def _with_delays(
     pairs: Sequence[tuple[TrueChangepoint, float]],
     timed_estimates: Sequence[TimedEstimate] | None,
 ) -> Score:
-    """How long after each point that was found a changepoint near it stood, and stood for good [s]."""
+    """Return the score with the delays [s] until a changepoint near each found point is shown, and final."""
     if timed_estimates is None:
         return base
 

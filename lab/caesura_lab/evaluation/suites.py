@@ -1,4 +1,4 @@
-"""What is judged on: cases that can be loaded anywhere, by name of a suite or from files."""
+"""The suites to judge on: cases that any process can load, by name of a suite or from files."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class Case(Protocol):
 
     @property
     def name(self) -> str:
-        """As it stands in the results."""
+        """The name of the case in the results."""
 
     @property
     def tags(self) -> tuple[str, ...]:
-        """What kind of recording it is: results are shown by each."""
+        """The kinds of recording that the case belongs to: results are shown by each."""
 
     @property
     def group(self) -> str:
@@ -62,7 +62,7 @@ class Case(Protocol):
 
 
 class ReadingOptions(NamedTuple):
-    """How files are read, as `load_recording` takes it: names and units that they do not state."""
+    """The names and units that files do not state, as `load_recording` takes them."""
 
     mapping: Path | None = None
     force_frame: str | None = None
@@ -116,7 +116,10 @@ class FileCase:
         return with_declarations(recording, truth), replace(truth, name=self.name)
 
     def _asked_source(self, truth: Truth) -> str | None:
-        """Where the wrench was measured: a bag of other software is asked for it, unless its mapping says."""
+        """Return the wrench source to read a bag with: that of the truth; None for other files.
+
+        Also None where the mapping states the source.
+        """
         mapping = self.reading.mapping
         if not (is_bag(self.path) or self.path.suffix.lower() in BAGS):
             return None
@@ -152,7 +155,7 @@ class SimulatedDemonstration:
 
     @property
     def tags(self) -> tuple[str, ...]:
-        """What is taught, and how the hand moves."""
+        """The scenario, and the motion profile of the hand."""
         return (self.scenario, self.profile)
 
     @property
@@ -249,7 +252,7 @@ class LaterCase(ChangedCase):
 
 @dataclass(frozen=True)
 class SuiteOptions:
-    """How much of a suite is wanted: people a scenario, the first of them, and where recordings lie.
+    """The size of a suite: people a scenario, the first of them, and the directory of recordings.
 
     annotations: the directory of annotations whose recordings lie in `data`. robot: of the simulated teacher.
     """

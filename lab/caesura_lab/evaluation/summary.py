@@ -87,7 +87,7 @@ def _measures(only: Collection[str] | None) -> list[Measure]:
 
 
 def _weights(n: int, resamples: int, seed: int) -> Array:
-    """How often each of n recordings is there, (1 + resamples, n): as they are, then as they are drawn."""
+    """Return counts of each of n recordings, (1 + resamples, n): 1 each, then as drawn with replacement."""
     draws = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=resamples)
     return np.vstack([np.ones(n), draws])
 

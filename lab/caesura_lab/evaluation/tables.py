@@ -182,7 +182,7 @@ def _worst(judged: MethodReport) -> Grid:
 
 
 def _confusion(judged: MethodReport) -> Grid:
-    """Of the time that each row's class took, the share that was called the column's."""
+    """Return a table: of the time that each row's class took, the share that was given the column's class."""
     seconds = judged.faults.confusion
     columns = [kind for kind in (*KINDS, "none") if any(found == kind for _, found in seconds)]
     rows = []

@@ -15,7 +15,7 @@ Made = TypeVar("Made")
 
 
 def each(work: Callable[[Item], Made], items: Sequence[Item], *, workers: int = 1) -> Iterator[Made]:
-    """What comes of each item as it comes, in no order. With more than one worker, in processes."""
+    """Yield the result of `work` for each item, in no order. More than one worker: in processes."""
     if workers <= 1 or len(items) == 1:
         yield from map(work, items)
         return

@@ -1,4 +1,4 @@
-"""What a robot may do while it runs a program, and where: one table for check, executor and exporters.
+"""The limits and place of a robot that runs a program: one table for check, executor and exporters.
 
 The same numbers stand at the top of an exported script (`caesura_protocol.programs.safety`).
 """
@@ -15,7 +15,7 @@ from caesura_protocol.programs.safety import DEFAULT, Safety
 
 @dataclass(frozen=True)
 class Cell:
-    """Where a program is run: limits, what stands there, and where the robot begins.
+    """The place where a program is run: limits, obstacles, and the robot's start.
 
     start: flange [m], None where it is not known; obstacles: from their surface down to the floor.
     """

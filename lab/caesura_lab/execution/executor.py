@@ -127,14 +127,17 @@ def _start_position(apps: Sequence[App], home: Vector) -> Vector:
 
 
 def _pause(app: App, following: App | None, safety: Safety) -> float:
-    """How long [s] the hand rested between two apps: from the end of one path to the begin of the next."""
+    """Return the rest [s] from the end of an app's path to the begin of the next, `safety.pause_s` at most.
+
+    0 without a next app.
+    """
     if following is None:
         return 0.0
     return min(max(run_times(following)[0] - run_times(app)[1], 0.0), safety.pause_s)
 
 
 def _recording_of(trace: SimulationTrace, cell: SimulatedCell, robot: Robot) -> Recording:
-    """What the sensors of the place's robot make of it."""
+    """Return the recording that the sensors of the cell's robot make of a trace."""
     plan = _plan_of(trace, cell)
     sensors = Sensors(robot, plan, cell.wrench_source, np.random.default_rng([cell.seed, 1]))
     signals = sensors.read(trace)
@@ -142,7 +145,7 @@ def _recording_of(trace: SimulationTrace, cell: SimulatedCell, robot: Robot) -> 
 
 
 def _plan_of(trace: SimulationTrace, cell: SimulatedCell) -> Plan:
-    """A plan of the run's length: sensors draw their noise for a whole demonstration."""
+    """Return a motionless plan of a run's length, from which the sensors draw their noise."""
     n = trace.t.size
     three, one = np.zeros((n, 3)), np.zeros(n)
     aims = force_profile((), trace.t)

@@ -1,4 +1,4 @@
-"""How fast the joints of an arm turn on a path: the fastest of them, beside its limit."""
+"""The speeds of an arm's joints on a path: the fastest joint, beside its limit."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """A simulated arm under Cartesian impedance, in the world of a scenario, tick by tick at 1 kHz.
 
-The arm, its friction and what it touches are those of the simulated teacher (`guiding`, `contact`). In place
-of a hand a controller moves it: stiffness and damping about a setpoint, and a force of its own. It feeds the
-inertia at the flange forward (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and makes up for most of the
-joints' friction and damping. Along the direction in which a force is controlled there is no stiffness.
+The arm, its friction and the surfaces are those of the simulated teacher (`guided_arm`, `fingertip_contact`).
+In place of a hand a controller moves it: stiffness and damping about a setpoint, and a force of its own. It
+feeds the inertia at the flange forward (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and makes up for
+most of the joints' friction and damping. Along the direction in which a force is controlled there is no stiffness.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _nothing() -> Array:
 
 @dataclass
 class Setpoint:
-    """What the controller is asked for; base frame.
+    """The command to the controller at one tick; base frame.
 
     position, velocity, acceleration: (3,) of the flange; rotation: (3, 3); push: (3,) [N] of its own;
     along: (3,) the direction in which force is controlled instead of place, zeros for none; turning: (3,)
@@ -74,7 +74,7 @@ class Setpoint:
 
     @property
     def still(self) -> Setpoint:
-        """The same place, at rest."""
+        """The same place and force, at rest."""
         return Setpoint(self.position, self.rotation, push=self.push, along=self.along)
 
 

@@ -1,4 +1,4 @@
-"""What the robot does for each kind of app. An act moves the setpoint tick by tick until its app is done.
+"""The robot's skill for each kind of app. A skill moves the setpoint tick by tick until its app is done.
 
 Movements that a contact ends arrive at their target with the speed of a search, and go on until
 something is felt. In contact the force is controlled along the direction of the press, the place across it.
@@ -358,7 +358,7 @@ def target_pose(controller: SkillController, app: App) -> tuple[Array, Array]:
 
 
 def _seconds(app: App) -> float:
-    """How long an app moves along its path; without one, how long it lasts."""
+    """Return the duration [s] of an app's path; without a path, that of the app."""
     return app.tn - app.t0 if app.path is None else app.path.tn - app.path.start.t
 
 
@@ -421,7 +421,7 @@ def _move_fingers(controller: SkillController, app: App, following: App | None) 
 
 
 def _place_of(app: App) -> ViaPoint | None:
-    """Where the fingers were moved."""
+    """Return the taught pose at which the fingers move; None without a target."""
     return (
         None if app.target is None else ViaPoint(t=app.t0, position=app.target, orientation=app.orientation)
     )

@@ -38,7 +38,7 @@ DOWN = (1.0, 0.0, 0.0, 0.0)  # fingers down, where a program states no orientati
 
 @dataclass
 class _Contact:
-    """What is touched from one touch to the release: tips (3,) [m], the first where it was touched."""
+    """A contact from its touch to its release; tips: (3,) [m] of the fingertips, at the touch first."""
 
     index: int
     app: App
@@ -47,7 +47,7 @@ class _Contact:
 
 
 def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) -> SimulatedCell:
-    """The cell; person and seed: whose friction and sensors they are.
+    """Return the cell that a program implies; person and seed: of its friction and sensors.
 
     Raises CaesuraError where the program needs more than level surfaces and one object.
     """
@@ -62,7 +62,7 @@ def cell_as_taught(apps: Sequence[App], person: Person = THESIS, seed: int = 0) 
 
 
 def taught_cell_in_words(cell: SimulatedCell) -> str:
-    """What stands in a cell as taught."""
+    """Return a sentence with the surfaces and the object of a cell as taught."""
     count = len(cell.scenario.surfaces)
     standing = [counted(count, "level surface")] if count else []
     standing += ["one object"] if cell.scenario.steps else []
@@ -70,7 +70,7 @@ def taught_cell_in_words(cell: SimulatedCell) -> str:
 
 
 def _start(apps: Sequence[App]) -> Vector:
-    """Where the flange begins [m]."""
+    """Return the first position [m] of the flange. Raises CaesuraError for a program without a target."""
     for app in apps:
         if app.path is not None:
             return app.path.start.position
@@ -140,7 +140,7 @@ def _check(index: int, app: App) -> None:
 
 
 def _tips(app: App, place: Vector, orientation: Quaternion, *, whole: bool) -> list[Array]:
-    """Where the fingertips touch in an app (3,) [m] each. whole: along its path, not at its end alone."""
+    """Return the touched places (3,) [m] of the fingertips in an app: its end, or all its path if `whole`."""
     lever = lever_along(matrix_of(orientation)[:, 2])
     if whole and app.path is not None and app.target is not None:
         return [np.array(pose[:3]) + lever for pose in knots_of(app)[1]]

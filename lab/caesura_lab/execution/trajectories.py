@@ -1,4 +1,4 @@
-"""How a setpoint moves: along the reproduced path of an app (`caesura_protocol.reproduced_path`)."""
+"""The trajectory of a setpoint: along the reproduced path of an app (`caesura_protocol.reproduced_path`)."""
 
 from __future__ import annotations
 

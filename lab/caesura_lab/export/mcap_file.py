@@ -55,7 +55,7 @@ def content_of(session: SessionExport) -> McapContent:
 
 
 def _poses(session: SessionExport) -> Poses:
-    """Where the flange was, TRANSFORM_S apart or more."""
+    """Return times and poses of the flange, TRANSFORM_S apart or more; upright without an orientation."""
     opening = session.opening.model_copy(update={"columns": session.recording.columns})
     layout = layout_of(opening)
     times, values = _read(layout, session.recording.matrix())

@@ -41,7 +41,7 @@ class ReportSignals:
 
 @dataclass(frozen=True, eq=False)
 class ChangepointProbabilities:
-    """How probable a changepoint is at every time but the first, where a segment starts anyway."""
+    """The probability of a changepoint at every time except the first, where a segment starts anyway."""
 
     t: Array  # (n - 1,) [s]
     online: Array  # (n - 1,) smoothed over the last seconds, as it stood when it left the filter's window
@@ -145,7 +145,7 @@ def _run_lengths(trace: FilterTrace) -> RunLengthPosterior:
 
 
 def _cell(times: Array, t: Array, size: int) -> Indices:
-    """Which of `size` cells, centred on evenly spaced times, each time falls into."""
+    """Return the index of the cell of each time, of `size` cells centred evenly from t[0] to t[-1]."""
     span = max(float(t[-1] - t[0]), STEP_S)
     result: Indices = np.rint((times - t[0]) / span * (size - 1)).astype(np.int64)
     return np.clip(result, 0, size - 1)

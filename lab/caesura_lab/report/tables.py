@@ -100,7 +100,7 @@ def program_table(view: PipelineView) -> Table:
 
 
 def notes(view: PipelineView, of_recording: Sequence[str] = ()) -> tuple[str, ...]:
-    """What a reader must know beside the numbers; of_recording: notes on the recording and its preset."""
+    """Return the notes for the reader beside the numbers; of_recording: on the recording and its preset."""
     gaps = (f"No samples between {gap.t0:.2f} s and {gap.tn:.2f} s." for gap in view.gaps)
     turns = (
         f"Segment {app_number(index)} turns by {screw_in_words(one.screw)}."

@@ -21,7 +21,7 @@ class UnknownFormatError(CaesuraError):
 
 
 def writer_of(path: Path) -> Writer:
-    """How a file of this name is written. Raises UnknownFormatError."""
+    """Return the writer for the suffix of a file. Raises UnknownFormatError."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise UnknownFormatError(f"{path}: suffix {path.suffix!r}, expected one of {list(WRITERS)}")

@@ -1,4 +1,4 @@
-"""What a movement asks of the robot, beside the limits: looked at every millisecond.
+"""The demands of a movement on the robot, beside the limits: computed at every millisecond.
 
 A load derates the acceleration: its inertia exerts at most `LOAD_N` on the fingers. So the flange
 accelerates by `LOAD_N` over the load at most. More would pass for a contact (4 N), or for a load of
@@ -45,7 +45,7 @@ class MotionLimits:
 
     @property
     def rise_s(self) -> float:
-        """For how long [s] an acceleration that jumps is averaged, twice (`time_law`).
+        """The time [s] over which an acceleration that jumps is averaged, twice (`time_law`).
 
         A jump from one limit of the acceleration to the other then takes half the jerk that a joint may have.
         """

@@ -109,7 +109,10 @@ def _is_at_contact(app: ProgramStep, before: App | None, following: App | None) 
 
 
 def _crept_s(apps: tuple[ProgramStep, ...], index: int) -> float:
-    """How long [s] the executor creeps to where the path of an app begins; 0 within `CREPT_M`."""
+    """Return the time [s] in which the executor creeps to the begin of an app's path; 0 within `CREPT_M`.
+
+    Also 0 where it does not creep: without a path, after an app that does not travel, in too short a pause.
+    """
     path, before = apps[index].path, apps[index - 1]
     if path is None or before.target is None or not APP_KINDS[before.kind].travels:
         return 0.0
@@ -197,7 +200,7 @@ def _from_zero(curve: Curve) -> Curve:
 
 
 def _towards_contact(app: App, until: Array, safety: Safety) -> Curve:
-    """What the executor makes of the path of an app that a contact ends."""
+    """Return the path that the executor follows for an app that a contact ends."""
     start = curve_of(app).values[0]
     rotation = matrix_of(start[3:] if len(start) == 7 else np.array(FINGERS_DOWN))
     arriving = arrival_speed(app, until, start[:3], safety) * until

@@ -1,4 +1,4 @@
-"""Where a movement is on its way at each time: as fast as limits of velocity and acceleration allow.
+"""The place of a movement on its way at each time: as fast as limits of velocity and acceleration allow.
 
 TOPP-RA (Pham & Pham 2018, "A New Approach to Time-Optimal Path Parameterization Based on Reachability
 Analysis") gives a law whose acceleration jumps. It is averaged twice, so the acceleration rises and falls.
@@ -29,14 +29,14 @@ class TimeLawError(ValueError):
 
 
 class Arrival(NamedTuple):
-    """How a way ends: with a speed, which holds for a last part of it, and braking before that."""
+    """The end of a way: a speed, which holds for its last part, and braking before that."""
 
     speed: float = 0.0  # [m/s]
     slow_m: float = 0.0
     brake: float = np.inf  # [m/s²]
 
     def ceiling(self, left: float) -> float:
-        """The highest speed [m/s] where so much of the way is left [m]."""
+        """Return the highest speed [m/s] at which `left` [m] of the way is left."""
         braked = left - self.slow_m
         return float(np.sqrt(self.speed**2 + 2.0 * self.brake * braked)) if braked > 0.0 else self.speed
 

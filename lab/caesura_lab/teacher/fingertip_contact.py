@@ -1,4 +1,4 @@
-"""What the hand can touch: level surfaces that push back and never pull.
+"""The surfaces that a hand can touch: level ones, which push back and never pull.
 
 A rigid one is a stiff spring with a damper; a dispenser or a button yields over its travel and then meets a
 hard stop. Friction holds like a bristle until it slips (Coulomb's law with a finite stiffness, Dahl 1968),

@@ -43,7 +43,7 @@ YAW_DIGITS = 6  # of a first posture, which is stated with as many
 
 @dataclass(frozen=True)
 class SimulationTrace:
-    """What happened, tick by tick; base frame.
+    """The trace of a simulation, tick by tick; base frame.
 
     t (n,) [s]; q (n, joints) [rad]; v (n, joints) [rad/s]; twist (n, 6) of the flange [m/s, rad/s];
     environment (n, 6) and hand (n, 6), wrenches on the flange [N, Nm]; contact (n, 3) [N] at the fingertips;

@@ -1,4 +1,4 @@
-"""How a person moves beyond the ideal: bows, submovements, hesitations, creep, and brief presses.
+"""The habits of a person beyond ideal movements: bows, submovements, hesitations, creep, brief presses.
 
 `IDEAL` has none of them: point-to-point strokes, as the thesis has them. `draw_habits` draws the habits of
 one person. Its ranges come from hand-guided recordings: docs/realism.md has the figures and the command.
@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Habits:
-    """What makes the movements of one person differ from ideal strokes.
+    """The habits in which the movements of one person differ from ideal strokes.
 
     Shares are of a movement's length, probabilities are per movement or pause.
     """

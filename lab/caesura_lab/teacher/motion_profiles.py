@@ -1,4 +1,4 @@
-"""How a hand means to move: strokes with a unit response, added up.
+"""The intended movements of a hand: strokes with a unit response, added up.
 
 A stroke goes from 0 to 1 within its duration and stays there. Strokes that overlap in time blend into one
 movement that passes their common point without stopping (Flash & Henis 1991), so a whole demonstration is one
@@ -91,7 +91,7 @@ class Stroke:
 
     @property
     def end_s(self) -> float:
-        """When it has arrived [s]."""
+        """The time [s] at which the stroke arrives."""
         return self.start_s + self.duration_s
 
     def positions(self, t: Array) -> Array:
@@ -113,6 +113,6 @@ def path(start: Vector | Array, strokes: Sequence[Movement], t: Array) -> Array:
 
 
 def time_of_share(profile: Profile, share: float) -> float:
-    """When a stroke has covered a share of its way, as a share of its duration; both in 0..1."""
+    """Return when a stroke has covered a share of its way, as a share of its duration; both in 0..1."""
     tau = np.linspace(0.0, 1.0, 2001)
     return float(np.interp(share, UNIT_RESPONSES[profile](tau), tau))

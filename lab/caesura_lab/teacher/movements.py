@@ -1,4 +1,4 @@
-"""How guided movements look in numbers: figures that need no annotation.
+"""Figures of guided movements that need no annotation.
 
     python -m caesura_lab.teacher.movements DIR --people 201 203
 
@@ -116,7 +116,7 @@ def _forces(force: Array, spans: list[tuple[int, int]]) -> dict[str, list[float]
 
 
 def _innovations(velocity: Array) -> dict[str, list[float]]:
-    """What is new in steps u of 0.1 s beside those before: |u_t − 2ρ u_{t−1} + ρ² u_{t−2}| / √3."""
+    """Return innovations [mm] of steps u of 0.1 s, |u_t − 2ρ u_{t−1} + ρ² u_{t−2}| / √3, by speed range."""
     whole = len(velocity) // STEP_TICKS
     steps = velocity[: whole * STEP_TICKS].reshape(whole, STEP_TICKS, 3).sum(axis=1) / GRID_HZ
     rho = np.exp(-STEP_TICKS / GRID_HZ / MEMORY_S)
@@ -150,7 +150,7 @@ def _movement(velocity: Array) -> dict[str, float]:
 
 
 def speed_peaks(speed: Array) -> int:
-    """How many peaks a speed (n,) has; of the lesser ones those that stand out by 15 % of the highest."""
+    """Count the peaks of a speed (n,); lesser ones count if they stand out by 15 % of the highest."""
     padded = np.concatenate([[0.0], speed, [0.0]])
     return len(find_peaks(padded, prominence=PEAK_PROMINENCE * speed.max())[0])
 
@@ -205,7 +205,7 @@ def _edge(speed: Array, span: tuple[int, int], side: int) -> float | None:
 
 
 def _creep(speed: Array, spans: list[tuple[int, int]]) -> dict[str, list[float]]:
-    """How much of the rest creeps (2 to 10 mm/s), and how fast."""
+    """Measure the share of the rest that creeps (2 to 10 mm/s), and its median speed [mm/s]."""
     rest = np.ones(speed.size, dtype=bool)
     for first, last in spans:
         rest[first:last] = False

@@ -1,4 +1,4 @@
-"""Who teaches: everything in which one person differs from the next, drawn from a seed.
+"""The teacher as a person: everything in which one person differs from the next, drawn from a seed.
 
 The ranges are those of real hand-guided recordings (data/PROVENANCE.md). `THESIS` is the person whose times,
 forces and loads are the thesis' own.

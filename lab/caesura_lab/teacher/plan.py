@@ -439,7 +439,7 @@ _STEPS: Mapping[Kind, Callable[[_Planner, Step, float], None]] = {
 
 
 def _durations(steps: tuple[Step, ...], person: Person, rng: np.random.Generator) -> list[float]:
-    """How long each step takes this person [s]."""
+    """Draw the duration [s] of each step by this person."""
     nominal = np.diff([0.0, *(step.until_s for step in steps)])
     moves = np.array([step.kind in MOVING for step in steps])
     scaled = np.where(moves, nominal / person.speed_factor, nominal * person.pause_factor)

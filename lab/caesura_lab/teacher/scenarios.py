@@ -1,4 +1,4 @@
-"""What is taught: scenarios as tables of steps.
+"""The tasks to teach: scenarios as tables of steps.
 
 Positions are flange positions in the base frame, fingers pointing down; those of the thesis stand as in its
 tables (Fig. 4.6 to 4.17), where the Panda reaches them, so that its work plane lies below the robot's base.
@@ -74,7 +74,7 @@ class Scenario:
 
     @property
     def end(self) -> Vector:
-        """Where the flange is left [m]."""
+        """The last place [m] of the flange."""
         return [step.to for step in self.steps if step.to is not None][-1]
 
 

@@ -1,4 +1,4 @@
-"""Which strokes of a demonstration drive a screw, and how: truth to hold a found screw motion against."""
+"""The strokes of a demonstration that drive a screw, with axis and pitch: truth for a found screw motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the robot reports of what happened: pose, joints and wrench, as imperfect as real ones.
+"""The robot's report of a simulated trace: pose, joints and wrench, as imperfect as real ones.
 
 A wrench carries what its source can see (protocol: `WrenchSource`). Beside white noise it has a constant
 bias, a wander with the pose (a tool's weight is never compensated quite right) and slowly by itself,

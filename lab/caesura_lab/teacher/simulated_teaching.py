@@ -113,7 +113,10 @@ class SimulatedTeaching:
                 yield chosen
 
     def truth(self) -> Truth:
-        """What happened, once all chunks are read: the annotation format of real recordings, and more."""
+        """Return the truth in the annotation format of real recordings, and more.
+
+        Raises RuntimeError before all chunks are read.
+        """
         if not self._guiding.done:
             raise RuntimeError("the truth is known when the demonstration is over: read all chunks first")
         names = [field.name for field in fields(TrueState)]

@@ -1,4 +1,4 @@
-"""How a demonstration looks in numbers: the figures by which real hand-guided recordings are described.
+"""Figures of a demonstration, by which real hand-guided recordings are described.
 
     python -m caesura_lab.teacher.statistics data/*.npz
 

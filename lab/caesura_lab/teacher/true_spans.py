@@ -96,7 +96,7 @@ class TickSpan(NamedTuple):
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
-    """Where a mask holds: first and last (exclusive) tick of each run."""
+    """Return the first and last (exclusive) tick of each run in which a mask holds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 

@@ -1,4 +1,4 @@
-"""What really happened, in the format of the hand annotations of real recordings.
+"""The truth of a simulated demonstration, in the format of the hand annotations of real recordings.
 
 Derived from the simulated state, never from the plan: contact from the contact model, motion from the true
 speed, a load from what the fingers held off the ground. The rule is the annotators': a rest of at least 0.3 s
@@ -295,7 +295,7 @@ def _without_coincident(marks: list[dict[str, Any]], *, corners_too: bool) -> li
 
 
 def _decays(state: TrueState, presses: list[tuple[int, int]]) -> list[dict[str, Any]]:
-    """Where the force of each press begins to decay for good."""
+    """Return an optional mark where the force of each press begins to decay for good."""
     marks = []
     for first, last in presses:
         hand_force_n = smooth(state.hand_force_n[first:last], state.dt)

@@ -1,4 +1,4 @@
-"""How a hand turns the tool: an angle about one axis over time, and what the hand does for it.
+"""Turns of the tool by a hand: an angle about one axis over time, and the torque of the hand for it.
 
 A scenario that turns names places of the tool's tip. The flange swings round the tip as the tool turns.
 """
@@ -26,7 +26,7 @@ FULL_UNREST_RAD_PER_S, MOST_UNREST = 1.0, 2.0
 
 @dataclass(frozen=True)
 class Turns:
-    """Where a hand means the tool to point, tick by tick.
+    """The intended orientation of the tool, tick by tick.
 
     rotation: (n, 3, 3) from the orientation at the start, base axes; rate: (n, 3) [rad/s], base axes.
     """

@@ -135,12 +135,12 @@ def _event(boundary: ThesisBoundary, demonstration: ConditionedDemonstration) ->
 
 
 def is_right(t: float, right: Sequence[float]) -> bool:
-    """Whether a time [s] is near one of those."""
+    """Whether a time [s] is within the tolerance of one of the right times [s]."""
     return any(abs(t - one) <= TOLERANCE_S + ROUNDING_S for one in right)
 
 
 def differences(row: ThesisRow, found: FoundDivision, right: Sequence[Sequence[float]]) -> Iterator[str]:
-    """What a division has that the row has not, or the other way round."""
+    """Yield the differences of a division from the row: boundaries off, missing or extra, other states."""
     if len(found.inner) == len(row.inner):
         for boundary, t, times in zip(row.inner, found.inner, right, strict=True):
             if not is_right(t, times):
@@ -167,7 +167,10 @@ def _lost_and_extra(
 
 
 def pair_boundaries(inner: Sequence[float], right: Sequence[Sequence[float]]) -> list[int | None]:
-    """Which found boundary is which of the row's, one to one: as many as possible, then the closest."""
+    """Return the index of the found boundary for each of the row's, or None; one to one.
+
+    As many as possible are paired within the tolerance, then the closest.
+    """
     distance = np.array([[min(abs(t - one) for one in times) for t in inner] for times in right])
     partners: list[int | None] = [None] * len(right)
     if not inner:
@@ -221,7 +224,7 @@ def _online(row: ThesisRow, recording: Recording, seed: int, right: Sequence[Seq
 
 
 def _timed_estimates(recording: Recording, row: ThesisRow) -> tuple[int, list[TimedEstimate]]:
-    """How many observations there were, and what a session would have shown after every batch."""
+    """Return the number of observations, and the changepoints that a session shows after each batch."""
     latest = np.maximum.accumulate(recording.t)
     timed_estimates: list[TimedEstimate] = []
     for view in views(recording, row.preset, threshold=row.threshold):

@@ -1,6 +1,6 @@
-"""What the thesis found: its segment tables (Fig. 4.6 to 4.19) as data.
+"""The segment tables of the thesis (Fig. 4.6 to 4.19) as data.
 
-A boundary has the time of the thesis' table, and what the hand does there: a mark of the demonstration's
+A boundary has the time of the thesis' table, and the act of the hand there: a mark of the demonstration's
 truth, or the place that the table gives for it. A simulated hand is where the thesis' was only up to some
 tenths of a second, so that its own event counts as well as the thesis' time (`measure.references`).
 """
@@ -21,7 +21,7 @@ Mark = Literal["contact_on", "contact_off", "decay", "start", "stop", "corner"]
 
 @dataclass(frozen=True)
 class ThesisBoundary:
-    """Where a segment ends in the thesis.
+    """A boundary between two segments in the thesis, at time t [s].
 
     event: what the hand does there, None where nothing particular. also: the time that the thesis' text gives
     for it, where that is another. stated: whether the thesis gives the time; otherwise it is the simulated
@@ -75,7 +75,7 @@ class ThesisRow:
 
     @property
     def segments(self) -> int:
-        """How many."""
+        """The number of segments."""
         return len(self.inner) + 1
 
 

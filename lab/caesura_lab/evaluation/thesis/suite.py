@@ -19,7 +19,7 @@ SCENARIOS = tuple(dict.fromkeys(row.scenario for row in ROWS))
 
 @dataclass(frozen=True)
 class SuiteSetting:
-    """How the rows are measured: who teaches, and what the thesis leaves open.
+    """The setting in which the rows are measured: the teacher, and the choices that the thesis leaves open.
 
     best: the best segmentation decides, not a threshold; mean_segment_s: segments are geometric about it, not
     of any length; window: of the filter [rows of 0.01 s]; length_unit_m: instead of the constant velocity
@@ -46,7 +46,7 @@ class SuiteSetting:
 
     @property
     def conditioning(self) -> ConditioningParameters:
-        """How the samples become observations."""
+        """The parameters of conditioning, with the filter window of this setting."""
         standard = ConditioningParameters()
         return standard if self.window is None else replace(standard, savgol_window=self.window)
 
@@ -55,7 +55,7 @@ class SuiteSetting:
         return replace(row, preset=self.integrated) if row.preset == "integrated" else row
 
     def preset(self, name: str) -> Preset:
-        """A preset with what this setting changes."""
+        """Return a preset by its name, with the changes of this setting."""
         preset = PRESETS[name]
         if self.mean_segment_s is not None:
             preset = replace(preset, mean_segment_s=self.mean_segment_s)

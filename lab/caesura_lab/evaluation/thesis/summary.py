@@ -1,4 +1,4 @@
-"""What all demonstrations together say of each row."""
+"""The summary of each row over all demonstrations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Can the arm do it? Joints, inverse kinematics along the way, speed, workspace, and what stands there."""
+"""The check that the arm reaches a program: joints, inverse kinematics, speed, workspace and obstacles."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class _Peak(NamedTuple):
 
     @property
     def allowed(self) -> float:
-        """What a path may reach."""
+        """The largest speed that a path may reach, in `unit`."""
         return self.share * self.limit
 
     @property
@@ -72,7 +72,7 @@ class _Peak(NamedTuple):
         return self.value / self.allowed
 
     def reason(self, seconds: float) -> str:
-        """Why a movement of some seconds is slowed down."""
+        """Return why a movement of some seconds is slowed down, with its speed, limit and new duration."""
         reaches, lasts = f"reaches {self.value:.2f} {self.unit}", f"{self.slower * seconds:.2f} s"
         limit = f"{self.allowed:.2f} {self.unit} are allowed, {self.share:g} of the limit"
         allowed = f"in its {seconds:.2f} s, {limit}"

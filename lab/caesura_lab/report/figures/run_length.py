@@ -80,7 +80,7 @@ def _grey(probability: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scale(figure: Figure, drawn: AxesImage) -> None:
-    """What the greys mean."""
+    """Draw the scale of the greys, as probabilities, beside an image."""
     axes = figure.add_axes((style.LEFT + WIDTH + 0.012, 0.365, 0.014, 0.40))
     ramp = np.logspace(np.log10(LEAST_PROBABILITY), 0.0, 200)[:, None]
     decades = np.log10(LEAST_PROBABILITY)
@@ -105,5 +105,5 @@ def _delayed(content: ReportData, axes: Axes, delay_s: float) -> None:
 
 
 def _beside(axes: Axes, name: str, height: float = 0.5, colour: str = style.INK) -> None:
-    """What a row shows, to its right."""
+    """Write a label to the right of a row, at a share of its height."""
     axes.text(1.008, height, name, color=colour, va="center", fontsize=8.5, transform=axes.transAxes)

@@ -37,7 +37,7 @@ class _Band:
     ticks: Sequence[float] = ()  # [s] what a name must not be written over
 
     def widest(self, window: style.Window) -> tuple[float, float]:
-        """Where a name has most room [s]; of negative width outside the window."""
+        """Return the longest part [s] of the band without a tick; of negative width outside the window."""
         first, last = max(self.t0, window[0]), min(self.tn, window[1])
         edges = [first, *sorted(t for t in self.ticks if first < t < last), last]
         return max(pairwise(edges), key=lambda part: part[1] - part[0])
@@ -126,7 +126,7 @@ def _probability(content: ReportData, axes: Axes) -> None:
 
 
 def _draw_lanes(content: ReportData, figure: Figure, window: style.Window) -> float:
-    """What was found and what is true, as named bands; returns where they end on the page."""
+    """Draw found and true segments as named bands; return the height on the page at which they end."""
     top = style.TOP
     for label, bands in _lanes(content):
         top -= LANE
@@ -153,7 +153,7 @@ def _lanes(content: ReportData) -> list[tuple[str, list[_Band]]]:
 
 
 def _phase_lanes(content: ReportData) -> list[tuple[str, list[_Band]]]:
-    """What was found, where that is more than one phase, and what is true, where the truth has phases."""
+    """Return a lane of found phases, if more than one, and a lane of true phases, if the truth has any."""
     found, lanes = content.view.phases, []
     if len(found) > 1:
         bands = [

@@ -90,7 +90,7 @@ def page(content: ReportData, title: str, caption: str = "") -> Figure:
 
 
 def heading(content: ReportData) -> str:
-    """Which recording this is, in one line."""
+    """Return a line with the recording's name, preset, duration, number of segments and wrench source."""
     t, segments = content.signals.t, counted(len(content.view.segments), "segment")
     wrench = content.view.wrench
     source = f"wrench {wrench.source}{'' if wrench.stated else ' (assumed)'}"
@@ -149,7 +149,7 @@ def whole(content: ReportData) -> Window:
 
 
 def windows(content: ReportData) -> list[Window]:
-    """What fits on a page each: the whole, and where that is too long to be read, its parts after it."""
+    """Return the window [s] of each page: the whole, and its parts where that is longer than LONGEST_S."""
     first, last = whole(content)
     if last - first <= LONGEST_S:
         return [(first, last)]

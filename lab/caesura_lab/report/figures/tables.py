@@ -48,7 +48,7 @@ def table_pages(content: ReportData, tables: Sequence[Table]) -> Iterator[Figure
 
 
 def _room(top: float) -> int:
-    """How many rows fit below a heading at this height."""
+    """Return the number of rows that fit below a heading at this height."""
     return max(int((top - HEAD - LAST - 2 * ROW) / ROW), 0)
 
 

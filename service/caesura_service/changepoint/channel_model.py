@@ -81,7 +81,7 @@ def log_absence(squared: ArrayLike, most: float) -> Array:
 
 
 def signal(observed: ModelInput, channel: Channel) -> Array:
-    """(3,) the channel's values."""
+    """Return the channel's values (3,) in an observation."""
     value: Array = getattr(observed, channel)
     return value
 

@@ -40,7 +40,7 @@ FIRST_LENGTHS = 64  # samples of a segment that the tables reach at first
 
 
 class CompiledRunLengthFilter(SmoothedProbabilities):
-    """See `RunLengthFilter`. Raises ValueError for a lattice that cannot be compiled."""
+    """`RunLengthFilter` with compiled kernels. Raises ValueError for a lattice that cannot be compiled."""
 
     def __init__(
         self, lattice: SegmentModelSet, hazard: Hazard, parameters: FilterParameters | None = None

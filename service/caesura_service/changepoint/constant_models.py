@@ -50,7 +50,7 @@ class ConstantLevel:
         return n + 1, start, y, squares + self.noise.fresh(y, before, n, self.origin) ** 2
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         n, _, _, squares = rows
         whitened = n - 1 + int(self.origin == "previous")
         total: Array = self.noise.log_evidence(n, squares, whitened=whitened).sum(axis=1)
@@ -93,7 +93,7 @@ class FreeSpaceForce:
         return n + 1, np.array(force), squares + w**2, total + w * c[:, None], weight + c**2, absent
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         n, _, squares, total, weight, absent = rows
         mean, ssr = total / weight[:, None], np.maximum(squares - total**2 / weight[:, None], 0.0)
         deviations = self.noise.log_evidence(n - 1, ssr, whitened=n - 1).sum(axis=1)
@@ -145,7 +145,7 @@ class ThesisLoadForce:
         return n + 1, total + observed.force, squares + observed.force**2
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         n, total, squares = rows
         weight = np.minimum(total[:, _Z] / n, -self.least_kg * GRAVITY)
         ssr = squares.copy()
@@ -180,12 +180,12 @@ class GripperHoldingChain:
         return evidence + np.log(likelihood), np.full(before.size, observed.holding)
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         return np.asarray(rows[0], np.float64)
 
 
 def weightless(force: Array, least_kg: float, most_kg: float) -> Array:
-    """(3,) what the weight of a load between these two [kg] leaves of a force (3,) [N]."""
+    """Return the force (3,) [N] less the weight of the load, least_kg to most_kg, that leaves least of it."""
     weight = np.clip(-force[_Z], least_kg * GRAVITY, most_kg * GRAVITY)
     left: Array = force + np.array([0.0, 0.0, weight])
     return left

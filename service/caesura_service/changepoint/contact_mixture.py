@@ -53,7 +53,7 @@ class ContactMixture:
         return n + 1, total + observed.force[_Z], counts, weighed + predictive
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         shares = rows[2] + np.asarray(self.alpha)
         share = np.log(shares[:, self.state] / shares.sum(axis=1))
         result: Array = rows[3] + share + np.log(STATES)

@@ -107,7 +107,7 @@ class CornerWeight:
         return _logistic((chord_length / float(steps.sum()) - self.straight) / self.straight_width)
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         weight: Array = rows[2].max(axis=1)
         return weight
 

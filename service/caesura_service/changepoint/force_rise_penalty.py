@@ -44,6 +44,6 @@ class NoContactRise:
         return n + 1, before, risen, np.tile(force, (len(n), 1))
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         weight: Array = -0.5 * (rows[2] / self.scale) ** 2
         return weight

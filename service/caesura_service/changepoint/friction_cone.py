@@ -54,5 +54,5 @@ class FrictionConeWeight:
         return float(log_presence(across2, self.least) + log_absence(outside**2, self.least))
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         return np.asarray(rows[1], np.float64)

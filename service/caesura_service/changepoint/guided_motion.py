@@ -73,17 +73,17 @@ class GuidedMotion:
         )
 
     def _log_densities(self, squared: Array) -> Array:
-        """(h, scales) of innovations whose squared lengths are given (h,)."""
+        """Return (h, scales) log densities of innovations; squared: (h,) their squared lengths."""
         return np.stack([student_log_density(squared, AXES, self.nu, scale) for scale in self.scales], axis=1)
 
     def _scale2(self, n: NDArray[np.int64], step: Array) -> Array:
-        """(h,) [m²] w² of the observation that follows n others and the step (h, 3)."""
+        """Return (h,) w² [m²] of the observation that follows n (h,) others and the step (h, 3) [m]."""
         burst2 = np.where(n < self.burst_steps, self.burst**2, 0.0)
         scale2: Array = self.floor**2 + self.share**2 * (step**2).sum(axis=1) + burst2
         return scale2
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         densities, weights = rows[4:]
         result: Array = log_mean_exp(densities, axis=1) + weights
         return result

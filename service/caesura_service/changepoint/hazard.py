@@ -13,14 +13,11 @@ Array = NDArray[np.float64]
 
 
 class Hazard(Protocol):
-    """g, the probability of a length, and S, the probability of lasting beyond some samples.
-
-    residual: the same of what is left of a segment that has begun before the first observation.
-    """
+    """A prior of lengths: g, the probability of a length, and S, of lasting beyond some samples."""
 
     @property
     def residual(self) -> Hazard:
-        """The prior of the first segment."""
+        """The prior of the remaining length of a segment that began before the first observation."""
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
         """log g(n): the segment has exactly n ≥ 1 samples."""
@@ -30,13 +27,13 @@ class Hazard(Protocol):
 
 
 def log_mass(hazard: Hazard, n: NDArray[np.int64], opens: NDArray[np.bool_]) -> Array:
-    """Log g(n) of each segment, of its residual life where it opens the recording or follows a gap."""
+    """Return log g(n) of each segment, of its residual life where it opens a recording or follows a gap."""
     mass: Array = hazard.log_mass(n)
     return np.where(opens, hazard.residual.log_mass(n), mass) if opens.any() else mass
 
 
 def log_survival(hazard: Hazard, n: NDArray[np.int64], opens: NDArray[np.bool_]) -> Array:
-    """Log S(n) of each segment, of its residual life where it opens the recording or follows a gap."""
+    """Return log S(n) of each segment, of its residual life where it opens a recording or follows a gap."""
     survival: Array = hazard.log_survival(n)
     return np.where(opens, hazard.residual.log_survival(n), survival) if opens.any() else survival
 
@@ -53,7 +50,7 @@ class Geometric:
 
     @property
     def residual(self) -> Geometric:
-        """The same: a constant hazard has no memory."""
+        """The same prior: a constant hazard has no memory."""
         return self
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
@@ -96,7 +93,7 @@ class Refractory:
 
     @property
     def _shares(self) -> Array:
-        """(early + 1,) of the constant hazard that holds after each of the first samples, and then."""
+        """(early + 1,) share of the constant hazard after each of the first `early` samples, and later."""
         shares = np.full(self.early + 1, self.share)
         if self.single is not None:
             shares[0] = self.single
@@ -127,7 +124,7 @@ class Tempered:
 
     @property
     def residual(self) -> Tempered:
-        """To the same power."""
+        """The residual prior, to the same power."""
         return Tempered(self.prior.residual, self.power)
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
@@ -153,7 +150,7 @@ class Uniform:
 
     @property
     def residual(self) -> Uniform:
-        """The same: in the thesis the first segment begins with the recording."""
+        """The same prior: in the thesis the first segment begins with the recording."""
         return self
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
@@ -185,7 +182,7 @@ class NegativeBinomial:
 
     @property
     def residual(self) -> NegativeBinomial:
-        """The same, as of `Uniform`."""
+        """The same prior, as for `Uniform`."""
         return self
 
     @property
@@ -193,7 +190,7 @@ class NegativeBinomial:
         return self.shape / (self.shape + self.mean_samples - 1.0)
 
     def log_mass(self, n: NDArray[np.int64]) -> Array:
-        """Log g(n)."""
+        """Return log g(n)."""
         failures, shape, success = np.asarray(n) - 1.0, self.shape, self._success
         ways = gammaln(failures + shape) - gammaln(failures + 1.0) - gammaln(shape)
         mass: Array = ways + shape * np.log(success) + failures * np.log1p(-success)

@@ -70,5 +70,5 @@ class HeldTorque:
         return force2 < LEAST_FORCE_N**2 or float(step @ force) ** 2 >= self.aligned**2 * step2 * force2
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         return np.asarray(rows[1], np.float64)

@@ -114,14 +114,14 @@ class Preset:
         torque: bool = False,
         bias_n: float = SENSOR_BIAS_N,
     ) -> ChangepointFilter:
-        """A filter at its beginning; arguments as for `lattice`."""
+        """Return a new filter of this preset; arguments as for `lattice`."""
         lattice = self.lattice(
             contact=contact, transport=transport, orientation=orientation, torque=torque, bias_n=bias_n
         )
         return filter_for(lattice, self.hazard, self.filter)
 
     def has_kind_in(self, contact: ContactState) -> bool:
-        """Whether it has a kind of segment in a contact state."""
+        """Whether the preset has a kind of segment in this contact state."""
         return any(kind.contact == contact for kind in self.kinds)
 
     @property
@@ -132,7 +132,7 @@ class Preset:
 
 
 def _united(kinds: Iterable[SegmentKind]) -> tuple[SegmentKind, ...]:
-    """Kinds that differ by nothing but their weight as one, with the sum of their weights."""
+    """Return the kinds with those that differ in weight alone united; weights add up."""
     weights: dict[SegmentKind, float] = {}
     for kind in kinds:
         alike = replace(kind, weight=1.0)

@@ -38,7 +38,7 @@ class DisplacementPrior:
     least: float
 
     def log_density(self, moved: Array) -> Array:
-        """(h,) of displacements (h, 3) [unit]."""
+        """Return (h,) log density of displacements (h, 3) [unit]."""
         moved2 = (moved**2).sum(axis=1)
         left_out = (self.least**2 / (self.reach**2 + self.least**2)) ** (AXES / 2)
         normal = normal_log_density(moved2, AXES, self.reach**2)
@@ -120,7 +120,7 @@ class ProfileModel:
         return np.maximum(squares - 2.0 * y * moments + y**2 * norms, 0.0)
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,) over all profiles: mixture (thesis (3.39) put right) or maximum (as printed)."""
+        """Return (h,) log evidence over profiles: mixture (thesis (3.39) put right), maximum as printed."""
         n, _, y = rows[:3]
         explained = 0 if self.target is None else 1
         last = n - 1 + self._offset - explained
@@ -137,7 +137,7 @@ class ProfileModel:
 
 
 def origin_of(origin: Origin, rows: Rows, z: Array) -> Array:
-    """(3,) where a newborn hypothesis counts from; rows[1] and rows[2] are origins and values since."""
+    """Return the origin (3,) of a newborn hypothesis; rows[1] and rows[2] are origins and values since."""
     if origin == "zero":
         return np.zeros(AXES)
     if origin == "previous" and len(rows[0]):

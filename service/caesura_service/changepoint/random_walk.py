@@ -55,5 +55,5 @@ class StudentRandomWalk:
         return np.tile(z, (len(before), 1)), evidence
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         return np.asarray(rows[1], np.float64)

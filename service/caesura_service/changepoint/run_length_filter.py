@@ -135,7 +135,7 @@ class RunLengthFilter(SmoothedProbabilities):
         return {segment.start: segment.before for segment in self.map_path()}.get(start)
 
     def _sum_from(self, start: int, before: int | None) -> None:
-        """Keep the hypotheses from a start on, and sum what they descend from again."""
+        """Keep the hypotheses from a start on, and sum again over the segmentations before them."""
         keep = self.starts >= start
         ended, self._next = self._window.sum_from(start, before, self.count, self.hazard, self.lattice)
         self.ended |= ended
@@ -153,13 +153,13 @@ class RunLengthFilter(SmoothedProbabilities):
 
     @property
     def _joint(self) -> Array:
-        """(h, groups)."""
+        """(h, groups) log joint of each hypothesis, by the group of its segment."""
         survived = log_survival(self._tempered, self.count - 1 - self.starts, self._opens)[:, None]
         return self.log_prior + survived + self.log_evidence
 
     @property
     def _opens(self) -> NDArray[np.bool_]:
-        """(h,) whether nothing is known of what was before."""
+        """(h,) whether the past before the start of each hypothesis is unknown."""
         opens: NDArray[np.bool_] = self.starts == self.opening
         return opens
 
@@ -174,7 +174,7 @@ class RunLengthFilter(SmoothedProbabilities):
         return path[::-1]
 
     def _segment(self, place: int, group: int) -> PathSegment:
-        """A living hypothesis as a segment of this group."""
+        """Return a living hypothesis as a segment of this group; place: its index among the living."""
         kinds, before = self.kind_log_evidence[place].copy(), int(self.before[place, group])
         return PathSegment(int(self.starts[place]), kinds, group, before)
 
@@ -202,7 +202,7 @@ class RunLengthFilter(SmoothedProbabilities):
         self.count += 1
 
     def _heed(self, changepoint: bool | None) -> None:
-        """Keep the hypotheses that agree with what is known of the newest start."""
+        """Keep only the newborn hypothesis if `changepoint` is true, all others if it is false."""
         newborn = self.starts == self.count
         if changepoint is not None and (changepoint or newborn.size > 1):
             self._keep(newborn == changepoint)
@@ -250,7 +250,7 @@ class RunLengthFilter(SmoothedProbabilities):
         return nodes | {(self.count, group) for group in self._next.nodes}
 
     def _forget(self) -> None:
-        """Drop what no living hypothesis, nor the next one, descends from."""
+        """Drop the nodes from which neither a living hypothesis nor the next one descends."""
         wanted: dict[Node, PathSegment] = {}
         for node in self._nodes:
             while node != self.root_node and node not in wanted:
@@ -286,7 +286,7 @@ class RunLengthFilter(SmoothedProbabilities):
 
 
 def _common_ancestor(nodes: set[Node], ended: Mapping[Node, PathSegment]) -> Node:
-    """The latest node shared by the ancestries of all nodes, themselves included."""
+    """Return the latest node that the ancestries of all nodes share, the nodes themselves included."""
     nodes = set(nodes)
     while len(nodes) > 1:
         latest = max(nodes)
@@ -296,7 +296,7 @@ def _common_ancestor(nodes: set[Node], ended: Mapping[Node, PathSegment]) -> Nod
 
 
 def check_finite(observed: ModelInput, count: int) -> None:
-    """Raises ValueError for an observation that holds anything else."""
+    """Raise ValueError for an observation with a value that is not finite."""
     for name in ("position", "force", "rotation", "torsion"):
         value = getattr(observed, name)
         if not np.isfinite(value).all():
@@ -304,7 +304,7 @@ def check_finite(observed: ModelInput, count: int) -> None:
 
 
 def check_start(start: int, root: int, count: int, parameters: FilterParameters) -> None:
-    """Raises ValueError for a start that is final already, or out of the window."""
+    """Raise ValueError for a start that is final already, or out of the window."""
     first = max(root, count - parameters.window - 1) + 1
     if not first <= start < count:
         raise ValueError(f"start is {start}, expected {first} to {count - 1}")

@@ -137,7 +137,7 @@ class SegmentModelSet:
         return np.column_stack(columns)
 
     def temper(self, kind_log_evidence: Array) -> Array:
-        """(…, kinds) the same to the power."""
+        """Return (…, kinds) log evidence times `power`."""
         tempered: Array = self.power * kind_log_evidence
         return tempered
 
@@ -155,7 +155,7 @@ class SegmentModelSet:
         return weighed
 
     def combine(self, kind_log_evidence: Array) -> Array:
-        """(h, groups) log evidence of each hypothesis over the kinds of each group; (h, kinds) is given."""
+        """Return (h, groups) log evidence over the kinds of each group, from (h, kinds)."""
         columns = [
             self._over(kind_log_evidence[:, self.groups == group])
             for group in range(len(self.log_transition))
@@ -163,7 +163,7 @@ class SegmentModelSet:
         return np.column_stack(columns)
 
     def _over(self, kind_log_evidence: Array) -> Array:
-        """(h,) over some kinds."""
+        """Return (h,) the maximum or the log sum over the given kinds."""
         if self.choice == "maximum":
             best: Array = kind_log_evidence.max(axis=1)
             return best

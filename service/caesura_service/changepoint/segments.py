@@ -152,7 +152,10 @@ def _stretch(
     settled: int,
     known: InferredSegment | None,
 ) -> InferredSegment:
-    """starts: of the segment before, of this one, and of the one after; known: what it was before."""
+    """Return the inferred segment with this number, of which the first `settled` are final.
+
+    starts: of the segment before, of this one, and of the one after; known: the segment as inferred before.
+    """
     before, start, after = starts
     is_over = number < settled
     if known is not None and known.start_stands and min(known.end, after) > start + INTERVAL_REACH:

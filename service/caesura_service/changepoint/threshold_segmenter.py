@@ -35,7 +35,7 @@ class Run(NamedTuple):
 
 
 def check_level(level: float) -> None:
-    """Raises ValueError for a threshold that is not between 0 and 1."""
+    """Raise ValueError for a threshold that is not between 0 and 1."""
     if not 0.0 < level < 1.0:
         raise ValueError(f"threshold is {level}, expected a probability between 0 and 1")
 
@@ -89,7 +89,7 @@ def _last_gap(start: int, boundaries: Collection[int]) -> int:
 
 @dataclass
 class ThresholdSegmenter:
-    """The same while observations come in: steps a filter, and keeps the evidence from each start chosen.
+    """`threshold_path` while observations come in: steps a filter, and keeps the evidence from each start.
 
     A changepoint is final once it and the samples next to it have left the filter's window.
     """
@@ -171,7 +171,7 @@ class _Tape:
             self.extend(observed)
 
     def extend(self, observed: ModelInput) -> None:
-        """One more sample."""
+        """Add the evidence of one more sample."""
         mine = 0 if len(self.kinds) > self._first else -1  # its own row comes last, and then stays first
         rows = self._lattice.extend(self._rows, observed)
         self._rows = self._lattice.select(rows, np.array([mine]))

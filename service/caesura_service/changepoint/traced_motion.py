@@ -65,7 +65,7 @@ class TracedMotion:
         )
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         densities, weights = rows[4:]
         result: Array = log_mean_exp(densities, axis=1) + weights
         return result

@@ -78,7 +78,7 @@ class TurnInPlace:
         )
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         n, _, _, _, triangles, log_scales, weights = rows
         diagonals = np.abs(np.diagonal(triangles, axis1=1, axis2=2))
         log_root_det = np.log(self.reach * diagonals[:, :AXES]).sum(axis=1)  # over the prior's

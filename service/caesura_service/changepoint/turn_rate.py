@@ -46,5 +46,5 @@ class TurnRate:
         return np.tile(z, (len(rows[0]) + 1, 1)), append(rows[1], 0.0) + weight
 
     def log_evidence(self, rows: Rows) -> Array:
-        """(h,)."""
+        """Return (h,) log evidence of each hypothesis."""
         return np.asarray(rows[1], np.float64)

@@ -45,7 +45,7 @@ class JournalShareError(JournalError):
     """The open sessions of a station have taken their share of the journal."""
 
     def __init__(self, why: str, taken: int, limit: int) -> None:
-        """taken, limit: [bytes]."""
+        """Store the message, the bytes taken and the limit [bytes]."""
         super().__init__(why)
         self.taken, self.limit = taken, limit
 

@@ -370,7 +370,7 @@ def touch(database: sqlite3.Connection) -> None:
 
 
 def free_bytes(database: sqlite3.Connection) -> int:
-    """Return what deletions have freed in the file and nothing has taken yet."""
+    """Return the bytes in the file that deletions have freed and no record has used since."""
     return _number(database, "freelist_count") * _number(database, "page_size")
 
 
@@ -408,7 +408,7 @@ def _create_private(path: Path) -> None:
 
 
 def _make_private(path: Path) -> None:
-    """A journal of an older version was left to the umask; SQLite gives new logs the mode of the file."""
+    """Set mode 0600 on a journal's files: older versions left it to the umask, and new logs inherit it."""
     for suffix in ("", "-wal", "-shm"):
         with suppress(FileNotFoundError, PermissionError):
             path.with_name(path.name + suffix).chmod(0o600)

@@ -159,7 +159,7 @@ class SqliteWriter:
                 self._forget_outcome(key, outcome, past=may_wait)
 
     def _forget_outcome(self, key: Key, outcome: Outcome, *, past: int) -> None:
-        """Let go of an outcome, if it is still that one and more than so many wait."""
+        """Drop a waiting outcome if no newer one replaced it and more than `past` wait."""
         with self._guard:
             if self._outcomes.get(key) is outcome and len(self._outcomes) > past:
                 del self._outcomes[key]

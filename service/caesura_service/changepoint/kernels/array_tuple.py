@@ -25,7 +25,7 @@ WORDS = 6  # of an array in the table: where it is, and how long along each dime
 
 
 def table_of(*tuples: NamedTuple) -> NDArray[np.int64]:
-    """(arrays, words) where they are. Good for as long as they are kept; all have to be contiguous."""
+    """Return (arrays, words) address and shape of each array; valid while the contiguous arrays are kept."""
     arrays = [array for arrays in tuples for array in arrays]
     table = np.zeros((len(arrays), WORDS), np.int64)
     for row, array in zip(table, arrays, strict=True):

@@ -84,7 +84,7 @@ def take(here, c, joins):
 
 @compiled
 def take_weighing(here, c, joins):
-    """The same of a channel that weighs steps."""
+    """Take an observation as `take` does, in a channel that weighs steps or starts."""
     which = model_at(here).channels[c].model
     if which == FRICTION:
         friction(here, c, joins)
@@ -165,7 +165,7 @@ def no_rise(here, c, joins):
 
 @compiled
 def force_of(seen, heaviest):
-    """[N] size of what the weight of a load up to the heaviest [N] leaves of an observation's force."""
+    """Return the size [N] of an observation's force less the weight of a load up to the heaviest [N]."""
     z = seen[FORCE + 2]
     z += min(max(-z, 0.0), heaviest)
     return math.sqrt(seen[FORCE] ** 2 + seen[FORCE + 1] ** 2 + z**2)
@@ -318,7 +318,7 @@ def carried(here, c):
 
 @compiled
 def about_weight(squares, totals, ages, lightest, lanes):
-    """Sums of squares about the force of a load of at least this weight."""
+    """Compute sums of squares about the force of a load of at least this weight [N]."""
     for i in range(lanes):
         weight = min(totals[i] / ages[i], -lightest)
         squares[i] = max(squares[i] + weight * (ages[i] * weight - 2.0 * totals[i]), 0.0)

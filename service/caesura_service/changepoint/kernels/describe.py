@@ -317,7 +317,7 @@ def _traced(model: TracedMotion) -> Record:
 
 
 def _movement(model: GuidedMotion | TracedMotion) -> Record:
-    """The errors of a movement's steps, and the way that it makes."""
+    """Return the fields of a movement's record: of its errors a step, and of the way that it makes."""
     return {
         "signal": SIGNALS["position"],
         "nu": model.nu,

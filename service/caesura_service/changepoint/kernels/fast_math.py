@@ -146,7 +146,7 @@ def log_sum_exp(values, n):
 
 @compiled
 def shares_of(values, n):
-    """The same; the exponentials' shares of their sum take the numbers' place, 0 where there is nothing."""
+    """Return `log_sum_exp`, and replace each number by its exponential's share of the sum, or by 0."""
     peak = most_of(values, n)
     if peak == -math.inf:
         values[:n] = 0.0
@@ -160,7 +160,7 @@ def shares_of(values, n):
 
 @reducing
 def total_of(values, n):
-    """Sum of the first n numbers."""
+    """Return the sum of the first n numbers."""
     total = 0.0
     for i in range(n):
         total += values[i]
@@ -169,7 +169,7 @@ def total_of(values, n):
 
 @reducing
 def total_of_exponentials(values, peak, n):
-    """The same of exp(value − peak)."""
+    """Return Σ exp(value − peak) of the first n numbers."""
     total = 0.0
     for i in range(n):
         total += exp_of_negative(values[i] - peak)

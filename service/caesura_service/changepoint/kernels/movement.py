@@ -42,7 +42,7 @@ def guided(here, c, joins):
 
 @compiled
 def way_squared(past, steps):
-    """Squared length of the way of the last steps."""
+    """Return the squared distance [m²] from the position some steps ago to the last one."""
     last, total = past.shape[0] - 1, 0.0
     for a in range(AXES):
         total += (past[last, a] - past[last - steps, a]) ** 2
@@ -57,7 +57,7 @@ def column(channel):
 
 @compiled
 def innovation(here, channel, n):
-    """|ε|² and log w of the last step, for a segment that had n observations before it."""
+    """Return |ε|² and log w of the last step, for a segment that had n observations before it."""
     past = state_at(here).past
     last = past.shape[0] - 1
     error2 = own2 = 0.0

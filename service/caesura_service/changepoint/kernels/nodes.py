@@ -33,7 +33,7 @@ def release(here, node):
 
 @compiled
 def new_node(here, start, parent, group, kinds):
-    """A node with one reference, the caller's."""
+    """Return a new node with one reference, the caller's."""
     state = state_at(here)
     node = 0
     while state.node_start[node] != FREE:
@@ -99,7 +99,7 @@ def settle(here):
 
 @compiled
 def only_child(here, node):
-    """The node that goes back to this one, if one does."""
+    """Return a node whose parent is this one; FREE without one."""
     state = state_at(here)
     for other in range(state.node_start.shape[0]):
         if state.node_start[other] != FREE and state.node_parent[other] == node:

@@ -259,7 +259,7 @@ def explain_by_one(residuals, moments, y):
 
 @compiled
 def weigh_block(here, channel, place, b, scales, half):
-    """Log evidence of every profile of a block under every share, to `evidence`; the largest."""
+    """Compute the log evidence of every profile of a block under every share; return the largest."""
     state, peak = state_at(here), -math.inf
     for s in range(channel.shares):
         prior, constant = state.work[PRIORS + s, place], state.work[CONSTANTS + s, place]
@@ -270,7 +270,7 @@ def weigh_block(here, channel, place, b, scales, half):
 
 @reducing
 def weigh_each(evidence, residuals, scales, prior, constant, half):
-    """Log evidence of every profile's squared residuals under one scale; the largest."""
+    """Compute the log evidence of every profile's squared residuals under one scale; return the largest."""
     most = -math.inf
     for k in range(BLOCK):
         evidence[k] = constant - half * log(prior + larger(residuals[k], 0.0)) - scales[k]
@@ -304,7 +304,7 @@ def total_of_block(evidence, peak):
 
 @compiled
 def best_mean(evidence, blocks, shares):
-    """Over profiles the maximum, over shares the mean."""
+    """Return the maximum over profiles of the log mean over shares."""
     best = -math.inf
     for b in range(blocks):
         for k in range(BLOCK):
@@ -320,7 +320,7 @@ def best_mean(evidence, blocks, shares):
 
 @compiled
 def add_logs(evidence, work, lanes):
-    """The whole from peaks and sums."""
+    """Compute log evidence from peaks, totals and `by_length`."""
     peaks, totals, by_length = work[PEAK], work[TOTAL], work[BY_LENGTH]
     logarithms(totals, lanes)
     for i in range(lanes):

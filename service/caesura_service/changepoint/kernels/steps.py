@@ -53,7 +53,7 @@ def step(here, boundary, changepoint):
 
 @compiled
 def condition(here, start):
-    """Take it for certain that a segment starts there; there has to be room for a node a sample since."""
+    """Take it for certain that a segment starts at `start`; needs room for a node for each sample since."""
     state = state_at(here)
     me = state.counters[0]
     me.settled = 0
@@ -67,7 +67,7 @@ def condition(here, start):
 
 @compiled
 def keep_from(here, start, before):
-    """`RunLengthFilter._sum_from`, and the joints of what is left."""
+    """Compute as `RunLengthFilter._sum_from`, and compute the joints of the remaining hypotheses."""
     state = state_at(here)
     me = state.counters[0]
     sum_from(here, start, before)

@@ -3,7 +3,8 @@
 The arm, its friction and the surfaces are those of the simulated teacher (`guided_arm`, `fingertip_contact`).
 In place of a hand a controller moves it: stiffness and damping about a setpoint, and a force of its own. It
 feeds the inertia at the flange forward (Khatib 1987: Λ (a − J̇ v) with Λ = (J M⁻¹ Jᵀ)⁻¹), and makes up for
-most of the joints' friction and damping. Along the direction in which a force is controlled there is no stiffness.
+most of the joints' friction and damping. Along the direction in which a force is controlled there is no
+stiffness.
 """
 
 from __future__ import annotations

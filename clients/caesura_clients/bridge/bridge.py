@@ -160,22 +160,22 @@ class Bridge:
 
     @property
     def is_open(self) -> bool:
-        """Has a service acknowledged the session?"""
+        """Whether a service has acknowledged the session; stays true after the close."""
         return self._is_open
 
     @property
     def slow_pose(self) -> str | None:
-        """What is said of a pose that the source reads seldom and repeats; None where it does not."""
+        """A sentence on a pose that the source reads too seldom and repeats; None without such a pose."""
         return self._pose_readings.slow
 
     @property
     def ignored_up(self) -> str | None:
-        """What is said of a direction that the service does not weigh against; None where it does."""
+        """A sentence on a direction of up that the service ignores; None if it uses it or none is stated."""
         return self._ignored_up
 
     @property
     def stuck_s(self) -> float:
-        """How long [s] the service has asked for the same batch again: it cannot store what comes."""
+        """The time [s] for which the service has requested one batch again and again: it cannot store it."""
         return self._replay.stuck_s
 
     def __enter__(self) -> Self:
@@ -255,7 +255,7 @@ class Bridge:
         self._stopped.set()
 
     def mark(self, t: float | None = None, *, author: str = MARKER) -> Ack:
-        """A pedal or a key: a segment ends at `t` [s], by default at the newest sample; the next begins.
+        """Mark a changepoint: a segment ends at `t` [s], by default at the newest sample; the next begins.
 
         To be called from a thread that may wait for the network, which a robot's loop may not. Raises as
         `editing.edit`, or CaesuraError before the first sample.
@@ -428,7 +428,11 @@ def new_bridge_name() -> str:
 
 
 def _robot_of(source: Source) -> CellSettings:
-    """Which arm the source states; one may keep the driver of its arm under the same name."""
+    """Return cell settings with the robot name that the source states; UNSET if it states none.
+
+    A `robot` attribute that is no text is ignored: a source may keep the driver of its arm there. Raises
+    SourceError for a text that is no valid name.
+    """
     name = getattr(source, "robot", None)
     if not isinstance(name, str):
         return UNSET

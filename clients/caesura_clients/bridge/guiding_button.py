@@ -30,7 +30,7 @@ State = Literal["idle", "pressed", "opening", "taught", "over", "by_start"]
 
 
 class Item(NamedTuple):
-    """What a source yielded, and whether the button was pressed then."""
+    """A chunk or mark of a source, and whether the button was pressed when it came."""
 
     content: Chunk | Mark
     is_pressed: bool
@@ -42,10 +42,10 @@ class Item(NamedTuple):
 
 
 class GuidingButton:
-    """What the button asks for, and which samples belong to a demonstration that it began.
+    """Starts and ends that the hand-guiding button requests, and the samples that belong to each session.
 
-    changed: is set when it asks for a beginning or an end; deliver: is called with what belongs to the open
-    session; released_s [s]: a release so long is an end.
+    changed: set when the button requests a start or an end; deliver: called with each chunk or mark of the
+    open session; released_s [s]: a release this long ends a demonstration that the button began.
     """
 
     def __init__(self, changed: threading.Event, deliver: Deliver, released_s: float = RELEASED_S) -> None:
@@ -58,11 +58,11 @@ class GuidingButton:
 
     @property
     def is_over(self) -> bool:
-        """Was the button released so long that the demonstration has ended?"""
+        """Whether the button was released for `released_s`, which ends the demonstration."""
         return self._state == "over"
 
     def take(self, content: Chunk | Mark, is_pressed: bool) -> None:
-        """Take what the source yields, in its thread."""
+        """Take a chunk or mark of the source, with the state of the button; called in the source's thread."""
         if not isinstance(content, Mark) and not len(content):
             return
         with self._lock:
@@ -81,7 +81,7 @@ class GuidingButton:
             return True
 
     def begin(self) -> None:
-        """A session is open from now on: the one that a press asked for, or one that Start began."""
+        """Record that a session is open: the one that a press requested, or one that Start began."""
         with self._lock:
             if self._state == "opening":
                 self._state = "taught"
@@ -92,7 +92,7 @@ class GuidingButton:
             self._advance()
 
     def end(self) -> None:
-        """The session is over, or was not opened. A press after its end begins the next one."""
+        """Record that the session is over, or was not opened. A press after its end requests the next one."""
         with self._lock:
             self._advance()
             if self._state == "taught":
@@ -103,7 +103,7 @@ class GuidingButton:
             self._advance()
 
     def _advance(self) -> None:
-        """Look at what waits, as far as it is known where it belongs."""
+        """Process waiting items, as far as the state shows to which session they belong."""
         while self._waiting and self._state in {"idle", "taught", "by_start"}:
             item = self._waiting.popleft()
             if self._state == "idle":
@@ -115,7 +115,7 @@ class GuidingButton:
             self._was_pressed = item.is_pressed
 
     def _watch(self, item: Item) -> None:
-        """Without a session: a press asks for one."""
+        """Keep an item without a session; a press, after a release, requests a session."""
         self._kept.append(item)
         while item.t - self._kept[0].t > LEAD_S:
             self._kept.popleft()
@@ -124,7 +124,10 @@ class GuidingButton:
             self._changed.set()
 
     def _teach(self, item: Item) -> None:
-        """In a session that the button began: what is taught while it is released waits."""
+        """Deliver an item of a session that the button began, or keep it while the button is released.
+
+        Kept items are delivered at the next press; a release of `released_s` ends the session.
+        """
         if item.is_pressed:
             self._deliver_kept()
             self._deliver(item.content)

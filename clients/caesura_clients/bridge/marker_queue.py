@@ -48,14 +48,14 @@ class MarkerQueue:
             self._waiting.put(None)
 
     def put(self, t: float) -> None:
-        """A mark at a time [s]. Never blocks."""
+        """Enqueue a mark at a time [s]; never blocks. One beyond the capacity is noted in `failed`."""
         try:
             self._waiting.put_nowait(t)
         except queue.Full:
             self.failed.append(f"mark at {t:.2f} s: {CAPACITY} marks wait already")
 
     def _give_up(self, why: str) -> None:
-        """The demonstration does not wait for those marks."""
+        """Move the waiting marks to `failed` with the reason, so that the demonstration need not wait."""
         with suppress(queue.Empty):
             while (t := self._waiting.get_nowait()) is not None:
                 self.failed.append(f"mark at {t:.2f} s: {why}")

@@ -45,7 +45,7 @@ class ReplayServer(QueryThread):
 
     @property
     def stuck_s(self) -> float:
-        """How long [s] the service has asked for the same batch; 0 where it no longer does."""
+        """The time [s] for which the service has requested the same batch; 0 if it no longer does."""
         _, since, asked = self._missing
         return asked - since if self._clock() - asked < FORGOTTEN_S else 0.0
 

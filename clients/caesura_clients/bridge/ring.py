@@ -29,7 +29,10 @@ class StoredBatch:
     __slots__ = ("_content", "passed", "samples", "seq", "t")
 
     def __init__(self, seq: int, t: float, samples: int, content: Encoded | Callable[[], Encoded]) -> None:
-        """t: its last sample [s], session clock; content: the batch as it is sent, or what makes it so."""
+        """Store a batch. t: time of its last sample [s], session clock.
+
+        content: the batch as it is sent, or a function that encodes it.
+        """
         self.seq = seq
         self.t = t
         self.passed = 0.0  # [s] since the first one, as the ring counts
@@ -38,7 +41,7 @@ class StoredBatch:
 
     @property
     def content(self) -> Encoded:
-        """As it is sent. Two threads that ask for the first time make the same bytes twice."""
+        """The encoded batch, made at its first use; two threads that use it first may both encode it."""
         content = self._content
         if callable(content):
             self._content = content = content()
@@ -57,7 +60,10 @@ class ReplayRing:
         self._lock = threading.Lock()
 
     def append(self, entry: StoredBatch) -> None:
-        """Keep a batch, whose number follows that of the last; evicts what is old and stored, or too much."""
+        """Store the next batch; evict stored ones beyond the span, and any beyond the number of samples.
+
+        Raises ValueError if its number does not follow that of the last one.
+        """
         with self._lock:
             if self._entries and entry.seq != self._entries[-1].seq + 1:
                 raise ValueError(f"batch {entry.seq} after {self._entries[-1].seq}, expected the next")

@@ -184,7 +184,10 @@ class Standby:
                     return  # it begins anew with the next session
 
     def _start_by_button(self, source: Source, feed: SourceFeed) -> None:
-        """One session for a press; a refusal, which has no other reader, is stated until the next start."""
+        """Teach one session after a press of the button.
+
+        A refusal has no other reader, so the status states it until the next start.
+        """
         refusal: Exception | None = None
         try:
             one = self._begin(Start(id=new_session_name()))
@@ -201,7 +204,7 @@ class Standby:
             self._change(problem=f"the button was pressed, and nothing began: {why}")
 
     def _teach(self, one: _Demonstration, source: Source, feed: SourceFeed) -> None:
-        """One session, from its opening to its acknowledged end."""
+        """Teach one session, from its opening to its acknowledged end; the outcome goes into the status."""
         outcome = ""
         try:
             with self._bridge(one, source) as bridge:
@@ -409,9 +412,9 @@ class Standby:
         return BridgeAck(session=one.session, state=self.status.state, lost=one.lost)
 
     def _stopped_before(self, stop: Stop) -> BridgeAck:
-        """A stop of a session that is over.
+        """Return the answer to a stop of a session that is over.
 
-        Raises ProtocolError for any other, and for a success that comes after the end.
+        Raises ProtocolError for any other session, and for a success that comes after the end.
         """
         past = {one.session: one for one in self._started.values()}
         last = stop.session or self.status.last_session
@@ -451,7 +454,7 @@ class Standby:
 
 
 def _words(error: Exception) -> str:
-    """What went wrong; an error of a library carries its type."""
+    """Return the text of an error, preceded by its type if it comes from another library."""
     is_own = isinstance(error, CaesuraError | ProtocolError | OSError)
     return str(error) if is_own else f"{type(error).__name__}: {error}"
 
@@ -475,12 +478,12 @@ class _Demonstration:
         return self.refusal is not None and not self.is_open
 
     def opened(self) -> None:
-        """A service has the session."""
+        """Record that a service has the session, and set `answered`."""
         self.is_open = True
         self.answered.set()
 
     def failed(self, refusal: ProtocolError) -> None:
-        """It was not opened, or was ended by an error."""
+        """Record why the session was not opened, or by which error it was ended, and set `answered`."""
         self.refusal = refusal
         self.answered.set()
 

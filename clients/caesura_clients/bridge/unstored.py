@@ -1,4 +1,4 @@
-"""What a bridge still has of a demonstration that no service has stored, as a recording."""
+"""Recordings of the batches that a bridge still has and no service has stored."""
 
 from __future__ import annotations
 

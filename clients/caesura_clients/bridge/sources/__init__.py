@@ -36,11 +36,11 @@ class Source(Protocol):
 
     @property
     def wrench_source(self) -> WrenchSource | None:
-        """Where the wrench is measured; None where it is not stated, and contact and load stay off."""
+        """The place where the wrench is measured; None: not stated, and contact and load stay off."""
 
     @property
     def hand_on_robot(self) -> HandOnRobot:
-        """Does a person guide this robot by hand?"""
+        """Whether a person guides this robot by hand: `yes`, `no` or `unknown`."""
 
     @property
     def force_frame(self) -> ForceFrame:
@@ -52,16 +52,16 @@ class Source(Protocol):
 
     @property
     def can_wait(self) -> bool:
-        """May the bridge hold it up while the service catches up? A live robot cannot wait."""
+        """Whether the bridge may pause the source while the service catches up; a live robot cannot wait."""
 
     def chunks(self) -> Iterator[Chunk | Mark]:
         """Samples in the order of arrival, as they come, and marks; ends when the demonstration does."""
 
 
 def button_pressed(source: Source) -> bool | None:
-    """Is the hand-guiding button of the source's robot pressed, as of its newest chunk?
+    """Return whether the hand-guiding button of the source's robot is pressed, as of its newest chunk.
 
-    None where none is reported, as in a source without this property.
+    None if the source does not report a button: it then has no property `button_pressed`, or None there.
     """
     pressed: bool | None = getattr(source, "button_pressed", None)
     return pressed

@@ -22,7 +22,7 @@ from caesura_protocol.messages import ESTIMATE, JOINTS, HandOnRobot
 
 
 class FrankaState(NamedTuple):
-    """What is read of one state, as libfranka has it."""
+    """Values that are read of one robot state, as libfranka reports them."""
 
     time_ms: int
     q: Sequence[float]
@@ -34,9 +34,9 @@ class FrankaState(NamedTuple):
 
 
 def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of, *, guiding: Any) -> FrankaState:
-    """A franka::RobotState as a wrapper shows it, in plain values.
+    """Return the values of a franka::RobotState, as a wrapper of libfranka shows it.
 
-    pose: reads what it has as a matrix; guiding: its kGuiding.
+    pose: converts a matrix of the wrapper; guiding: the wrapper's kGuiding.
     """
     return FrankaState(
         time_ms=int(state.time.to_msec()),

@@ -22,7 +22,10 @@ from caesura_protocol.messages import HandOnRobot
 
 
 def open_franky(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
-    """Connect. Raises SourceError where the extra is missing or the robot does not answer."""
+    """Connect to a Franka arm by franky, and return its source.
+
+    Raises SourceError if the extra is missing or the robot does not answer.
+    """
     with import_extra("franky", "the source franky"):
         franky = import_module("franky")
     who = f"franky at {host}"

@@ -56,7 +56,7 @@ class Gripper(Protocol):
 
     @property
     def failure(self) -> str | None:
-        """Why it is lost for good; None while it is not."""
+        """The reason why the gripper is lost for good; None while it is not."""
 
     def close(self) -> None:
         """Read it no more."""
@@ -161,7 +161,7 @@ class LiveArm:
             raise SourceError(f"{self._who}: lost after {after_s:.1f} s: {_error_text(error)}") from error
 
     def _widths(self) -> tuple[float, ...] | None:
-        """The gripper's column: its width; empty without a gripper, None while the width is unknown."""
+        """Return the gripper's column: its width [m]; empty without a gripper, None while it is unknown."""
         if self._gripper is None:
             return ()
         width = self._gripper.width
@@ -182,7 +182,7 @@ class LiveArm:
 
 
 class _AskedGripper:
-    """The gripper's last width, asked for until it is over."""
+    """A gripper whose width is polled in a thread until `close`. ask: returns the opening [m]."""
 
     def __init__(self, ask: Callable[[], float]) -> None:
         self.width: float | None = ask()
@@ -193,7 +193,10 @@ class _AskedGripper:
         self._thread.start()
 
     def close(self) -> None:
-        """Wait for the last answer, which the vendor's package itself gives up in time."""
+        """End the polling, and wait for the last answer, at most GRIPPER_TIMEOUT_S.
+
+        The vendor's package itself gives up in time.
+        """
         self._over.set()
         self._thread.join(GRIPPER_TIMEOUT_S)
 
@@ -206,7 +209,7 @@ class _AskedGripper:
 
 
 def connect_arm(name: str, connect: Callable[[], Any], hint: str = "") -> Any:
-    """What `connect` gives. Raises SourceError, with the reason, where it does not."""
+    """Return the result of `connect`. Raises SourceError with its reason, and `hint`, if it fails."""
     try:
         return connect()
     except Exception as error:

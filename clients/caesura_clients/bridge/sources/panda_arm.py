@@ -18,7 +18,10 @@ from caesura_protocol.messages import HandOnRobot
 
 
 def open_panda(host: str, *, gripper: bool = True, hand_on_robot: HandOnRobot = "yes") -> FrankaSource:
-    """Connect. Raises SourceError where the extra is missing or the robot does not answer."""
+    """Connect to a Franka arm by panda-py, and return its source.
+
+    Raises SourceError if the extra is missing or the robot does not answer.
+    """
     with import_extra("panda", "the source panda"):
         libfranka = import_module("panda_py.libfranka")
     who = f"panda at {host}"

@@ -25,7 +25,7 @@ GROUP = "caesura.sources"  # entry points, each a function of SourceOptions that
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What may be said about a source; each takes what it understands."""
+    """Options of all kinds of source; each source reads those that apply to it."""
 
     file: Path | None = None
     pace: float = 1.0
@@ -173,7 +173,11 @@ def _stated_robot(options: SourceOptions, name: str, *examples: str) -> RobotDes
 
 
 def _wrench_source(options: SourceOptions, robot: RobotDescription) -> WrenchSource:
-    """Where an arm measures its wrench, as stated or as it usually does; no sensor feels an absent hand."""
+    """Return the wrench source that the options state, or else the one of the robot's description.
+
+    A description's `flange_sensor_with_hand` becomes `flange_sensor` if the options state that no hand is on
+    the robot. Raises SourceError for an unknown wrench source.
+    """
     stated = options.wrench_source or robot.wrench_source
     if stated not in WRENCH_SOURCES:
         raise SourceError(f"wrench_source is {stated!r}, expected one of {', '.join(WRENCH_SOURCES)}")
@@ -196,7 +200,10 @@ def _tcp_offset(options: SourceOptions) -> tuple[float, ...] | None:
 
 
 def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
-    """The statement of the hand for an arm that estimates its wrench; these arms are guided by hand."""
+    """Return the statement on a hand for an arm that estimates its wrench: these arms are guided by hand.
+
+    Raises SourceError if the options state another wrench source than the estimate.
+    """
     if options.wrench_source not in {None, ESTIMATE}:
         raise SourceError(
             f"wrench_source is {options.wrench_source!r}, expected {ESTIMATE}, which the source {name} has"
@@ -237,7 +244,7 @@ def _ros2(options: SourceOptions) -> Source:
 
 
 def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source]:
-    """A source that another package registers; its module is imported at its first use."""
+    """Return an opener of a source that another package registers; it imports the module when called."""
 
     def build(options: SourceOptions) -> Source:
         with import_extra(entry_point.name, f"the source {entry_point.name}"):

@@ -59,7 +59,7 @@ class ReceivedMessage(NamedTuple):
 
 
 class LostStretches:
-    """When messages were dropped, in times [s] of the session: between the rows before and after."""
+    """Times [s] of the session in which messages were dropped: between the rows before and after."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -68,7 +68,11 @@ class LostStretches:
         self._begins_s: float | None = None
 
     def look(self, dropped: int, before_s: float, after_s: float | None) -> None:
-        """Take the count of dropped messages, with the newest row before a message and the one it made."""
+        """Record the times between which messages were dropped, if their count has risen. Called a message.
+
+        dropped: count so far; before_s: time of the newest row before the message; after_s: of the row that
+        the message made, None if it made none.
+        """
         if self._begins_s is not None and after_s is not None:
             self._add(self._begins_s, after_s)
             self._begins_s = None
@@ -146,7 +150,7 @@ class Ros2Source:
 
     @property
     def lost_words(self) -> str:
-        """When they were dropped, in times of the session, to stand behind their number."""
+        """The times of dropped messages, as text to follow their number; empty if none was dropped."""
         return f": samples are missing at {self._lost}" if self.dropped else ""
 
     def close_with(self, close: Callable[[], None]) -> None:
@@ -323,7 +327,7 @@ def _path(topic: str) -> str:
 
 
 class _as_source:  # noqa: N801 - reads as a statement
-    """What is wrong with a recording is here wrong with a source."""
+    """Context that raises a RecordingError of its block as a SourceError with the same text."""
 
     def __enter__(self) -> None: ...
 

@@ -49,10 +49,11 @@ def open_ur(
     teach_mode: bool = False,
     gripper: GripperDescription | None = None,
 ) -> LiveArm:
-    """Connect. tcp_offset: (6,) x y z [m], rotation vector [rad]; None: asked of the controller.
+    """Connect to an arm of Universal Robots, and return its source.
 
-    gripper: of Robotiq, read through its URCap; None: no gripper is read. Raises SourceError where the extra
-    is missing, the arm or its gripper does not answer, or the TCP's offset is not known.
+    tcp_offset: (6,) x y z [m], rotation vector [rad]; None: asked of the controller. gripper: of Robotiq,
+    read through its URCap; None: no gripper is read. Raises SourceError if the extra is missing, the arm or
+    its gripper does not answer, or the TCP's offset is not known.
     """
     if tcp_offset is None and not teach_mode:
         raise SourceError(
@@ -106,7 +107,10 @@ def _end_of_teaching(control: Any, receive: Any) -> Callable[[], None]:
 
 
 def _reader(receive: Any, tcp_on_flange: Transform) -> Callable[[], ArmState]:
-    """What waits for the next state of an arm. Raises RuntimeError where it is lost, with the reason."""
+    """Return a function that waits for the next state of an arm and returns it.
+
+    The function raises RuntimeError with the reason if the arm is lost.
+    """
     last = -1.0
 
     def read() -> ArmState:
@@ -136,7 +140,7 @@ PERIOD_S = 0.002  # of ur_rtde's at 500 Hz; a CB3 controller has 0.008
 
 
 def _lost(receive: Any, waited_s: float) -> str | None:
-    """Why an arm reports nothing new, where it will not."""
+    """Return why the arm will report no new state; None while it may."""
     if not receive.isConnected():
         return "the controller has closed the connection"
     if receive.isEmergencyStopped():

@@ -51,9 +51,10 @@ def open_xarm(
     tcp_offset: tuple[float, ...] | None,
     teach_mode: bool = False,
 ) -> LiveArm:
-    """Connect. tcp_offset: (6,) x y z [m], rotation vector [rad].
+    """Connect to an arm of UFACTORY, and return its source.
 
-    Raises SourceError where the extra is missing, the arm does not answer, or something is not stated.
+    tcp_offset: (6,) x y z [m], rotation vector [rad]. Raises SourceError if the extra is missing, the arm
+    does not answer, or a needed option is not stated.
     """
     if tcp_offset is None:
         raise SourceError(
@@ -107,7 +108,10 @@ def _end(arm: Any, *, teach_mode: bool) -> Callable[[], None]:
 
 
 def _reader(arm: Any, joints: int, tcp_on_flange: Transform, *, has_sensor: bool) -> Callable[[], ArmState]:
-    """What waits for the next report of an arm. Raises RuntimeError where it is lost, with the reason."""
+    """Return a function that waits for the next report of an arm and returns it as a state.
+
+    The function raises RuntimeError with the reason if the arm is lost.
+    """
     reports: queue.Queue[tuple[float, dict[str, Any], list[float], bool]] = queue.Queue(WAITING_REPORTS)
 
     def take(report: dict[str, Any]) -> None:

@@ -210,7 +210,7 @@ def bridge(
 
 
 def _show_outcome(caesura: Caesura, station: str, session: str) -> None:
-    """What became of a session that is stored; where the service does not say it, the reason."""
+    """Print the outcome of a stored session; if the service does not answer, print the reason to stderr."""
     try:
         for one in snapshots(caesura.transport, station, session):
             _print_outcome(one.status, clock_of(one.segments.segments))
@@ -260,7 +260,7 @@ def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
 
 
 def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:
-    """One line on what did not become segments; exit code 1 where batches are lost."""
+    """Print a line on refusals, repeats and gaps of a session, if any; exit with 1 if batches are lost."""
     line = outcome_line(status, clock)
     if line:
         since = f"; {clock.words}" if status.gaps and clock.words else ""
@@ -270,7 +270,7 @@ def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:
 
 
 class _Availability:
-    """Says when the service goes and comes back; that it was there to begin with is no news."""
+    """Prints that the service goes and comes back, but not that it is there to begin with."""
 
     def __init__(self) -> None:
         self.is_gone = False
@@ -283,9 +283,9 @@ class _Availability:
 
 @contextmanager
 def reporting_storage(opened: Bridge, is_gone: Callable[[], bool] = lambda: False) -> Iterator[None]:
-    """Says when the service cannot store what comes, and when it can again.
+    """Print while the context lasts that the service cannot store what comes, and that it can again.
 
-    is_gone: whether no service is there, of which nothing is said here.
+    is_gone: returns whether no service is there; a recovery is then not printed.
     """
     over, is_stuck = threading.Event(), False
     kept = f"the newest {opened.settings.ring_samples} samples are kept here"
@@ -307,18 +307,18 @@ def reporting_storage(opened: Bridge, is_gone: Callable[[], bool] = lambda: Fals
 
 
 def reporting_pose(opened: Bridge) -> AbstractContextManager[None]:
-    """Says once that the source reads its pose seldom."""
+    """Print once, while the context lasts, that the source reads its pose too seldom."""
     return _reporting(lambda: opened.slow_pose, "pose")
 
 
 def reporting_up(opened: Bridge) -> AbstractContextManager[None]:
-    """Says once that the service ignores which way is up."""
+    """Print once, while the context lasts, that the service ignores which way is up."""
     return _reporting(lambda: opened.ignored_up, "up")
 
 
 @contextmanager
 def _reporting(warning: Callable[[], str | None], name: str) -> Iterator[None]:
-    """Prints a warning once it is there."""
+    """Print a warning once, as soon as `warning` returns one, while the context lasts."""
     over = threading.Event()
 
     def look() -> None:
@@ -333,7 +333,10 @@ def _reporting(warning: Callable[[], str | None], name: str) -> Iterator[None]:
 
 @contextmanager
 def _beside(look: Callable[[], None], over: threading.Event, name: str) -> Iterator[None]:
-    """Look in a thread of this name until the work within is over, and raise what it raised."""
+    """Run `look` in a thread of this name while the context lasts, and raise what it raised.
+
+    over: is set at the end of the context, and ends `look`.
+    """
     with ThreadPoolExecutor(1, thread_name_prefix=name) as pool:
         looking = pool.submit(look)
         try:

@@ -34,7 +34,7 @@ StationArgument = Annotated[str, typer.Argument(help="Teaching station.")]
 
 
 class DescriptionOptions(NamedTuple):
-    """What people state about a session."""
+    """Command-line options that describe a session: task, operator, note and tags."""
 
     task: Annotated[str | None, typer.Option(help="Name of the task, by which the session is found.")] = None
     operator: Annotated[str | None, typer.Option(help="Who teaches.")] = None
@@ -42,7 +42,7 @@ class DescriptionOptions(NamedTuple):
     tag: Annotated[list[str] | None, typer.Option(help="May be repeated.")] = None
 
     def description(self) -> Description:
-        """What was stated. Raises CaesuraError for a value that no description can have."""
+        """Return the description that the options state. Raises CaesuraError for a value that is invalid."""
         return describing.changed(
             Description(), task=self.task, operator=self.operator, note=self.note, tags=tuple(self.tag or ())
         )
@@ -129,7 +129,7 @@ def _newest(received: Inbox) -> BridgeStatus | None:
 
 
 def what_lasts(status: BridgeStatus | None) -> str:
-    """What a stop waits for, by what its bridge states."""
+    """Return why a stop still waits, by the status of its bridge; None: the bridge has not answered."""
     if status is None:
         return "the bridge has not answered yet"
     if status.state != "stopping":

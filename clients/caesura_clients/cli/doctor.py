@@ -62,7 +62,7 @@ def doctor(
 
 
 def _shown(findings: Iterable[CheckResult], quiet: bool) -> list[CheckResult]:
-    """All of them; unless quiet, each is said as soon as it is known."""
+    """Return all findings; unless quiet, print each as soon as it is found."""
     seen: list[CheckResult] = []
     for one in findings:
         if not quiet:

@@ -140,7 +140,7 @@ NOT_SEEN = _SessionSeen(NO_OFFSET, None)
 
 
 def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
-    """What was done; of an undo, what it took back, where that is known."""
+    """Return text on an applied action; for an undo, on the correction that it took back, if known."""
     applied = [one for one in seen.corrections if one.state != "undone"]
     if isinstance(action, TakeBack):
         applied = [one for one in applied if one.number == action.number]
@@ -150,7 +150,7 @@ def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
 
 
 def _beside(action: Action, effect: EditEffect, clock: SessionClock) -> str:
-    """Where a changepoint was, and where it is now, that a correction names by a time beside it."""
+    """Return text on changepoints that lie beside the typed time; empty if the shown times are equal."""
     said = []
     if isinstance(action, Remove | Move):
         said += [("was", action.t, changepoint_meant(action, effect))]
@@ -170,7 +170,7 @@ def _print_corrections(found: Snapshot) -> None:
 
 
 def _seen(caesura: Caesura, station: str, session: str, revision: int | None) -> _SessionSeen:
-    """A session before an edit, with the revision that was stated, or else its own."""
+    """Return a session before an edit, with the stated revision, or else its own."""
     try:
         found = caesura.snapshot(station, session)
     except NotFound:

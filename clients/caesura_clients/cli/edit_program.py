@@ -142,7 +142,7 @@ def edit_program(
 
 
 def _said(action: ProgramAction, program: Program, clock: SessionClock) -> str:
-    """What was done, in words; of undo and redo what it took back."""
+    """Return text on an applied action; for undo and redo, on the edit that was undone or made again."""
     applied = [edit for edit in program.edits if edit.state != "undone"]
     undone = [edit for edit in program.edits if edit.state == "undone"]
     if isinstance(action, Undo) and applied:
@@ -162,7 +162,7 @@ def edits_table(program: Program, clock: SessionClock) -> Table:
 
 
 class Part(NamedTuple):
-    """What options state of `replace`: from and to which time [s], and the session that takes the place."""
+    """Options of `replace`: the times [s] from and to which it replaces, and the session of the new part."""
 
     t0: float | None = None
     tn: float | None = None

@@ -151,7 +151,10 @@ class ProgramOptions(NamedTuple):
     up: UpOption = None
 
     def setting(self) -> CellSettings:
-        """What they state; a force limit goes before that of the cell's file. Raises CaesuraError."""
+        """Return the cell settings of the options, converted to m and rad. Raises CaesuraError.
+
+        A stated force limit precedes that of the cell's file.
+        """
         cell = UNSET if self.cell is None else CellSettings(read_safety(self.cell).force_n)
         return CellSettings(
             self.force_limit,

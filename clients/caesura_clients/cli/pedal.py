@@ -17,7 +17,10 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 
 @contextmanager
 def marking(bridge: Bridge, keys: TextIO | None = None) -> Iterator[None]:
-    """Mark while the context lasts. The thread waits for a line that may never come: it ends by itself."""
+    """Mark a changepoint at each line of `keys`, by default of stdin, while the context lasts.
+
+    The thread waits for a line that may never come, so it is not joined: it ends by itself.
+    """
     over = threading.Event()
     wanted = keys or sys.stdin
 
@@ -35,7 +38,7 @@ def marking(bridge: Bridge, keys: TextIO | None = None) -> Iterator[None]:
 
 
 def _mark(bridge: Bridge) -> str:
-    """What came of a mark; one that failed does not end the demonstration."""
+    """Mark a boundary and return text on the result; a failed mark does not end the demonstration."""
     try:
         ack = bridge.mark()
     except ProtocolError as refusal:

@@ -49,7 +49,7 @@ TABLE_WIDTH = 100  # [characters] of a table in a file
 
 
 class ProgramFormat(StrEnum):
-    """What a program is written as."""
+    """Format in which a program is written."""
 
     TABLE = "table"
     JSON = "json"

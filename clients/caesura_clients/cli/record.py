@@ -60,7 +60,7 @@ def record_session(
 
 
 def _progress(station: str) -> Callable[[Recorder], None]:
-    """Says once what is recorded."""
+    """Return a function that prints the name of each session once, when it is first recorded."""
     said: set[str] = set()
 
     def report(recorder: Recorder) -> None:
@@ -73,7 +73,7 @@ def _progress(station: str) -> Callable[[Recorder], None]:
 
 @contextmanager
 def _until_interrupted() -> Iterator[threading.Event]:
-    """Set at Ctrl-C and SIGTERM, so that what has come is written."""
+    """Yield an event that Ctrl-C and SIGTERM set, so that the received samples are written."""
     over = threading.Event()
     before = {
         number: signal.signal(number, lambda *_: over.set()) for number in (signal.SIGINT, signal.SIGTERM)

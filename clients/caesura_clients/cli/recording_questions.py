@@ -56,7 +56,7 @@ HELP = (
 
 
 class Answered(NamedTuple):
-    """What was answered: a mapping file that was written, or options."""
+    """Answers about a recording: the mapping file that was written, or options."""
 
     mapping: Path | None
     options: Mapping[str, str]
@@ -154,9 +154,10 @@ def _asked_orientation(
 
 
 def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str]) -> dict[str, str]:
-    """Where the wrench was measured, the hand and the robot. signals: those of a csv; none: not known.
+    """Ask where the wrench was measured, whether a hand was on the robot, and which robot it was.
 
-    stated: by the comments of the file, which are then proposed.
+    signals: those of a csv, empty if not known; stated: by the comments of the file, proposed as answers.
+    Return the answers by name of the option.
     """
     found: dict[str, str] = {}
     if not signals or {"force", "tau"} & set(signals):

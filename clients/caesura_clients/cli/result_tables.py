@@ -63,7 +63,7 @@ def segments_view(
 
 
 def clock_lines(clock: SessionClock) -> list[Text]:
-    """From when on tables show times, where that is not 0 of the session's clock."""
+    """Return a line with the time from which tables count; empty if it is 0 of the session's clock."""
     return [Text(clock.words, style="dim")] if clock.words else []
 
 
@@ -122,7 +122,7 @@ def phases_table(phases: Sequence[Phase], title: str, clock: SessionClock = NO_O
 
 
 def phase_name(phase: Phase) -> str:
-    """Its name and kind, with how often it touches, carries or moves, where that is more than once."""
+    """Return the name and kind of a phase as text, with its number of strokes if it has more than one."""
     kind = phase.kind if phase.strokes == 1 else f"{phase.kind} × {phase.strokes}"
     return kind if phase.name is None else f"{phase.name} ({kind})"
 
@@ -154,7 +154,7 @@ def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
 
 
 def outcome_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> str:
-    """What became of what was sent, where it is not simply segments; empty where it is."""
+    """Return text on refused messages, repeated samples and gaps of a session; empty without any."""
     parts = []
     if status.refused:
         parts.append(_refusals(status))
@@ -171,14 +171,17 @@ def stored_whole(status: SessionStatus) -> bool:
 
 
 def _refusals(status: SessionStatus) -> str:
-    """How many, and the last one; that all came later where a session that is over has every batch."""
+    """Return text with the number of refusals and the last one.
+
+    For a closed session that has every batch, it adds that nothing is lost.
+    """
     last = "" if status.last_refusal is None else f" (last: {_why(status.last_refusal)})"
     said = f"{sum(status.refused.values())} refused{last}"
     return f"{said}, and nothing is lost" if status.state == "closed" and stored_whole(status) else said
 
 
 def ignored_line(recording: Recording) -> str:
-    """What of a file was not read, with what may have been meant; empty where everything was."""
+    """Return a line on the names in a file that were not read, with likely intended ones; empty if none."""
     if not recording.ignored:
         return ""
     meant = {name: did_you_mean(name) for name in recording.ignored}
@@ -200,7 +203,7 @@ def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> Renderabl
 
 
 def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
-    """Why an app may have a lower p than its segments: one sentence, or none where all are sure."""
+    """Return a sentence that explains low values of p and names these apps; no sentence without such apps."""
     doubtful = [
         app_number(index) for index, app in enumerate(apps) if reads_above(DOUBTFUL, app.confidence, 2)
     ]
@@ -249,12 +252,12 @@ def _title_of(app: App) -> Text:
 
 
 def _why(refusal: Refusal) -> str:
-    """The reason without the code, which is the wire's word."""
+    """Return the reason of a refusal without its code, which is a word of the protocol."""
     return refusal.message.removeprefix(f"{refusal.code}: ")
 
 
 def _gaps(status: SessionStatus, clock: SessionClock) -> str:
-    """How many, how long, and when the newest were."""
+    """Return text with the number of gaps, their length [s], the newest ones, and the lost batches."""
     lost = f", {counted(status.lost, 'batch')} lost" if status.lost else ""
     at_end = any(
         gap.t0 == gap.tn for gap in status.gaps
@@ -268,7 +271,7 @@ def _gaps(status: SessionStatus, clock: SessionClock) -> str:
 
 
 def description_line(description: Description) -> str:
-    """What people state about a session, in one line; empty where they state nothing."""
+    """Return a session's description as one line; empty if nothing is stated."""
     stated = (
         ("task", description.task),
         ("operator", description.operator),
@@ -285,7 +288,7 @@ def _title(status: SessionStatus) -> str:
 
 
 def _turned(segment: Segment) -> str:
-    """By how much it turns in place; empty for every other kind."""
+    """Return a turning's angle [°], and its torque [Nm] in contact, as text; empty for every other kind."""
     if segment.kind != "turning" or segment.turn is None:
         return ""
     torque = None if segment.screw is None else torque_about_axis(segment.screw)
@@ -294,7 +297,7 @@ def _turned(segment: Segment) -> str:
 
 
 def _effort(segment: Segment, *, measured: bool) -> str:
-    """A turn or a load where there is one, or else the magnitude of the force."""
+    """Return the turn, or else the load, or else the force of a segment as text."""
     if turned := _turned(segment):
         return turned
     if segment.load_kg is not None:

@@ -40,7 +40,10 @@ def _was_typed(context: typer.Context, name: str) -> bool:
 
 
 def stand_in(group: typer.Typer) -> None:
-    """Where the service is not installed, its commands take anything and say where they run."""
+    """Add a hidden stand-in for each of the service's commands if the service is not installed.
+
+    A stand-in accepts any arguments, prints on which machine the command runs, and exits with 2.
+    """
     there = {info.name for info in group.registered_commands}
     for name in sorted(set(OF_THE_SERVICE) - there):
         _elsewhere(group, name)

@@ -1,4 +1,4 @@
-"""Why a command that waits for a station may wait for ever."""
+"""Reasons why a command that waits for a station may wait for ever."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def say_why_silent(caesura: Caesura, station: str | None) -> None:
 
 
 def waiting_for(station: str | None) -> str:
-    """What is waited for, in words."""
+    """Return text that names the station waited for; None: any station."""
     return f"waiting for {station or 'any station'}"
 
 
 def why_silent(caesura: Caesura, station: str | None) -> str:
-    """Why nothing may come: no service, none that answers, no such station; empty where nothing is known."""
+    """Return why no result may come: no service, no answer, or no such station; empty if unknown."""
     if not services(caesura.transport):
         return "no service answers yet"
     try:

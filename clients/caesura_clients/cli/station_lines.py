@@ -43,7 +43,7 @@ def _kind(update: Update) -> str:
 
 
 def _hints(update: Update) -> list[Text]:
-    """What to do now at a station."""
+    """Return the advice of a station's active hints, one line of text each."""
     clock = clock_of(update.segments)
     advices = [clock.text(hint.advice) for hint in update.hints if hint.until is None]
     return [

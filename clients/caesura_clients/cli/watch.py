@@ -83,7 +83,7 @@ def _show_live(caesura: Caesura, station: str | None) -> None:
 
 
 def _current_sessions(caesura: Caesura) -> dict[str, str]:
-    """As the service has it; nothing where it has no time to say."""
+    """Return the current session of each station, by station; empty if the service does not answer."""
     try:
         return current_sessions(caesura.transport)
     except (CaesuraError, ProtocolError):

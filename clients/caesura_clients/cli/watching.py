@@ -34,7 +34,7 @@ class FinalLines:
         self._written: dict[tuple[str, str], int] = {}
 
     def lines(self, update: Update) -> list[str]:
-        """Those that became final since the last update of the session."""
+        """Return lines of the segments that became final since the last update of the session."""
         key = (update.station, update.session)
         final = sum(1 for _ in takewhile(lambda one: one.certainty == "final", update.segments))
         before = self._written.get(key, 0)
@@ -47,9 +47,10 @@ class FinalLines:
 
 
 class LiveView:
-    """Events in, something to draw out, in another thread: what is drawn is replaced, never changed.
+    """View of the newest segments of each station; one thread receives events, another one draws.
 
-    current: the session that each station's program speaks of, asked when an unknown session is met.
+    The content is replaced, never changed. current: returns the session of each station's program, and is
+    called when a session is unknown or was removed.
     """
 
     def __init__(self, current: Callable[[], Mapping[str, str]], *, waiting: str = "waiting") -> None:
@@ -62,7 +63,7 @@ class LiveView:
         self._several: dict[str, str] = {}  # what is to be said of stations with several bridges
 
     def receive(self, event: Event) -> None:
-        """Take what has happened."""
+        """Apply an event: an update, a removed session, or the service that goes or comes."""
         match event:
             case Update():
                 self._take(event)
@@ -104,12 +105,15 @@ class LiveView:
         self._several = {**others, station: f"! {in_words(station, both)}: {REMEDY}"} if both else others
 
     def _said(self) -> list[RenderableType]:
-        """What is to be said beneath the stations."""
+        """Return the lines beneath the stations: stations with several bridges, and the service's state."""
         said = [Text(words, style="bold yellow") for _, words in sorted(self._several.items())]
         return [*said, Text(self._service)] if self._service else [*said]
 
     def _fitting(self, console: Console, options: ConsoleOptions) -> list[RenderableType]:
-        """Everything, or as many of the newest rows as the terminal has room for."""
+        """Return all rows, or as many of the newest ones as the terminal has room for.
+
+        Several stations for which there is too little room get a line each.
+        """
         updates = self.shown()
         if not updates:
             return [Text(", ".join(filter(None, (self._service.removesuffix(", waiting"), self._waiting))))]
@@ -127,7 +131,7 @@ class LiveView:
         return self._views(updates, max(LEAST_ROWS, fitting))
 
     def _views(self, updates: Iterable[Update], rows: int) -> list[RenderableType]:
-        """The newest rows of each station, and what is to be said beneath them."""
+        """Return tables with the newest rows of each station, and the lines beneath them."""
         views: list[RenderableType] = []
         for one in updates:
             clock = clock_of(one.segments)

@@ -63,10 +63,11 @@ input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-
 
 
 class Attempts:
-    """Which addresses wait after a wrong password, at most PEERS. clock: [s].
+    """Wrong passwords by address, at most PEERS of them, and the waits that follow. clock: [s].
 
-    An address waits WRONG_S after a wrong one of its own. Of all addresses WRONG_AT_ONCE wrong ones are
-    compared at once, then WRONG_PER_S. Beyond, all wait but this machine and who has logged in before.
+    An address waits WRONG_S after a wrong password of its own. Of all addresses, WRONG_AT_ONCE wrong
+    passwords are compared at once, then WRONG_PER_S. Beyond, all addresses wait but this machine and those
+    that have logged in before.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -77,13 +78,13 @@ class Attempts:
         self._counted = clock()
 
     def wait_s(self, peer: str) -> float:
-        """How long the address has to wait [s]; 0 where it does not."""
+        """Return how long [s] the address has to wait before its next attempt; 0 if it need not wait."""
         own = max(0.0, self._until.get(peer, 0.0) - self._clock())
         is_known = peer in LOOPBACK or peer in self._known
         return own if is_known else max(own, self._wait_of_all_s())
 
     def wrong(self, peer: str) -> None:
-        """The address gave a wrong password."""
+        """Record a wrong password of the address."""
         self._until.pop(peer, None)
         self._until[peer] = self._clock() + WRONG_S
         while len(self._until) > PEERS:
@@ -92,7 +93,7 @@ class Attempts:
         self._counted = self._clock()
 
     def right(self, peer: str) -> None:
-        """The address gave the right one."""
+        """Record a right password of the address: it no longer waits for attempts of other addresses."""
         if peer not in self._known:
             self._known.append(peer)
 
@@ -120,7 +121,7 @@ class AccessMiddleware:
         self._attempts = Attempts()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, refuse, or hand on."""
+        """Answer or refuse a request, or pass it on to the application."""
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
@@ -141,7 +142,7 @@ class AccessMiddleware:
             await self._app(scope, receive, _with_headers(send))
 
     def _refused(self, scope: Scope, headers: dict[str, str]) -> str:
-        """Why a request is refused, in words; empty where it is not. Raises ValueError for no address."""
+        """Return why a request is refused; empty if it is not. Raises ValueError for a malformed host."""
         host = headers.get("host", "")
         name = urlsplit(f"//{host}").hostname or ""
         if self._names is not None and name not in self._names:
@@ -181,7 +182,7 @@ class AccessMiddleware:
 
 
 def _peer(scope: Scope) -> str:
-    """The address that asks, without its port; of IPv6 its network."""
+    """Return the address of a visitor without its port; of IPv6 its network."""
     host = (scope.get("client") or ("",))[0]
     address = address_of(host)
     if address is None:
@@ -212,7 +213,7 @@ async def _body(receive: Receive) -> bytes:
 async def _answer(
     scope: Scope, send: Send, status: int, text: str, *more: tuple[bytes, bytes], html: bool = False
 ) -> None:
-    """An answer of our own; a socket is closed, which the browser sees as refused."""
+    """Send an answer of the dashboard itself; close a socket, which the browser sees as refused."""
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return

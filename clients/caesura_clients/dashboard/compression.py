@@ -41,7 +41,7 @@ def _asked() -> Receive:
 
 
 async def _dropped(_message: Message) -> None:
-    """What is sent to no browser."""
+    """Discard a message: no browser receives it."""
 
 
 class FileCompression(GZipMiddleware):
@@ -124,7 +124,7 @@ class FileCompression(GZipMiddleware):
         return {path for path in named if path.startswith(self._paths)}
 
     async def _read(self, scope: Scope, receive: Receive) -> list[Message]:
-        """The messages of an answer, its body as one."""
+        """Return the messages of an answer, with its body in one message."""
         answer: list[Message] = []
 
         async def keep(message: Message) -> None:

@@ -1,4 +1,4 @@
-"""What an operator typed into a form, beside what another one has changed since the form was filled.
+"""Fields that an operator typed into, compared with the changes of another one since the form was filled.
 
 Where both changed the same field, the operator is asked. Where they changed different ones, both count.
 """
@@ -37,7 +37,7 @@ class EditConflict(EditRefused):
 
 
 def redescribed(command: Describe, present: Description) -> Describe:
-    """The same change, of the present description. Raises EditConflict."""
+    """Return the same change to the description as it is now. Raises EditConflict."""
     before, wanted = dict(command.before), dict(command.description)
     typed = {name: value for name, value in wanted.items() if value != before[name]}
     now = dict(present)
@@ -54,14 +54,14 @@ def redescribed(command: Describe, present: Description) -> Describe:
 
 
 def _stated(field: str, value: Any) -> str:
-    """A value of a description."""
+    """Return the value of a description's field as text."""
     if field == "success":
         return _SUCCESS[value]
     return _quoted(", ".join(value) if field == "tags" else value)
 
 
 def edited_again(command: EditProgram, seen: Values, program: Program) -> EditProgram:
-    """The same edit, of the program as it is now. Raises EditConflict.
+    """Return the same edit for the program as it is now. Raises EditConflict.
 
     seen: what the form showed of each field before it was typed into, in the units of the page; of a target
     None for each coordinate that was not typed.
@@ -88,7 +88,10 @@ def _check_name(action: NameProgram, seen: Values, program: Program) -> None:
 
 
 def _changed(action: ChangeApp, seen: Values, app: App) -> ChangeApp:
-    """The change, with what was not typed of its target as it is now."""
+    """Return the change, with the present value of each axis of its target that was not typed.
+
+    Raises EditConflict.
+    """
     now, found = shown_values(app), dict[str, Any]()
     for name, wanted in _wanted(action):
         if name in seen and (present := _met(seen[name], now.get(name), wanted)) is not None:
@@ -118,7 +121,10 @@ def _wanted(action: ChangeApp) -> Iterator[tuple[str, Any]]:
 
 
 def _met(seen: Any, now: Any, wanted: Any) -> tuple[Any] | None:
-    """What is there now, in a tuple, where it is neither what was seen nor what is wanted."""
+    """Return the present value in a 1-tuple if it is neither the seen nor the wanted one; else None.
+
+    Of a list that was seen, such as a target, the value has None for each axis without a conflict.
+    """
     both = isinstance(now, list) and isinstance(wanted, list)
     if both and isinstance(seen, list) and len(seen) == len(now):
         rows = zip(seen, now, wanted, strict=True)
@@ -144,7 +150,10 @@ def _valued(field: str, value: Any, there: Any = None) -> str:
 
 
 def _met_in_words(author: str, field: str, there: str, typed: str) -> str:
-    """Who has changed what to what, and what was typed; "" where a field is cleared."""
+    """Return text on another author's change of a field to `there`, and on the typed value.
+
+    there, typed: as text, "" for a field that is cleared.
+    """
     what = FIELD_WORDS.get(field, field)
     did = f"has set the {what} to {there}" if there else f"has cleared the {what}"
     return f"{author} {did} meanwhile; you {f'set it to {typed}' if typed else 'cleared it'}"

@@ -65,7 +65,7 @@ class DemonstrationDesk:
 
 
 def parse(request: Request) -> Start | Stop | Describe:
-    """What a browser sent, checked: {type, …}. Raises EditRefused."""
+    """Return the command of a browser's request {type, …}, checked. Raises EditRefused."""
     given = {"author": AUTHOR, **{name: value for name, value in request.items() if value != ""}}
     try:
         return ACTIONS.validate_python(given)
@@ -81,7 +81,10 @@ def _described(command: Describe) -> str:
 
 
 def controls(world: DashboardState, station: str, *, may_operate: bool) -> dict[str, Any]:
-    """What Start and Stop of a station show: which can be pressed, and the reason where one cannot."""
+    """Return the payload of Start and Stop: which can be pressed, and the reason if Start cannot.
+
+    It also has the last outcome, and the tasks that an operator can choose.
+    """
     status = world.standby.get(station)
     why = _why_not_start(world, station, status, may_operate)
     is_teaching = status is not None and status.state == "teaching"
@@ -104,7 +107,7 @@ ONLY_READS = "This dashboard only reads: start and stop need an operator's crede
 def _why_not_start(
     world: DashboardState, station: str, status: BridgeStatus | None, may_operate: bool
 ) -> str:
-    """Why a demonstration cannot be started now; empty where it can."""
+    """Return why a demonstration cannot be started now; empty if it can."""
     waits = {
         "starting": "A demonstration is just starting.",
         "teaching": "Stop ends this demonstration; then the next one can start.",
@@ -134,7 +137,10 @@ def _unknown(world: DashboardState, station: str) -> str:
 
 
 def _outcome(status: BridgeStatus | None) -> str:
-    """What became of the last demonstration, where it did not simply end; why a button began none."""
+    """Return text on a last demonstration that did not simply end, or on why a button began none.
+
+    Empty without either.
+    """
     if status is not None and status.state == "ready" and status.problem:
         return f"{status.problem[:1].upper()}{status.problem[1:]}."
     if status is None or not status.outcome or ";" not in status.outcome:
@@ -158,7 +164,7 @@ def _stated(world: DashboardState, field: str) -> list[str]:
 
 
 def description_of(world: DashboardState, station: str, session: str | None) -> dict[str, Any]:
-    """What the form of a session shows; `session` is empty where there is none."""
+    """Return the payload of a session's description form; its `session` is empty if there is none."""
     update = world.update(station, session)
     if update is None:
         return {

@@ -1,11 +1,11 @@
 """The updates of a session's drawing, as rows of plain values that the browser does not have yet.
 
 A segment is [t0, tn, kind, probability, final, corrected, runner-up, start, load, deviation, doubt]. Its
-start is [px, py, pz] [m]; load and deviation are [kg] or None; doubt is why a transport may be none.
-A phase is [t0, tn, kind, probability, final, strokes, name], a changepoint
-[t, probability, final, t_low, t_high, corrected], a column of run lengths [t, [[length, probability], …]],
-a correction [number, words, time of day, undone]. Times are on the clock of the samples; `start` is what
-people read as 0 of it. Signals go another way: a page asks for those that it shows (`signals.py`).
+start is [px, py, pz] [m]; load and deviation are [kg] or None; doubt is why a transport may be none. A phase
+is [t0, tn, kind, probability, final, strokes, name], a changepoint [t, probability, final, t_low, t_high,
+corrected], a column of run lengths [t, [[length, probability], …]], a correction [number, words, time of day,
+state, reason]. Times are on the clock of the samples; `start` is what people read as 0 of it. Signals go
+another way: a page asks for those that it shows (`signals.py`).
 """
 
 from __future__ import annotations
@@ -26,14 +26,17 @@ LEAST_PROBABILITY = 1e-3  # of a run length that is drawn
 
 @dataclass(frozen=True)
 class SentState:
-    """What a browser has been sent of one session."""
+    """The content of one session that a browser has been sent."""
 
     session: str = ""
     update: Update | None = None
 
 
 def delta(sent: SentState, update: Update | None) -> tuple[SentState, dict[str, Any]]:
-    """What a browser with `sent` lacks, and what it has then; nothing at all where nothing is new."""
+    """Return the content that the browser has after the update, and the payload that it lacks.
+
+    sent: its content before. The payload is empty if nothing is new. Without an update it resets the page.
+    """
     if update is None:
         return SentState(), ({"reset": True} if sent.session else {})
     payload: dict[str, Any] = {}
@@ -45,7 +48,10 @@ def delta(sent: SentState, update: Update | None) -> tuple[SentState, dict[str, 
 
 
 def beginning(update: Update | None) -> tuple[SentState, dict[str, Any]]:
-    """As `delta` for a page that has nothing yet: what it needs to ask for samples, without the long rows."""
+    """Return the same as `delta` for a new page: enough to request samples, without the long rows.
+
+    The payload also has `t`, the time [s] that the session has reached.
+    """
     if update is None:
         return SentState(), {}
     short = replace(update, segments=update.segments[:1], phases=(), changepoints=())
@@ -79,13 +85,13 @@ def _changes(before: Update | None, after: Update) -> dict[str, Any]:
 
 
 def common(before: Sequence[object], after: Sequence[object]) -> int:
-    """How many items at the beginning are the same."""
+    """Return how many items at the beginning of two sequences are equal."""
     pairs = zip(before, after, strict=False)
     return next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(before), len(after)))
 
 
 def segment_row(one: Segment) -> Cells:
-    """As the module says."""
+    """Return a segment's row of cells, in the order that the module states."""
     return [
         round(one.t0, 3),
         round(one.tn, 3),
@@ -102,20 +108,23 @@ def segment_row(one: Segment) -> Cells:
 
 
 def phase_row(one: Phase) -> Cells:
-    """As the module says."""
+    """Return a phase's row of cells, in the order that the module states."""
     final = one.certainty == "final"
     times = [round(one.t0, 3), round(one.tn, 3)]
     return [*times, one.kind, round(one.probability, 3), final, one.strokes, one.name]
 
 
 def changepoint_row(one: Changepoint) -> Cells:
-    """As the module says. Times are exact: a correction names the changepoint by its time."""
+    """Return a changepoint's row of cells, in the order that the module states.
+
+    Times are exact: a correction names the changepoint by its time.
+    """
     final = one.certainty == "final"
     return [one.t, round(one.probability, 3), final, one.t_low, one.t_high, one.corrected]
 
 
 def correction_rows(corrections: Iterable[Correction], clock: SessionClock = NO_OFFSET) -> list[Cells]:
-    """As the module says."""
+    """Return the rows of corrections, in the order that the module states. clock: of the session."""
     return [
         [one.number, described(one, clock), one.at, one.state, one.reason and clock.text(one.reason)]
         for one in corrections

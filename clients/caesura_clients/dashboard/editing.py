@@ -32,14 +32,14 @@ class EditRefused(Exception):  # noqa: N818 - the service refused; nothing faile
 
 
 def corrector(transport: Transport) -> Corrector:
-    """Asks the service that owns the station."""
+    """Return a function that sends a correction to the service that owns the station."""
     return lambda station, edit: send(transport, station, edit)
 
 
 def correct(ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET) -> str:
-    """Carry out what a browser asks for; what was done, in words. Raises EditRefused.
+    """Apply the correction that a browser requests; return a sentence on it. Raises EditRefused.
 
-    clock: of the session, for the words.
+    clock: of the session, for the sentence.
     """
     edit = parse(request)
     try:
@@ -54,9 +54,10 @@ def correct(ask: Corrector, station: str, request: Request, clock: SessionClock 
 def preview(
     ask: Corrector, station: str, request: Request, clock: SessionClock = NO_OFFSET
 ) -> dict[str, Any]:
-    """What a correction would change, or those since one have: words, and rows of segments in its span [s].
+    """Return the effect of a correction, or of all since one, as text and rows of segments [s].
 
-    Of one that would be refused: why, and no row. clock: of the session, for the words.
+    `span` [s] holds them. For a correction that would be refused: the reason, and no row. clock: of the
+    session, for the text.
     """
     try:
         asked = parse_preview(request)
@@ -88,12 +89,15 @@ def _no_effect(why: str) -> dict[str, Any]:
 
 
 def parse(request: Request) -> Edit:
-    """What a browser sent, checked: {do, t, …, session, revision, author}. Raises EditRefused."""
+    """Return the edit of a browser's request, checked. Raises EditRefused.
+
+    request: {do, t, …, session, revision, author}.
+    """
     return _parsed(Edit, _ACTION, request, ("session", "revision", "author"))
 
 
 def parse_preview(request: Request) -> Preview:
-    """The same without an author. Raises EditRefused."""
+    """Return the preview of a browser's request, checked; it has no author. Raises EditRefused."""
     return _parsed(Preview, _ASKED, request, ("session", "revision"))
 
 
@@ -107,12 +111,12 @@ def _parsed(model: type[M], action: TypeAdapter[Any], request: Request, names: S
 
 
 def said(error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET) -> str:
-    """A refusal, for an operator. action: that was refused; clock: of its session."""
+    """Return a refusal as a sentence for an operator. action: that was refused; clock: of its session."""
     return f"Not done: {refusal_words(error, action, clock)}."
 
 
 def done(action: Action, clock: SessionClock = NO_OFFSET) -> str:
-    """What was done, in words. clock: of the session."""
+    """Return a sentence on an applied action. clock: of the session."""
     if _unlimits(action):
         return "The limit is gone."
     values = action.model_dump()

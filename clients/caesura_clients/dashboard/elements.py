@@ -44,7 +44,7 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
 
     @property
     def is_free(self) -> bool:
-        """Has the browser seen enough of what it was sent?"""
+        """Whether the browser is ready and has fewer than UNSEEN payloads left to see."""
         return self._ready and len(self._sent) < UNSEEN
 
     def show(self, payload: dict[str, Any]) -> None:
@@ -60,13 +60,13 @@ class LiveElement(Element, esm={PACKAGE: str(WEB)}):
         self.run_method("take", self._number, payload)
 
     def allow(self, *, editable: bool, why: str = "") -> None:
-        """Offer what changes something, or take it away. why: it is not offered, in a sentence."""
+        """Make the component editable or read-only. why: a sentence on why it is read-only."""
         if self._props.get("editable") != editable:
             self._props |= {"editable": editable, "why": why}
             self.update()
 
     def _begin(self) -> None:
-        """It is there, for the first time or again."""
+        """Mark the component as ready in the browser, for the first time or after a reconnection."""
         self._ready, self._last = True, None
         self._sent.clear()
 
@@ -85,7 +85,7 @@ class Tables(LiveElement, component="web/tables.js"):
 
 
 class StartStop(LiveElement, component="web/start_stop.js"):
-    """Start and Stop of a station (`demonstrations.controls`). on_ask: what an operator asks for."""
+    """Start and Stop of a station (`demonstration_control.controls`). on_ask: called with each request."""
 
     def __init__(self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any]) -> None:
         super().__init__(initial)
@@ -101,7 +101,7 @@ class HintBanner(LiveElement, component="web/hints.js"):
 
 
 class DescriptionForm(LiveElement, component="web/description.js"):
-    """What people state about a session (`demonstrations.description_of`). on_ask: as of StartStop."""
+    """Form that describes a session (`demonstration_control.description_of`). on_ask: as of StartStop."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class DescriptionForm(LiveElement, component="web/description.js"):
 
 
 class RecordingDrop(LiveElement, component="web/recordings.js"):
-    """Recordings that are dropped and played: {plays}. on_ask: what an operator asks for."""
+    """Recordings that are dropped and played: {plays}. on_ask: called with each request."""
 
     def __init__(
         self, initial: dict[str, Any], on_ask: Callable[[GenericEventArguments], Any], **known: Any
@@ -152,7 +152,10 @@ class SessionList(LiveElement, component="web/session_list.js"):
 
 
 class ProgramTimeline(LiveElement, component="web/program.js"):
-    """The timeline of a task program (`apps.Timeline`). on_edit: an `EditProgram`, as the browser says it."""
+    """Timeline of a task program (`program_timeline.Timeline`). on_edit: called with an `EditProgram`.
+
+    The browser's event holds the edit as plain values.
+    """
 
     def __init__(
         self,
@@ -237,7 +240,7 @@ class SessionView(LiveElement, component="web/session_view.js"):
         self._known = known
 
     def standing(self, update: Update) -> dict[str, Any]:
-        """How corrections stand, where the browser does not know it yet."""
+        """Return those of revision, undo, redo and corrections that the browser does not have yet."""
         stands: dict[str, Any] = {
             name: getattr(update.status, name) for name in ("session", "revision", "undoable", "redoable")
         }

@@ -1,4 +1,4 @@
-"""What the banner of a station shows: the active hints of what is being taught, the newest first."""
+"""Banner of a station: the active hints of the session that is being taught, the newest first."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class NetworkFollower(RepeatingThreads):
         return self.journal_samples(station, session, wanted)
 
     def journal_samples(self, station: str, session: str, wanted: SampleRange) -> RecordedSamples:
-        """The same from the journal alone: those held here are in bins of one width."""
+        """Return samples as `samples`, from the journal alone: all bins then have one width."""
         return samples(self.transport, station, session, wanted)
 
     def read_stored(self, station: str = "*", session: str = "*") -> int:
@@ -119,7 +119,10 @@ class NetworkFollower(RepeatingThreads):
         return len(found)
 
     def _least_page(self, found: Iterable[Snapshot]) -> int:
-        """Count what every instance has given at least: each has a page of its own, and all skip as many."""
+        """Return the least number of sessions that an instance has given.
+
+        Each instance has a page of its own, and all skip as many.
+        """
         stations = (self.world.update(one.status.station) for one in found)
         given = Counter("" if update is None else update.status.instance for update in stations)
         return min(given.values(), default=0)
@@ -130,7 +133,7 @@ class NetworkFollower(RepeatingThreads):
             return tuple(one for one in self._posteriors.get(station, ()) if one.session == session)
 
     def _trouble(self, name: str, why: str = "") -> None:
-        """Say what keeps a thread from its work; nothing once it works."""
+        """Record why a thread cannot work; without a reason, that it works."""
         if self.world.troubles.get(name, "") != why:
             others = {key: one for key, one in self.world.troubles.items() if key != name}
             self._change(troubles={**others, name: why} if why else others)
@@ -187,7 +190,7 @@ class NetworkFollower(RepeatingThreads):
         return self.clock() >= self._asked.get(station, -math.inf) + POLL_S
 
     def _ask_current(self, station: str) -> None:
-        """Keep what is known where no service answers in time, and ask again."""
+        """Query the current session of a station; if no service answers in time, keep it and query again."""
         self._asked[station] = self.clock()
         self._unsure.discard(station)
         try:

@@ -64,7 +64,7 @@ class CountedSource(FileSource):
 
 
 def look(job: Job) -> dict[str, Any]:
-    """What a recording states, and what it leaves open. Raises RecordingError for no recording."""
+    """Return what a recording states and leaves open. Raises RecordingError if it cannot be read."""
     path = Path(job["file"])
     if path.suffix.lower() == ".csv" and not (layout := read_layout(path)).is_own:
         return _of_csv(layout)
@@ -219,7 +219,7 @@ def report(line: Mapping[str, Any]) -> None:
 
 
 def run(job: Job) -> int:
-    """Do a job; return the exit code."""
+    """Carry out a job and report its result; return the exit code, 1 after an error."""
     with suppress(ValueError, OSError):  # where this system has no such limit
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     try:

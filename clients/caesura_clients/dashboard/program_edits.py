@@ -86,7 +86,7 @@ class ProgramDesk:
 
 
 def parse(request: Request) -> EditProgram:
-    """What a browser sent, checked. Raises EditRefused."""
+    """Return the edit of a browser's request, checked. Raises EditRefused."""
     try:
         return EditProgram.model_validate(dict(request))
     except ValidationError as error:
@@ -95,7 +95,7 @@ def parse(request: Request) -> EditProgram:
 
 
 def editing_of(program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
-    """What the page shows of a program's edits, and whether one can be undone or made once more."""
+    """Return the payload on a program's edits, on whether undo and redo are possible, and on its exports."""
     states = [edit.state for edit in program.edits]
     is_edit = program.revision == 0 or any(edit.at == program.edited for edit in program.edits)
     return {
@@ -153,7 +153,7 @@ def _formats_of(robot: str | None) -> list[str]:
 
 
 def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
-    """What can be edited of an app: its reference, its values in the units of the page, its places."""
+    """Return the editable content of an app: its reference, values in units of the page, and places."""
     app = apps[index]
     return {
         "reference": reference(app).model_dump(),
@@ -168,7 +168,7 @@ def app_editing(apps: Sequence[App], index: int) -> dict[str, Any]:
 
 
 def _behind(apps: Sequence[App], index: int) -> dict[str, Any]:
-    """Where an app is moved to: behind another one, or first."""
+    """Return the place to which an app is moved: behind the app at `index`, or first if that is below 0."""
     return {"after": reference(apps[index]).model_dump() if index >= 0 else None}
 
 

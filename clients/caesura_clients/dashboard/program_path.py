@@ -55,7 +55,7 @@ def program_path(apps: Sequence[App], first: int = 0) -> list[dict[str, Any]]:
 
 
 def _look(app: App) -> dict[str, Any]:
-    """Its name, the kind whose colour it has, and the force that the robot exerts [N]."""
+    """Return an app's name, the kind whose colour it has, and the force [N] that the robot exerts."""
     moving, staying = COLOURS[app.kind]
     kind = "turning" if app.screw is not None else moving if app.path is not None else staying
     force = None if app.force is None else [round(value, 2) for value in app.force]
@@ -63,7 +63,7 @@ def _look(app: App) -> dict[str, Any]:
 
 
 def target_before(apps: Sequence[App], first: int) -> Vector | None:
-    """Where the app before number `first` ends; None where no app before it has a target."""
+    """Return the target [m] of the last app before number `first` that has one; None if none has."""
     return next((app.target for app in reversed(apps[:first]) if app.target is not None), None)
 
 

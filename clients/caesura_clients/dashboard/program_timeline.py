@@ -27,7 +27,7 @@ Findings = Mapping[int, list[list[str]]]
 
 
 class Timeline:
-    """What the page shows of a program that grows; what stays the same of it is not made again."""
+    """The timeline of a program that grows, as the page shows it; rows that stay the same are reused."""
 
     def __init__(self, newest: int = NEWEST) -> None:
         """newest: of a long program so many apps are shown."""
@@ -39,7 +39,7 @@ class Timeline:
         self._before = 0
 
     def of(self, program: Program, clock: SessionClock = NO_OFFSET) -> dict[str, Any]:
-        """What the page shows of it: the newest apps, how many come before them, and their path.
+        """Return the payload of a program: the newest apps, how many come before them, and their path.
 
         clock: of the session; apps and path keep the clock of the samples.
         """
@@ -88,9 +88,10 @@ def _first_other(before: Sequence[App], after: Sequence[App], begin: int) -> int
 
 
 def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """What a page that shows `before` lacks of `after`, both of `Timeline.of`; empty where nothing is new.
+    """Return the part of `after` that a page with `before` lacks; empty if nothing is new.
 
-    Rows come as {first, rows}: they replace those with a number from `first` on.
+    Both are payloads of `Timeline.of`. Rows come as {first, rows}: they replace those with a number from
+    `first` on.
     """
     if before.get("session") != after["session"]:
         before = {}
@@ -151,7 +152,7 @@ def vector(values: Vector | None, unit: str, digits: int) -> str:
 
 
 def path(app: App) -> str:
-    """How long the way was, by how many via points it leads, and how far it is off at most."""
+    """Return an app's path as text: its length, turn, via points and deviation; empty without a path."""
     if app.path is None:
         return ""
     via, off = len(app.path.via), f"within {fixed(1000 * app.path.deviation_m, 1)} mm"
@@ -162,13 +163,13 @@ def path(app: App) -> str:
 
 
 def force(app: App) -> str:
-    """What the robot exerts, and how much of the taught force that is where a limit has cut it."""
+    """Return the force that the robot exerts as text, with the taught one if a limit has cut it."""
     limited = f", limited to {path_force_in_words(app)}" if is_path_limited(app) else ""
     return f"{vector(app.force, 'N', 1)}{limited}"
 
 
 def load(app: App) -> str:
-    """What is carried, with its uncertainty."""
+    """Return the carried load with its standard deviation [kg] as text; empty without a load."""
     if app.load_kg is None:
         return ""
     spread = "" if app.load_sd_kg is None else f" ± {fixed(app.load_sd_kg, 2)}"

@@ -1,4 +1,4 @@
-"""Which address asks, where reverse proxies stand in front.
+"""The address of a visitor, if reverse proxies stand in front of the dashboard.
 
 Every client can write `X-Forwarded-For`. The header counts only where the operator has named the proxies by
 address or network, and then from the right: each proxy appends the address that connected to it. So the last

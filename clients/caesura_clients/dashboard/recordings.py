@@ -47,19 +47,19 @@ Text = Annotated[str, StringConstraints(max_length=200)]
 
 
 def _checked_up(text: str) -> str:
-    """The direction as a mapping states it. Raises ValueError."""
+    """Return a direction in the form of a mapping. Raises ValueError."""
     return up_text(parse_up(text))
 
 
 def _checked_columns(columns: dict[str, str]) -> dict[str, str]:
-    """Caesura's columns alone are mapped to. Raises ValueError."""
+    """Return the columns, by Caesura's name. Raises ValueError for a name that is none of Caesura's."""
     if unknown := sorted(columns.keys() - SIGNAL_OF_COLUMN.keys()):
         raise ValueError(f"{printable(unknown[0])}: Caesura has no such column")
     return columns
 
 
 class Answers(BaseModel):
-    """What an operator answers about a recording; empty where a question does not arise."""
+    """Answers of an operator about a recording; empty for a question that does not arise."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -78,7 +78,7 @@ class Answers(BaseModel):
 
 
 class PlayRequest(BaseModel):
-    """What is to be played, and as which session."""
+    """Request to play an uploaded recording as a session of a station."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -92,7 +92,7 @@ class PlayRequest(BaseModel):
 
 @dataclass(frozen=True)
 class Playback:
-    """How far a recording is; share: of its samples."""
+    """Progress of a recording that is played; share: of its samples."""
 
     upload: str
     name: str
@@ -134,7 +134,11 @@ class RecordingDesk:
     # --- receiving ---
 
     def begin_file(self, upload: str, name: str) -> Path:
-        """Where a file of an upload is written. Raises EditRefused for a name that is none."""
+        """Return the path to which a file of an upload is written.
+
+        Raises EditRefused for an invalid name, a file that was sent before, or an upload that is full or in
+        use.
+        """
         parts = name.split("/")
         is_name = _UPLOAD.fullmatch(upload) and len(parts) <= 2 and all(map(_PART.fullmatch, parts))
         if not is_name:
@@ -195,7 +199,7 @@ class RecordingDesk:
     # --- looking and playing ---
 
     def look(self, upload: str) -> dict[str, Any]:
-        """What a recording states and leaves open; takes seconds. Raises EditRefused, which says why."""
+        """Return what a recording states and leaves open, after seconds. Raises EditRefused with a reason."""
         file = self._recording_of(upload)
         self._reserve(upload, UPLOADS)
         try:

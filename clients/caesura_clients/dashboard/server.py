@@ -50,10 +50,10 @@ FAVICON = (
 
 @dataclass(frozen=True)
 class Address:
-    """Where it listens, and who may ask.
+    """The address at which the dashboard listens, and the hosts and visitors that it accepts.
 
-    names: further hosts that it is known as, by a proxy for example.
-    proxies: those whose word on who asks is taken.
+    names: further hosts that it is known as, by a proxy for example. proxies: those whose statement of the
+    visitor's address is trusted.
     """
 
     host: str = "127.0.0.1"
@@ -73,7 +73,7 @@ class Address:
         return (*LOOPBACK, self.host, *self.names) if self.is_local or self.names else None
 
     def url(self) -> str:
-        """Where a browser on this machine finds it."""
+        """Return the URL by which a browser on this machine finds the dashboard."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]", "::1": "[::1]"}.get(self.host, self.host)
         return f"http://{host}:{self.port}/"
 
@@ -142,7 +142,7 @@ async def _announce(address: Address) -> None:
 
 
 def declare(site: Site) -> None:
-    """Every page, by its path."""
+    """Declare every page by its path, and the files that pages load."""
     app.add_static_files(ASSETS, WEB)
     app.add_exception_handler(404, _not_found)
     declare_files(site)
@@ -183,7 +183,10 @@ def declare(site: Site) -> None:
 
 
 def declare_files(site: Site) -> None:
-    """What pages read and send beside their own content: samples, programs as files, recordings."""
+    """Declare the routes that pages read and send beside their content.
+
+    They are samples, programs as files, data sets and recordings.
+    """
 
     @app.get(f"{SAMPLES}/{{station}}/{{session}}")
     async def _samples(station: str, session: str, request: Request) -> Response:

@@ -52,7 +52,10 @@ def _in_words(update: Update) -> str:
 
 
 def _age(update: Update) -> tuple[float, str, str]:
-    """Its time of day where that is known; names sort by time too."""
+    """Return the sort key of a session: its time of day (0 if unknown), then its names.
+
+    Names of sessions sort by time too.
+    """
     return update.status.opened or 0.0, update.session, update.station
 
 

@@ -49,7 +49,7 @@ class SignalRing:
 
     @property
     def session(self) -> str:
-        """Which session it holds."""
+        """The name of the session whose samples are held; empty before the first one."""
         return self._session
 
     def receive(self, session: str, columns: tuple[str, ...], seq: int, matrix: Array) -> None:
@@ -67,9 +67,9 @@ class SignalRing:
                 self._fold()
 
     def covers(self, session: str, t0: float) -> bool:
-        """Is everything from t0 [s] on here that the station has sent of a session?
+        """Return whether all samples from t0 [s] on that the station has sent of a session are here.
 
-        Batches that did not arrive here are asked for: the journal may have them.
+        False if a batch did not arrive here: the caller queries the journal, which may have it.
         """
         with self._lock:
             self._fold()

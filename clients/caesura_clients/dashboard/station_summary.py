@@ -49,11 +49,11 @@ class DashboardState:
 
     @property
     def trouble(self) -> str:
-        """Why what is shown may be old; empty where all is well."""
+        """The reason why the content may be old; empty if there is none."""
         return next(iter(self.troubles.values()), "")
 
     def stations(self) -> list[str]:
-        """Whatever has a bridge or a session, sorted."""
+        """Return all stations with a bridge or a session, sorted."""
         return sorted({station for station, _ in self.updates} | self.bridges)
 
     def sessions(self, station: str) -> list[str]:
@@ -61,7 +61,10 @@ class DashboardState:
         return sorted((name for where, name in self.updates if where == station), reverse=True)
 
     def update(self, station: str, session: str | None = None) -> Update | None:
-        """What is known of a session; without a name, of the one that the station's program speaks of."""
+        """Return the newest state of a session; None if it is unknown.
+
+        Without a name: of the session of the station's program, or else of an open one, or of the newest.
+        """
         name = session or self.current.get(station)
         if (station, name or "") in self.updates:
             return self.updates[station, name or ""]
@@ -82,7 +85,7 @@ class NewestSamples:
 
 @dataclass(frozen=True)
 class StationSummary:
-    """What a card of a station says."""
+    """The content of a station's card."""
 
     station: str
     state: State
@@ -101,7 +104,7 @@ class StationSummary:
     kinds: tuple[tuple[float, float, str, float], ...]  # the newest segments: t0, tn, kind, probability
 
     def drawn(self) -> dict[str, Any]:
-        """As the browser takes it; an age is shown by the tenth, and only once it can be read."""
+        """Return the content as the browser takes it; an age in tenths of a second, and empty below 1 s."""
         age = "" if self.age_s is None or self.age_s < 1.0 else f"{self.age_s:.1f} s"
         rows = [[round(t0, 2), round(tn, 2), kind, round(p, 2)] for t0, tn, kind, p in self.kinds]
         return {**self.__dict__, "age_s": age, "kinds": rows, "t": round(self.t, 1)}
@@ -113,14 +116,17 @@ SHOWN_SEGMENTS = 40  # in a card's strip
 def glances(
     world: DashboardState, received: Mapping[str, NewestSamples], now: float, began: float
 ) -> list[StationSummary]:
-    """One a station. now, began: monotonic [s]; before the dashboard began nothing can have come."""
+    """Return the summary of each station. now, began: now and the gateway's start, monotonic [s].
+
+    Before the dashboard began, nothing can have come.
+    """
     return [glance(world, station, received.get(station), now, began) for station in world.stations()]
 
 
 def glance(
     world: DashboardState, station: str, received: NewestSamples | None, now: float, began: float
 ) -> StationSummary:
-    """What there is to say of one station."""
+    """Return the summary of one station. now, began: now and the gateway's start, on its clock [s]."""
     update = world.update(station)
     bridge = station in world.bridges
     why = stale(
@@ -160,7 +166,10 @@ def stale(
     received: NewestSamples | None,
     silent_s: float,
 ) -> str:
-    """Why what is shown may no longer be true; empty where it is."""
+    """Return why the shown state may no longer be true; empty if it is current.
+
+    silent_s: time [s] without a sample.
+    """
     if update is None or update.closed:
         return world.trouble
     unstored = unwritten(world, update.status.instance)
@@ -177,7 +186,7 @@ def stale(
 
 
 def _behind_s(update: Update, received: NewestSamples | None) -> float:
-    """[s] By which results are behind the samples; of times of day, 0 before the first result."""
+    """Return by how much [s] results are behind the samples; for times of day, 0 before the first result."""
     if received is None or received.session != update.session:
         return 0.0
     has_begun = is_of_day(reached(update)) or not is_of_day(received.t)
@@ -185,13 +194,16 @@ def _behind_s(update: Update, received: NewestSamples | None) -> float:
 
 
 def unwritten(world: DashboardState, instance: str) -> str:
-    """Why an instance of the service cannot write its journal; empty where it can."""
+    """Return why an instance of the service cannot write its journal; empty if it can."""
     found = (one.journal.trouble for one in world.services if one.instance == instance and one.journal)
     return next((trouble for trouble in found if trouble), "")
 
 
 def reached(update: Update) -> float:
-    """[s] Up to where there are results. A status is published once a second, and lags behind the others."""
+    """Return the time [s] up to which there are results.
+
+    A status is published once a second, and lags behind the others.
+    """
     last = update.segments[-1].tn if update.segments else update.t
     return max(update.t, last)
 
@@ -202,7 +214,10 @@ def session_clock(update: Update) -> SessionClock:
 
 
 def lasted(update: Update) -> float:
-    """[s] Of the session so far. Most begin at 0; one with another clock begins with its first segment."""
+    """Return the length [s] of the session so far.
+
+    Most begin at 0; one with another clock begins with its first segment.
+    """
     first = update.segments[0].t0 if update.segments else session_clock(update).start_s
     return reached(update) - (first if not 0.0 <= first <= BEGINS_S else 0.0)
 

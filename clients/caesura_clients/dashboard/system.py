@@ -17,7 +17,7 @@ Table = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class System:
-    """Two tables, and what is wrong in a word each."""
+    """Content of the system page: tables of instances and stations, and a short text on each fault."""
 
     instances: Table
     stations: Table
@@ -27,7 +27,10 @@ class System:
 def rates(
     before: Sequence[ServiceStatus], after: Sequence[ServiceStatus], seconds: float
 ) -> dict[str, float]:
-    """[messages/s] of each instance that was there both times, and was not started anew in between."""
+    """Return the rate [messages/s] of each instance that both lists have, unless it was restarted.
+
+    before, after: statuses that lie `seconds` apart.
+    """
     counted = {(one.instance, one.epoch): one.messages for one in before}
     return {
         one.instance: (one.messages - counted[one.instance, one.epoch]) / seconds
@@ -37,7 +40,7 @@ def rates(
 
 
 def system(world: DashboardState) -> System:
-    """What the page shows."""
+    """Return the content of the page: instances, stations and warnings."""
     instances = [_instance(one, world.rates, one.instance in world.alive) for one in world.services]
     silent = world.alive - {one.instance for one in world.services}
     return System(instances, _stations(world), tuple(_warnings(world, silent)))
@@ -68,7 +71,10 @@ def _journal(report: JournalReport | None) -> str:
 
 
 def _time_of(epoch: int) -> float:
-    """When [s] an epoch of the service began: it is the clock's time then [ms], or a later number."""
+    """Return the time of day [s] at which an epoch of the service began.
+
+    An epoch is the clock's time then [ms], or a later number.
+    """
     return epoch / 1000.0
 
 

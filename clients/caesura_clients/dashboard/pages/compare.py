@@ -99,7 +99,7 @@ class _Half:
 
 
 def _ignore(_event: GenericEventArguments) -> None:
-    """Nothing is corrected here."""
+    """Ignore a correction: this page makes none."""
 
 
 def _tables(first: Program, second: Program) -> dict[str, Any]:

@@ -31,7 +31,7 @@ _HEAD = (
 
 
 class Site(NamedTuple):
-    """What pages are made of. What comes after the gateway is None where this dashboard only reads."""
+    """Objects of which pages are made. Those after the gateway are None if this dashboard only reads."""
 
     gateway: NetworkFollower
     corrector: Corrector | None

@@ -51,7 +51,7 @@ def build_sessions(site: Site) -> None:
 
 
 def build_system(site: Site) -> None:
-    """How everything is."""
+    """Build the page `/system`: instances of the service, stations and browsers."""
     _build(site, "System", "/system", _system)
 
 

@@ -1,4 +1,4 @@
-"""What is shown in place of a page that there is not, or of a file that cannot be written."""
+"""Pages shown in place of a path that does not exist, or of a file that cannot be written."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from caesura_clients.dashboard.pages.layout import page, text
 
 
 def build(path: str, why: str) -> None:
-    """The page. path: what was asked for."""
+    """Build the page for a path that does not exist. why: the reason that the server gives."""
     with page("Page not found", ""):
         text("p", f"There is no page {path}." if why == "Not Found" else f"{path}: {why}.")
         text("a", "Go to the stations").props('href="/"')
 
 
 def build_refusal(why: str, back: str) -> None:
-    """The page of a file that cannot be written. back: where its link leads."""
+    """Build the page for a file that cannot be written. back: address to which its link leads."""
     with page("Not exported", ""):
         text("p", f"{why}.")
         text("a", "Go back").props(f'href="{back}"')

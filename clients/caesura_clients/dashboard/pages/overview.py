@@ -12,7 +12,7 @@ from caesura_clients.dashboard.station_summary import glances, summary
 
 
 def build(site: Site) -> None:
-    """The page."""
+    """Build the page `/` with a card of each station."""
     with page("Stations", "/"):
         banner = Banner()
         cards = Overview(_shown(site))

@@ -28,7 +28,7 @@ DEFAULT_STATION = "recordings"
 
 
 def build(site: Site) -> None:
-    """The page."""
+    """Build the page `/recordings`, on which recordings are dropped and played."""
     with page("Recordings", "/recordings"):
         if site.recordings is None:
             text("p", ONLY_READS.replace("start and stop", "to play a recording")).classes("empty")

@@ -120,7 +120,7 @@ class SessionPage:
             self._show_program(update.program)
 
     def _offer_tools(self, update: Update | None) -> None:
-        """Take what changes a session away where it is too old to be held by the service."""
+        """Offer the tools that change a session, unless the service no longer holds it."""
         world, named = self._gateway.world, (self._station, self._session or "")
         if update is None and self._is_known and not self._reads and self._session is not None:
             self._reads = True  # newer ones took its place while it was shown
@@ -158,7 +158,7 @@ class SessionPage:
             asked_by.answered(said or "", failed=False)
 
     def _show_program(self, program: wire.Program) -> None:
-        """In words, made anew only where it changed: a long one takes its time."""
+        """Show the program as a timeline, which is remade only if it changed: a long one takes its time."""
         if program is not self._timeline_of or self._clock != self._timeline_clock:
             self._timeline_of, self._timeline_clock = program, self._clock
             self._shown = self._timeline.of(program, self._clock)
@@ -168,7 +168,10 @@ class SessionPage:
         self._program.follow({**self._shown, "sessions": parts, "elsewhere": elsewhere})
 
     def _more(self, update: Update | None) -> dict[str, Any]:
-        """What goes with the drawing: how corrections stand, and run lengths where they are wanted."""
+        """Return the payload beside the drawing: state of corrections, and run lengths if they are shown.
+
+        Empty while the browser has not seen enough of what it was sent.
+        """
         if update is None or not self._view.is_free:
             return {}
         more = self._view.standing(update)
@@ -259,7 +262,10 @@ class SessionPage:
 
 
 def line_of(seen: StationSummary, update: Update | None) -> str:
-    """What there is to say of a station's session beside its state, which stands above Start and Stop."""
+    """Return the line on a station's session: its gaps, its wrench, its last sample and its times.
+
+    Without a session, the station's state. With one, the state stands above Start and Stop.
+    """
     if update is None:
         return f"{seen.said}."
     parts = [f"session {update.session}", _gaps(seen.gaps), _wrench(update.status)]
@@ -273,7 +279,7 @@ def line_of(seen: StationSummary, update: Update | None) -> str:
 
 
 def line_of_past(update: Update | None) -> str:
-    """What there is to say of a session that was asked for by its name."""
+    """Return the line on a session that was requested by its name; None: the service does not have it."""
     if update is None:
         return "The service does not know this session, or it was deleted."
     state = "closed" if update.closed else "being taught"
@@ -284,7 +290,7 @@ def line_of_past(update: Update | None) -> str:
 
 
 def _times(update: Update) -> list[str]:
-    """From when on the page shows times, where that is not 0 of the session's clock."""
+    """Return text on the time from which the page counts; none if it is 0 of the session's clock."""
     words = clock_of(update.segments).words
     return [words] if words else []
 

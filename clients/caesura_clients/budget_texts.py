@@ -9,7 +9,7 @@ _NAMES = {"work": "seconds of work", "previews": "seconds of previews"}
 
 
 def budgets_in_words(budgets: StationBudgets | None, *, least: float = MUCH_USED) -> list[str]:
-    """What a station has used of each budget, where that is the share `least` or more, or it was held back.
+    """Return a text for each budget that is used to the share `least` or more, or held something back.
 
     >>> commands = Budget(per_s=500, at_once=1000, used=1000, refused=17)
     >>> idle = Budget(per_s=0.5, at_once=60, used=0.01, refused=0)

@@ -131,7 +131,7 @@ class Caesura:
     def relabel(
         self, station: str, session: str, t: float, kind: Kind, *, author: str, revision: int | None = None
     ) -> Ack:
-        """Say what the segment is in which a time [s] lies."""
+        """Set the kind of the segment in which a time [s] lies."""
         return self._edit(station, session, _made(Relabel, t=t, kind=kind), author, revision)
 
     def limit_force(
@@ -208,7 +208,7 @@ class Caesura:
         return query.stations(self.transport)
 
     def services(self) -> list[ServiceStatus]:
-        """How every instance of the service is doing."""
+        """Return the status of every instance of the service."""
         return query.service_status(self.transport)
 
     def bridge(

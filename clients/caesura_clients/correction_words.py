@@ -42,7 +42,7 @@ _UNLIMITED = "lifted the limit of the force at {t} s"
 
 
 def in_words(action: Action, clock: SessionClock = NO_OFFSET) -> str:
-    """What a correction does, to stand behind the name of its author. clock: of its session.
+    """Return text on an applied action, to follow the name of its author. clock: of its session.
 
     >>> in_words(Move(t=4.2, to=4.55))
     'moved the changepoint at 4.20 s to 4.55 s'
@@ -64,7 +64,7 @@ def described(correction: Correction, clock: SessionClock = NO_OFFSET) -> str:
 
 
 def no_corrections(revision: int) -> str:
-    """Why a session lists none: a later revision than 0 states that it has been corrected.
+    """Return why a session lists no corrections; a revision above 0 states that it has been corrected.
 
     >>> no_corrections(0)
     'no corrections'
@@ -75,7 +75,7 @@ def no_corrections(revision: int) -> str:
 
 
 def relabel_doubt(action: Action | Since, effect: EditEffect) -> str:
-    """Why what a relabel calls a transport may be none; empty without a reason."""
+    """Return why a segment that is relabelled as a transport may be none; empty without a doubt."""
     if not isinstance(action, Relabel):
         return ""
     there = [one for one in effect.segments_after if one.t0 <= action.t <= one.tn]
@@ -83,7 +83,10 @@ def relabel_doubt(action: Action | Since, effect: EditEffect) -> str:
 
 
 def transport_doubt(segment: Segment | SegmentOutline) -> str:
-    """Why a segment that is called a transport may be none; empty for any other, and with a load."""
+    """Return why a transport may be none: its load may be 0; empty for other kinds.
+
+    Empty too with a load that is surely not 0, and with one that is not known.
+    """
     load_kg, sd_kg = segment.load_kg, segment.load_sd_kg or 0.0
     if segment.kind != "transport" or load_kg is None or abs(load_kg) > SURE * sd_kg:
         return ""
@@ -92,14 +95,20 @@ def transport_doubt(segment: Segment | SegmentOutline) -> str:
 
 
 def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:
-    """Where the changepoint was [s] that a correction removed or moved; it names one by a time beside it."""
+    """Return the time [s] of the changepoint that a correction removed or moved.
+
+    A correction names it by a time beside it. It is the nearest one that is gone, or else the named time.
+    """
     left = {one.t0 for one in effect.segments_after}
     gone = [one.t0 for one in effect.segments_before[1:] if one.t0 not in left]
     return min(gone, key=lambda place: abs(place - action.t), default=action.t)
 
 
 def changepoint_made(action: Insert | Move, effect: EditEffect) -> float:
-    """Where the changepoint is [s] that a correction makes: where an observation begins, beside its time."""
+    """Return the time [s] of the changepoint that a correction makes.
+
+    It lies where an observation begins. It is the new one nearest to the named time, or else that time.
+    """
     wanted = action.to if isinstance(action, Move) else action.t
     there = {one.t0 for one in effect.segments_before}
     made = [one.t0 for one in effect.segments_after if one.t0 not in there]
@@ -107,7 +116,7 @@ def changepoint_made(action: Insert | Move, effect: EditEffect) -> float:
 
 
 def since_words(action: Since) -> str:
-    """What an effect is headed by that states what corrections have changed.
+    """Return the heading of an effect that states what corrections have changed.
 
     >>> since_words(Since(number=3))
     'what the corrections after 3 have changed:'
@@ -116,7 +125,7 @@ def since_words(action: Since) -> str:
 
 
 def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[str]:
-    """What an edit changes, a sentence each for segments, apps and phases. clock: of its session."""
+    """Return sentences on the segments, apps and phases that an edit changes. clock: of its session."""
     segments = _becomes(
         [_segment(one, clock) for one in effect.segments_before],
         [_segment(one, clock) for one in effect.segments_after],
@@ -128,14 +137,14 @@ def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[st
 
 
 def _phases(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
-    """Phases of other kinds or names: where only their times differ, segments have said so."""
+    """Yield text on phases of other kinds or names; changed times alone are stated of the segments."""
     before, after = effect.phases_before, effect.phases_after
     if [(one.kind, one.name) for one in before] != [(one.kind, one.name) for one in after]:
         yield from _becomes([_phase(one, clock) for one in before], [_phase(one, clock) for one in after])
 
 
 def _apps(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
-    """What becomes of apps: of the same ones their values, else which take the place of which."""
+    """Yield texts on changed apps: on their values if all kinds stay the same, else on which are replaced."""
     before, after, first = effect.apps_before, effect.apps_after, effect.first_app
     if [one.kind for one in before] == [one.kind for one in after]:
         pairs = enumerate(zip(before, after, strict=True), first)

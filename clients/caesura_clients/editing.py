@@ -87,9 +87,9 @@ def send(transport: Transport, station: str, made: Made, *, patience_s: float = 
 def mark(
     transport: Transport, station: str, session: str, t: float, *, author: str, revision: int = 0
 ) -> Ack:
-    """Force a changepoint at a time [s], whatever other editors correct at the same time.
+    """Force a changepoint at a time [s], also if other editors correct at the same time.
 
-    revision: a guess. Raises as `edit`.
+    revision: a guess of the present one, by which the first attempt is made. Raises as `edit`.
     """
     for _ in range(MARK_ATTEMPTS):
         made = Edit(session=session, revision=revision, author=author, action=Insert(t=t))

@@ -85,7 +85,7 @@ def events(
     silence_s: float | None = None,
     over: threading.Event | None = None,
 ) -> Generator[Event, None, None]:
-    """As `follow`, and also when a session is forgotten, when the service goes and when it comes.
+    """Yield the events of `follow`, and those of removed sessions and of services that go or come.
 
     over: ends the iteration from another thread, `refresh_s` after it is set at the latest.
     """
@@ -220,7 +220,7 @@ class _Follower:
     def _ask(
         self, station: str | None = None, session: str | None = None, *, complete: bool = False
     ) -> list[Snapshot] | None:
-        """The snapshots; None where the service had no time to answer, or went, or may not be asked."""
+        """Return the snapshots; None if the service did not answer in time, went, or may not be queried."""
         station, session = station or self._station, session or self._session
         try:
             return snapshots(self._transport, station, session, complete=complete)
@@ -232,7 +232,11 @@ class _Follower:
             return None
 
     def _read(self, delivery: ReceivedSample) -> Published | None:
-        """The message that this completes, unless it is rubbish: one bad sender must not end every reader."""
+        """Return the message that this delivery completes, or None.
+
+        Invalid content is dropped: one bad sender must not end every reader. Raises ProtocolError
+        `unsupported_version`.
+        """
         try:
             whole = self._reassembler.add(delivery.key, Encoded(delivery.payload, delivery.encoding))
             if whole is None:

@@ -1,4 +1,4 @@
-"""Which hints are raised, updated and cleared from one update of a session to the next."""
+"""Hints that are raised, updated and cleared from one update of a session to the next."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ REMEDY = "give one of them another --station"
 
 @dataclass
 class _Growth:
-    """One open session. in_turn: it has grown after another one had, since it grew before."""
+    """Growth of one open session. in_turn: it has grown after another one had, since it grew before."""
 
     t: float  # [s] session time
     others_s: float = 0.0  # [s] by which the others have grown since
@@ -21,7 +21,7 @@ class _Growth:
 
 
 class ParallelSessions:
-    """Which sessions of each station are taught at once; from the times that they have reached.
+    """Sessions of each station that are taught at once, found by the times that they have reached.
 
     A session that a new one replaces grows no more. Of two that each grow after the other, both go on.
     """
@@ -42,14 +42,14 @@ class ParallelSessions:
                 other.in_turn &= other.others_s < PARTED_S
 
     def take(self, update: Update) -> None:
-        """Take the state of a session."""
+        """Apply the state of a session: the time that it has reached, or its close."""
         if update.closed:
             self.close(update.station, update.session)
         else:
             self.reach(update.station, update.session, update.t)
 
     def close(self, station: str, session: str) -> None:
-        """Forget a session that is over or deleted."""
+        """Remove a session that is closed or deleted."""
         self._open.get(station, {}).pop(session, None)
 
     def at(self, station: str) -> tuple[str, ...]:

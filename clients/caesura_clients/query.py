@@ -247,7 +247,10 @@ def service_status(transport: Transport) -> list[ServiceStatus]:
 
 
 def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
-    """Whose tokens these are, without a stranger's on a key of that form, but for its name."""
+    """Return the first name in each liveliness key; a key that does not parse is left out.
+
+    The name may still be a stranger's: a key of that form is not checked further.
+    """
     names = []
     for key in keys:
         with suppress(ProtocolError):
@@ -347,7 +350,7 @@ class _Joined(NamedTuple):
 
     @property
     def lost(self) -> IncompleteAnswerError | None:
-        """The error of an answer of which counted replies did not come."""
+        """The error of an answer of which counted replies did not come; None if all came."""
         if self.counted <= len(self.whole):
             return None
         why = f"{len(self.whole)} of {self.counted} replies came, the network is busy: ask again"
@@ -377,14 +380,14 @@ def _has_no_end(answers: QueryReplies, found: Iterable[Message]) -> bool:
 
 
 def _missing(alive: Iterable[str], answers: QueryReplies, found: Iterable[Message]) -> list[str]:
-    """The live instances that have answered neither with something nor that they have nothing."""
+    """Return the live instances that answered neither with content nor that they have nothing."""
     answered = {refusal.value for refusal in answers.refusals if refusal.code == NOTHING}
     answered |= {one.status.instance for one in found if isinstance(one, Snapshot)}
     return sorted(set(alive) - answered)
 
 
 def _unanswered(key: str, missing: list[str], answers: QueryReplies) -> ProtocolError | AccessDenied:
-    """The error where these instances have not answered a query, and some others may have."""
+    """Return the error for instances that did not answer a query; others may have answered."""
     who = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} alive"
     if answers.replies or answers.refusals:
         why = f"{who} and did not answer, asked {QUERY_ATTEMPTS} times: busy, or has just gone; ask again"
@@ -396,10 +399,10 @@ def _unanswered(key: str, missing: list[str], answers: QueryReplies) -> Protocol
 
 
 def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) -> list[M]:
-    """The answers. What is wrong with one is raised only where there is no other; a newer protocol always.
+    """Decode the answers. An invalid one is raised only without a valid one, a newer protocol always.
 
-    That an instance has nothing is no refusal. complete: a refusal, or that pieces were lost, is raised
-    wherever it is.
+    That an instance has nothing is no refusal. complete: a refusal, or that pieces were lost, is raised also
+    beside valid answers.
     """
     return _decoded(_joined(answers), answers.refusals, model, complete=complete)
 
@@ -407,7 +410,7 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
 def _decoded(
     joined: _Joined, said: Iterable[ProtocolError], model: type[M], *, complete: bool = False
 ) -> list[M]:
-    """As `decoded`, of messages that are joined; said: the refusals beside them."""
+    """Decode messages whose pieces are joined, as `decoded`. said: the refusals beside them."""
     whole = joined.whole
     refusals = [refusal for refusal in said if refusal.code != NOTHING]
     others = [refusal for refusal in refusals if not isinstance(refusal, IncompleteAnswerError)]
@@ -495,7 +498,10 @@ def _of_stations(transport: Transport, station: str, ask: Callable[[], list[M]])
 
 
 def _held_back(transport: Transport, station: str) -> int:
-    """How many queries of a station, or for `*` without one, were held back; 0 where that is not stated."""
+    """Return how many queries of a station were held back; 0 if no service states it.
+
+    For `*`: how many queries without a station.
+    """
     with suppress(AccessDenied):
         stated = _query_all(transport, service_key("*", "status"), ServiceStatus)
         if station == "*":

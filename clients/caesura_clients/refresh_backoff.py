@@ -60,7 +60,7 @@ class RefreshBackoff(Generic[K]):
 
 
 class TimeShares(Generic[K]):
-    """Whose queries may be made now, so that those of one key take a share of the thread's time at most."""
+    """Limits the queries of each key to a share of the thread's time."""
 
     def __init__(self, share: float = SHARE, clock: Callable[[], float] = time.monotonic) -> None:
         self._share, self._clock = share, clock

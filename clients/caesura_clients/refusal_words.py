@@ -43,7 +43,7 @@ def _is_time(error: ProtocolError, action: Refused | None) -> bool:
 
 
 def _of_time(error: ProtocolError, action: Refused | None, clock: SessionClock) -> str:
-    """A refusal of a time."""
+    """Return the refusal of a time as text, with the times that would be accepted."""
     at, limit = clock.brief(error.value), error.limit
     if isinstance(limit, list | tuple) and len(limit) == 2:
         return f"time {at} s is outside the session ({' to '.join(map(clock.brief, limit))} s)"
@@ -62,12 +62,12 @@ def _of_time(error: ProtocolError, action: Refused | None, clock: SessionClock) 
 
 
 def _span(words: str, clock: SessionClock) -> str:
-    """Two times as a refusal states them, `[3.0, 4.5]`, as people read them."""
+    """Return two times of a refusal, `[3.0, 4.5]`, as people read them."""
     return " to ".join(clock.brief(float(t)) for t in words.strip("[]()").split(", "))
 
 
 def _found(error: ProtocolError, action: Refused | None) -> str:
-    """What was found, and the limit that it broke; nothing where the message states it."""
+    """Return text with the refused value and the limit that it broke; empty if the message states them."""
     value, limit = error.value, error.limit
     bare = limit is None and error.expected is None and not isinstance(value, str)
     if value is None or bare or type(error.expected) is int:
@@ -80,7 +80,7 @@ def _found(error: ProtocolError, action: Refused | None) -> str:
 
 
 def _there_is(error: ProtocolError, clock: SessionClock) -> str:
-    """The alternatives of a refusal."""
+    """Return text on the alternatives of a refusal; empty without any."""
     there = error.expected
     if isinstance(there, list | tuple):
         return f"; there is {', '.join(_alternative(one, clock) for one in there)}"

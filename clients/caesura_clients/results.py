@@ -44,12 +44,12 @@ class Update:
 
     @property
     def station(self) -> str:
-        """Where it is taught."""
+        """The name of the station at which the session is taught."""
         return self.status.station
 
     @property
     def session(self) -> str:
-        """Which demonstration it is."""
+        """The name of the session."""
         return self.status.session
 
     @property
@@ -60,7 +60,7 @@ class Update:
 
     @property
     def closed(self) -> bool:
-        """Is the demonstration over?"""
+        """Whether the demonstration is over."""
         return self.status.state == "closed"
 
 
@@ -116,7 +116,7 @@ class SessionReader:
 
 
 def _applied(update: Update, message: Published, *, next_one: bool) -> Update | None:
-    """What is known after a message, which may be applied twice; None where a list cannot be continued."""
+    """Return the state after a message, which may be applied twice; None if a list cannot be continued."""
     match message:
         case SessionStatus() | Posterior() | Hints() | Program():
             return replace(update, **_replaced(message))
@@ -132,7 +132,7 @@ def _applied(update: Update, message: Published, *, next_one: bool) -> Update | 
 
 
 def _replaced(message: SessionStatus | Posterior | Hints | Program) -> dict[str, Any]:
-    """What a message that is complete stands for."""
+    """Return the fields of an update that a complete message replaces."""
     match message:
         case SessionStatus():
             return {"status": message}
@@ -144,5 +144,5 @@ def _replaced(message: SessionStatus | Posterior | Hints | Program) -> dict[str,
 
 
 def _goes_on(update: Update, message: Segments) -> bool:
-    """Does a message begin where its reader's segments and phases reach, or before?"""
+    """Return whether a message begins where its reader's segments and phases end, or before."""
     return message.first <= len(update.segments) and message.first_phase <= len(update.phases)

@@ -27,7 +27,7 @@ class LiveServices:
         self._alive: set[str] = set()
 
     def __bool__(self) -> bool:
-        """Is any service there?"""
+        """Return whether any instance of the service is alive."""
         return bool(self._alive)
 
     def receive(self, presence: TokenChange) -> Change | None:

@@ -75,7 +75,7 @@ def _was_late(probed: ProbeResult) -> bool:
 
 
 def check_owners(probed: ProbeResult) -> Iterator[CheckResult]:
-    """Which instance has which station; two that answer for one open session."""
+    """Yield which instance has which station, and warn of two that answer for one open session."""
     owners: dict[tuple[str, str], dict[str, SessionStatus]] = defaultdict(dict)
     for one in probed.snapshots:
         if one.status.state == "open":
@@ -107,7 +107,10 @@ def check_instance(reported: TimedServiceStatus) -> Iterator[CheckResult]:
 
 
 def _check_clock(reported: TimedServiceStatus) -> CheckResult:
-    """A status is from between question and answer, which is how sure its time can be."""
+    """Return the check of an instance's clock.
+
+    Its status is from between question and answer: half of that time is the uncertainty.
+    """
     status = reported.status
     if status.time is None:
         found = f"{status.instance} does not state its time"
@@ -152,7 +155,10 @@ def _check_journal(status: ServiceStatus) -> CheckResult:
 
 
 def _check_budgets(status: ServiceStatus) -> Iterator[CheckResult]:
-    """Which stations were held back; without any, what the busiest one has used of what it may."""
+    """Yield a warning for each station that was held back, and for queries without a station.
+
+    If no station was held back, yield the use of the budgets by the busiest one.
+    """
     held = [one for one in status.budgets if held_back(one)]
     for one in held:
         found = f"{status.instance}: {' · '.join(budgets_in_words(one))}"

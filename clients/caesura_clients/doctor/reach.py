@@ -55,7 +55,10 @@ def check_certificate(end: float, now: float) -> CheckResult:
 
 
 def no_session(error: CaesuraError) -> CheckResult:
-    """Something listens, and Zenoh gets no session. What the error advises is the remedy."""
+    """Return the check for an endpoint that listens and gives Zenoh no session.
+
+    The remedy is the advice of the error.
+    """
     where, _, why = str(error).partition(_REFUSED)
     if not isinstance(error, Unreachable):
         return CheckResult("bad", "session", str(error), "correct the file of --zenoh-config, or --connect")

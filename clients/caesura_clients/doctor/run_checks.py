@@ -49,7 +49,7 @@ def examine(
 
 
 def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[CheckResult]:
-    """What there is behind a router."""
+    """Yield the checks of the services and stations behind a router. seconds: for which it is observed."""
     try:
         probed = probe_network(transport, station, seconds=seconds)
     except Unreachable as error:
@@ -60,7 +60,7 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
 
 
 def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
-    """Every check on what was seen."""
+    """Yield every check on what the probe received. station: whose absence is a fault; `*`: none."""
     yield from instances.check_services(probed)
     yield from instances.check_credentials(probed)
     yield from instances.check_owners(probed)
@@ -103,7 +103,7 @@ def examine_recording(recording: Recording) -> Iterator[CheckResult]:
 
 
 def _refused_clock(recording: Recording) -> CheckResult | None:
-    """Why `segment` and `bridge` refuse the times of a recording; None where they take them."""
+    """Return the failed check of a recording whose times `segment` and `bridge` refuse; None if accepted."""
     try:
         check_time_steps(recording)
         check_clock(recording)

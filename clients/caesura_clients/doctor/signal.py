@@ -87,7 +87,7 @@ def check_rate(samples: Samples) -> Iterator[CheckResult]:
 
 
 def check_signals(samples: Samples) -> CheckResult:
-    """What is there, and what its absence means."""
+    """Return the check of the signals: those that are there, and the consequence of absent ones."""
     there = samples.signals
     nothing = not {"pos", "q"} & {*there}
     absent = (
@@ -132,7 +132,7 @@ def check_bias(bias: Array | None) -> Iterator[CheckResult]:
 
 
 def check_units(samples: Samples) -> Iterator[CheckResult]:
-    """Are times, positions, joints and forces in the units that they are said to have?"""
+    """Yield a failed check if times, positions, joints or forces contradict their stated units."""
     unit = samples.length_unit
     found = implausible(samples.t, samples.signals, length_unit=unit, declared=samples.declared_units)
     if found is not None:

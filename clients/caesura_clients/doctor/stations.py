@@ -52,17 +52,17 @@ class StationProbe:
 
     @property
     def status(self) -> SessionStatus | None:
-        """The last word on its current session."""
+        """The newest status of the station's current session; None without one."""
         return self.statuses[-1].status if self.statuses else None
 
     @property
     def own(self) -> Sequence[SampleBatch]:
-        """The batches of its current session."""
+        """The batches of the station's current session; empty without one."""
         return self.batches.get(self.status.session, ()) if self.status else ()
 
     @property
     def strangers(self) -> Mapping[str, int]:
-        """How many batches came of sessions that are neither the current one nor open."""
+        """The number of batches of each session that is neither the current one nor open, by session."""
         known = {*self.open_sessions, self.status.session if self.status else ""}
         return {name: len(some) for name, some in sorted(self.batches.items()) if name not in known}
 
@@ -156,7 +156,10 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
 
 
 def _standby_cases(standby: BridgeStatus | None, last: str) -> tuple[Case, ...]:
-    """What is said of a bridge in standby while no session is open."""
+    """Return the cases to check of a bridge in standby while no session is open; none without one.
+
+    last: text on its last session.
+    """
     if standby is None:
         return ()
     failed = f"in standby, and cannot teach: {standby.problem or standby.state}"
@@ -204,7 +207,10 @@ def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckR
 
 
 def _counted_rate(station: StationProbe) -> CheckResult:
-    """From the service's counts, where the samples themselves are not for these credentials."""
+    """Return the check of the sample rate by the service's counts.
+
+    It is for credentials that may not read the samples.
+    """
     steps = [
         (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
         for before, after in zip(station.statuses, station.statuses[1:], strict=False)
@@ -292,7 +298,7 @@ def shows_contact(source: str, hand_on_robot: str) -> bool:
 
 
 def wrench_remedy(source: str, hand_on_robot: str) -> str:
-    """What turns contact and load on, for a wrench that has them off."""
+    """Return the remedy for a wrench that has contact and load off."""
     if shows_contact(source, hand_on_robot):
         return "choose a preset with models of contact and load, such as default; else there are only moves"
     if source == ESTIMATE:

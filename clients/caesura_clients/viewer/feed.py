@@ -33,7 +33,7 @@ LOG = logging.getLogger(__name__)
 
 
 class Sink(Protocol):
-    """Where messages go. No method blocks."""
+    """Destination of live messages. No method blocks."""
 
     def publish(self, message: LiveMessage) -> None:
         """Send a message to every viewer that has subscribed to its topic."""

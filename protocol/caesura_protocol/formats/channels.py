@@ -34,7 +34,7 @@ BASE, FLANGE = "base", "flange"  # frames
 
 
 class RobotState(Message):
-    """What the robot reported of itself; the names are those of the session's signals."""
+    """State that the robot reported; the names of the fields are those of the session's signals."""
 
     model_config = ConfigDict(title="State")  # the name of the schema in files
 
@@ -46,7 +46,7 @@ class RobotState(Message):
 
 
 class Wrench(Message):
-    """What was measured of the environment on the robot, neither tared nor filtered."""
+    """Wrench that was measured, of the environment on the robot, neither tared nor filtered."""
 
     t: Seconds  # [s] session clock
     force: Vector | None = None  # [N] in force_frame
@@ -82,7 +82,7 @@ class TaskProgram(Message):
 
 
 class Time(Message):
-    """As Foxglove writes it."""
+    """Time in the form of Foxglove: seconds and nanoseconds."""
 
     sec: int = Field(ge=0)
     nsec: int = Field(ge=0, lt=10**9)
@@ -153,7 +153,7 @@ def schema_of(topic: str) -> dict[str, Any]:
 
 
 class _PlainSchema(GenerateJsonSchema):
-    """What is None is left out, so nothing is null; tuples are arrays of one kind, unions are texts."""
+    """Schema without null: fields that are None are left out, tuples are arrays of one kind, unions texts."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
@@ -180,7 +180,7 @@ class _PlainSchema(GenerateJsonSchema):
 
 
 def _inlined(schema: Any, definitions: Mapping[str, Any]) -> Any:
-    """The same without references."""
+    """Return a schema with each reference replaced by its definition."""
     if isinstance(schema, list):
         return [_inlined(item, definitions) for item in schema]
     if not isinstance(schema, dict):

@@ -1,4 +1,4 @@
-"""What other software calls the columns of a csv file: English and German names, and those of UR's RTDE."""
+"""Names of csv columns in other software: English and German ones, and those of UR's RTDE."""
 
 from __future__ import annotations
 

@@ -251,7 +251,7 @@ def _by_unit(header: Collection[str], signal: str) -> dict[str, str]:
 
 
 def _columns_by(lines: list[str], delimiter: str) -> int:
-    """How many columns the delimiter makes of every line; 1 where lines differ.
+    """Return the number of columns that the delimiter makes of every line; 1 if lines differ.
 
     A blank divides no line that has another delimiter: it stands within names, as in `Time [s]`.
     """

@@ -69,7 +69,7 @@ def cell_of(row: Sequence[str], index: int) -> str:
 
 
 def stated_in_comments(lines: Iterable[str]) -> dict[str, str]:
-    """What leading `# name: value` comments state, by name, whatever the name.
+    """Return the values that `# name: value` comments state, by name, whatever the name.
 
     >>> stated_in_comments(["# wrench_source: flange_sensor", "# hand on robot: yes", "# of a day", "t,px"])
     {'wrench_source': 'flange_sensor', 'hand_on_robot': 'yes'}

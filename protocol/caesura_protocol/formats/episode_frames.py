@@ -42,7 +42,7 @@ class EpisodeError(CaesuraError, ValueError):
 
 @dataclass(frozen=True)
 class EpisodeSource:
-    """What an episode is made from."""
+    """Results, samples and names of a session from which an episode is made."""
 
     station: str
     session: str
@@ -56,12 +56,12 @@ class EpisodeSource:
 
     @property
     def name(self) -> str:
-        """Station and session."""
+        """Station and session, joined by a slash."""
         return f"{self.station}/{self.session}"
 
 
 class FeatureSpec(NamedTuple):
-    """What a feature's numbers are. Equal in all episodes of a dataset."""
+    """Names, type, units and frames of a feature's numbers. Equal in all episodes of a dataset."""
 
     names: tuple[str, ...]  # of its components
     dtype: str
@@ -69,7 +69,7 @@ class FeatureSpec(NamedTuple):
 
 
 class Subtask(NamedTuple):
-    """What is done from a frame on."""
+    """A sub-task of an episode: its text, from its first frame on."""
 
     first_frame: int
     text: str
@@ -112,7 +112,7 @@ def episodes_of(sources: Sequence[EpisodeSource], fps: int | None = None) -> lis
 
 
 def _rate(one: EpisodeSource) -> float:
-    """[Hz] of the samples, by their median interval."""
+    """Return the rate [Hz] of the samples, by their median interval. Raises EpisodeError for one sample."""
     times = np.unique(one.recording.t)
     if times.size < 2:
         raise EpisodeError(f"{one.name}: {times.size} sample, expected at least 2")
@@ -212,7 +212,10 @@ def _subtasks(one: EpisodeSource, start_s: float, fps: int, count: int) -> tuple
 
 
 def _text(number: int, segment: Segment, phases: Sequence[Phase]) -> str:
-    """What a segment is called, behind the name that an operator gave to its phase."""
+    """Return the text of a segment, behind the name that an operator gave to its phase.
+
+    number: index of the segment.
+    """
     named = [phase.name for phase in phases if phase.first_segment <= number <= phase.last_segment]
     prefix = f"{named[0]}: " if named and named[0] else ""
     return prefix + VERBS[segment.kind]

@@ -141,7 +141,10 @@ def _turned(mapped: ColumnMapping, column: Mapping[str, Array]) -> dict[str, Arr
 
 
 def _options(table: CsvTable, mapped: ColumnMapping) -> tuple[dict[str, str], list[str]]:
-    """What comments and mapping state, the mapping first; the comments that it contradicts."""
+    """Return the options of comments and mapping, and the comments that the mapping contradicts.
+
+    The mapping precedes the comments.
+    """
     stated = {key: value for key, value in table.stated.items() if key in STATED}
     contradicted = [
         f"# {key}: {value}, because {mapped.name} states {mapped.options[key]}"
@@ -243,7 +246,7 @@ def _numbers(path: Path, mapped: ColumnMapping, table: CsvTable, rule: ColumnRul
 
 
 def _hint(header: list[str]) -> str:
-    """One column whose name holds separators is a sign of another delimiter."""
+    """Return a question on the delimiter if the only column's name holds a separator; else nothing."""
     for delimiter in (";", "\t", "|", BLANK):
         if len(header) == 1 and delimiter in header[0]:
             return f"; is the delimiter {delimiter!r}?"

@@ -73,7 +73,7 @@ class Texts(NamedTuple):
 
 
 class EpisodeRange(NamedTuple):
-    """Which data file holds an episode, and which of all frames are its own."""
+    """The data file that holds an episode, and the episode's frames among all: `first` to before `end`."""
 
     chunk: int
     file: int
@@ -280,7 +280,7 @@ def _feature(spec: FeatureSpec) -> dict[str, Any]:
 
 
 def _details(episode: Episode) -> dict[str, Any]:
-    """What the dataset's own columns do not hold."""
+    """Return the facts of an episode for which the dataset has no columns of its own."""
     one = episode.source
     return {
         "station": one.station,

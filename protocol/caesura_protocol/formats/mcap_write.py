@@ -41,7 +41,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)  # where no orientation is known
 
 
 class Poses(NamedTuple):
-    """Where the flange was: times (n,) [s], positions (n, 3) [m], orientations (n, 4) x y z w, base frame."""
+    """Poses of the flange: times (n,) [s], positions (n, 3) [m], orientations (n, 4) x y z w, base frame."""
 
     t: Array
     positions: Array
@@ -176,7 +176,10 @@ def _metadata(content: McapContent) -> dict[str, str]:
 
 
 def _samples(content: McapContent, topic: str, model: type[Message]) -> Iterator[McapMessage]:
-    """What of a model's fields the session has, sample by sample, in order of arrival."""
+    """Yield a message for each sample, in order of arrival, with the fields of a model that the session has.
+
+    Nothing is yielded if it has none of them.
+    """
     signals = {name: content.recording.signals.get(name) for name in model.model_fields}
     columns = {name: _values(values) for name, values in signals.items() if values is not None}
     if not columns:
@@ -248,7 +251,10 @@ def _xyzw(quaternion: list[float]) -> dict[str, float]:
 
 
 def nanoseconds(t: float, began_s: float) -> int:
-    """Time of day of a session time. The two apart: together they would lose what is below 0.2 µs."""
+    """Return the time of day [ns] of a session time [s]. began_s: time of day [s] of its time 0.
+
+    Both are rounded apart: their sum would lose what is below 0.2 µs.
+    """
     return round(began_s * NS) + round(t * NS)
 
 

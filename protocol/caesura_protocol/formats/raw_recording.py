@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class WrenchStatement(NamedTuple):
-    """What a user states of a wrench whose file states nothing; None: not stated."""
+    """Statements of a user on a wrench whose file states nothing; None: not stated."""
 
     source: str | None = None
     force_frame: str | None = None

@@ -153,7 +153,7 @@ def load_recording(
 
 
 def _assumed_of(signals: Mapping[str, Array], *, assumes_frame: bool) -> Iterator[str]:
-    """What no file of this content states, and is assumed."""
+    """Yield sentences on what is assumed because no file states it: the frame, and a gripper's flag."""
     if assumes_frame:
         yield ASSUMED_FRAME
     if "gripper" in signals and is_flag(signals["gripper"][:, 0]):
@@ -204,7 +204,7 @@ def _without_wrench(arrays: Mapping[str, Array], options: dict[str, str]) -> lis
 
 
 def _without_force(arrays: Mapping[str, Array], force_frame: str | None) -> list[str]:
-    """A frame on the command line that is of no force, with the reason."""
+    """Return text on a frame of the command line that is of no force, with the reason; else none."""
     if force_frame is None or "force" in arrays:
         return []
     return [f"--force-frame {force_frame}, because there is no force"]
@@ -240,7 +240,10 @@ def _stated_up(up: str | None) -> dict[str, str]:
 
 
 def _asked(path: Path, key: str, value: str) -> Any:
-    """What a file states of its cell. Raises RecordingError where it is no name, or no number above 0."""
+    """Return the parsed value of the cell's setting `key` that a file states.
+
+    Raises RecordingError for an invalid name or direction, and for a number that is not above 0.
+    """
     if key == "robot":
         if not re.fullmatch(NAME_PATTERN, value):
             raise RecordingError(f"{path}: robot is {value!r}, expected a name as of `caesura robots`")
@@ -306,7 +309,7 @@ def _read(path: Path, mapping: Path | None, stated: WrenchStatement) -> RawRecor
 
 
 def _unknown(path: Path) -> str:
-    """What a path is that no reader is for, and what is read."""
+    """Return text on a path that no reader reads, and on what is read."""
     expected = f"expected one of {', '.join(_READERS)}, or the directory of a rosbag2"
     if not path.is_dir():
         return f"suffix {path.suffix!r}, {expected}{'' if path.exists() else '; and there is no such file'}"
@@ -381,7 +384,7 @@ def _read_csv(path: Path, mapping: Path | None, wrench: WrenchStatement) -> RawR
 
 
 def _delimiter(header: str) -> str | None:
-    """What divides the columns of Caesura's own csv; None where they are those of other software."""
+    """Return the delimiter of Caesura's own csv by its header; None for columns of other software."""
     for delimiter in DELIMITERS:
         if has_own_columns(rows_of([header], delimiter)[0]):
             return delimiter

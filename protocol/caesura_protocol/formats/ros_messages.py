@@ -137,7 +137,10 @@ def _wanted(signal: str, rule: TopicRule) -> bool:
 
 
 def _has_arm(message: Any, rule: TopicRule) -> bool:
-    """Are joints of the arm in it? Other nodes of the topic may publish those of the gripper alone."""
+    """Return whether a message has joints of the arm.
+
+    Other nodes of the topic may publish those of the gripper alone.
+    """
     if rule.joints is not None:
         return any(name in rule.joints for name in message.name)
     return any(_arm_joint(name) for name in message.name)

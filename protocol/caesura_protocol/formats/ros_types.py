@@ -147,7 +147,7 @@ class Decoder:
 
 
 def decoder(definitions: Iterable[tuple[str, str]] = ()) -> Decoder:
-    """As `typestore`, to decode with. Raises CannotDecode for a definition that is none."""
+    """Return a decoder for the types of `typestore`. Raises CannotDecode for an invalid definition."""
     try:
         return Decoder(typestore(definitions))
     except TypesysError as error:

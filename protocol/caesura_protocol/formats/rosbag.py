@@ -98,7 +98,10 @@ def _first_messages(reader: AnyReader, topics: Mapping[str, Topic]) -> Iterator[
 def _content(
     path: Path, reader: AnyReader, topics: Mapping[str, Topic], plan: TopicSelection, *, named: bool
 ) -> RawRecording:
-    """What the topics of a plan hold; named: a mapping names them."""
+    """Return the content of a plan's topics, aligned in time. named: a mapping names the topics.
+
+    Raises RecordingError if the signals have no time in common.
+    """
     joiner = SignalAligner(plan.signals, joints=plan.joints)
     used = {name: topics[name] for name in topics if name in plan.topic_of.values()}
     rows: list[Row] = []
@@ -120,7 +123,7 @@ def _content(
 
 
 def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:
-    """Topics that were chosen by their types and combined: they may be those of several robots."""
+    """Yield a sentence on topics that were combined by their types: they may be those of several robots."""
     signals = [signal for signal in COLUMNS_OF_SIGNAL if signal in topic_of]
     names = [*dict.fromkeys(topic_of[signal] for signal in signals)]
     if len(names) < 2:
@@ -133,7 +136,7 @@ def _of_topics(topic_of: Mapping[str, str]) -> Iterator[str]:
 
 
 def _of_rates(plan: TopicSelection, joiner: SignalAligner, counts: Counter[str], rows: int) -> Iterator[str]:
-    """Signals that are held between their values, and rows that were left out without them."""
+    """Yield sentences on signals that are held between their values, and on rows left out for want of one."""
     leads = counts[joiner.leader]
     for name in sorted(set(plan.topic_of.values())):
         slow = [

@@ -58,7 +58,10 @@ def check_time_steps(recording: Recording) -> None:
 
 
 def left_out(recording: Recording) -> tuple[str, ...]:
-    """Which samples are left out because their time does not advance, a sentence for each step back."""
+    """Return sentences on the samples that are left out because their time does not advance.
+
+    There is one for each step back, for at most SHOWN of them, and one on many repeated times.
+    """
     t = recording.t
     shown = _times_shown(t)
     repeated = int((t[1:] == t[:-1]).sum())
@@ -194,7 +197,7 @@ def _wrong_values(recording: Recording) -> Iterator[str]:
 
 
 def _wrong_openings(recording: Recording, openings: NDArray[np.float64]) -> Iterator[str]:
-    """Counts, percent, other units, fractions of an opening, and openings below 0."""
+    """Yield errors for openings that are counts, percent, in another unit, fractions, or below 0."""
     widths = np.abs(openings)
     if (row := _first(widths > WIDEST_M)) is not None:
         likely = "are they counts of a gripper? Convert counts or percent to its opening"

@@ -1,4 +1,4 @@
-"""Which topic carries which signal, found by type, or as a mapping states.
+"""Selection of the topic that carries each signal, by type, or as a mapping states.
 
 Of two topics with the same signal the better one is taken (`_RANK`): a sensor's wrench before the estimate of
 the robot, the robot's whole state before joints and poses of others. Two of the same type are an error that

@@ -51,7 +51,7 @@ def is_taught_again(app: App) -> bool:
 
 
 def moved(path: AppPath, when: Callable[[float], float], faster: float = 1.0) -> AppPath:
-    """The path at other times [s]; faster: factor of its velocities."""
+    """Return the path at other times. when: maps its times [s]; faster: factor of its velocities."""
     start, *via = (
         point.model_copy(
             update={
@@ -80,7 +80,7 @@ def goes_on(app: App, following: App | None) -> bool:
 
 
 def rests_of(app: App) -> tuple[float, float]:
-    """How long [s] an app rests in contact before its path begins, and after it; 0 without a path."""
+    """Return the times [s] that an app rests in contact before and after its path; 0 without a path."""
     if app.path is None:
         return 0.0, 0.0
     before_s = max(app.path.start.t - app.t0, 0.0)
@@ -88,7 +88,7 @@ def rests_of(app: App) -> tuple[float, float]:
 
 
 def run_times(app: App) -> tuple[float, float]:
-    """When [s] an app begins and ends where it is run: with its path and its rests in contact.
+    """Return the times [s] at which a run app begins and ends: with its path and its rests in contact.
 
     A path leads from observation to observation, and to where a contact was made.
     """
@@ -99,7 +99,7 @@ def run_times(app: App) -> tuple[float, float]:
 
 
 def rest_newtons(app: App) -> tuple[float, float]:
-    """How hard [N] an app presses while it rests before its path, and after it; as on its path by default."""
+    """Return the forces [N] of an app's rests before and after its path; by default that on the path."""
     newtons = 0.0 if app.force is None else math.hypot(*app.force)
     before, after = (newtons if rest is None else rest.newton for rest in (app.rest_before, app.rest_after))
     return before, after
@@ -110,7 +110,7 @@ def _times(factor: float, vector: Vector | None) -> Vector | None:
 
 
 def earlier(app: A, shift_s: float) -> A:
-    """The app with all its times a while earlier; the same one for 0 s."""
+    """Return the app with all its times `shift_s` earlier; the same object for 0 s."""
     if shift_s == 0.0:
         return app
     path = None if app.path is None else moved(app.path, lambda t: t - shift_s)
@@ -118,7 +118,7 @@ def earlier(app: A, shift_s: float) -> A:
 
 
 def scaled(app: A, factor: float) -> A:
-    """The app at a factor of its speed, from the same time on."""
+    """Return the app at a factor of its speed, from the same time on."""
 
     def when(t: float) -> float:
         return app.t0 + (t - app.t0) / factor

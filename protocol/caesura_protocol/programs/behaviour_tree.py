@@ -104,7 +104,7 @@ def behaviour_tree(program: ProgramFile) -> str:
 
 
 def action_name(kind: AppKind) -> str:
-    """As it is registered: move_to_contact is MoveToContact."""
+    """Return the name under which an action is registered: MoveToContact for move_to_contact."""
     return kind.title().replace("_", "")
 
 
@@ -116,7 +116,7 @@ def _model(models: Xml.Element, kind: AppKind) -> None:
 
 
 def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
-    """What is known of the ports of an app's action, as text."""
+    """Return the known values of the ports of an app's action, as text by port."""
     safety, screw = program.safety, app.screw
     values: dict[str, Sequence[float] | float | None] = {
         TARGET.name: app.target,
@@ -150,7 +150,10 @@ def _inputs(app: ProgramStep, program: ProgramFile) -> dict[str, str]:
 
 
 def _via(path: AppPath) -> list[float]:
-    """All numbers of its start and via points, one after the other."""
+    """Return the numbers of a path's start and via points: time, position, orientation, velocity of each.
+
+    Times [s] count from the start. Unknown numbers are nan.
+    """
     unknown = (math.nan,) * 4
     return [
         number

@@ -24,7 +24,7 @@ TIE = 1e-9  # costs that differ by less are equal: they are sums in different or
 
 
 class LeastDifferences(NamedTuple):
-    """From where on a difference is one: absolute, and as a share of the larger value."""
+    """Least differences that count: by unit, and as a share of the larger value."""
 
     metres: float
     radians: float
@@ -49,7 +49,7 @@ class FieldDifference(NamedTuple):
     apart: str = ""
 
     def words(self, between: str) -> str:
-        """In one phrase. between: the two values."""
+        """Return the difference in one phrase. between: text between the two values."""
         return self.apart or f"{self.what} {self.one}{between}{self.other}"
 
 

@@ -229,7 +229,7 @@ def _parsed(content: dict[str, Any], name: str) -> ProgramFile:
 
 
 def _with_warnings(notes: Any, warnings: Any) -> Any:
-    """Notes with what a reader of the recording assumed, or found to be wrong; what is no list stays."""
+    """Return the notes with warnings of the reader of the recording; notes that are no list stay."""
     if not isinstance(notes, list) or not isinstance(warnings, list):
         return notes
     said = [one.removeprefix("Warning: ") for one in warnings if isinstance(one, str)]
@@ -237,7 +237,7 @@ def _with_warnings(notes: Any, warnings: Any) -> Any:
 
 
 def _place_in(content: dict[str, Any], place: Place) -> str:
-    """The name of a field, with the app that it is in."""
+    """Return the name of a field, preceded by its app."""
     if len(place) < 2 or place[0] != "apps":
         return dotted(place)
     index = int(place[1])

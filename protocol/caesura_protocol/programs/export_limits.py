@@ -1,4 +1,4 @@
-"""What exporters refuse before they write, and what they share about contacts."""
+"""Limits that exporters check before they write, and contact functions that they share."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ ACTING = (  # limits on which a running script acts; the others are kept when it
 
 
 def acting_limits(safety: Safety) -> Iterator[str]:
-    """The limits as lines of a script."""
+    """Yield the limits as lines of a script."""
     for name in ACTING:
         field, why = CONSTANTS[name]
         yield f"{name} = {getattr(safety, field):g}  # {why}"
 
 
 def within_robot(acceleration: float, robot: RobotDescription | None) -> float:
-    """An acceleration of the flange [m/s²], and at most half of what a robot can do."""
+    """Return an acceleration of the flange [m/s²], limited to half of what the robot can do."""
     return acceleration if robot is None else min(acceleration, 0.5 * robot.flange_acceleration_limit)
 
 
@@ -165,7 +165,10 @@ def force_in_tool(app: App) -> Vector | None:
 
 
 def orientation_halfway(app: App) -> Quaternion | None:
-    """How the flange stands halfway along an app's path, at its target without one; None where unknown."""
+    """Return the flange's orientation halfway along an app's path; without one, at its target.
+
+    None if it is unknown.
+    """
     if app.path is None or app.path.start.orientation is None or app.orientation is None:
         return app.orientation
     curve = curve_of(app)
@@ -182,7 +185,10 @@ def _is_tilted(app: App) -> bool:
 
 
 def press_direction(app: App, following: App | None) -> Vector:
-    """Where a contact is looked for: along the force that follows, or else where the tool points."""
+    """Return the unit vector along which a contact is searched, base frame.
+
+    It is that of the force that follows, or else the z-axis of the tool.
+    """
     force = touching_force(following)
     if force is not None:
         size = math.hypot(*force)

@@ -59,7 +59,10 @@ def _limits(safety: Safety) -> str:
 
 
 def _rows(apps: Sequence[ProgramStep]) -> list[dict[str, Any]]:
-    """What the script needs of each app; one that goes on in the next states the velocities of its target."""
+    """Return the data of each app that the script needs.
+
+    An app that is passed without a stop has `goes_on`, the velocities at its target.
+    """
     rows = []
     around = zip(apps, [*apps[1:], None], [*apps[2:], None, None], strict=False)
     for app, following, after in around:
@@ -79,7 +82,7 @@ def _is_passed(app: ProgramStep, following: ProgramStep | None, after: ProgramSt
 
 
 def _row(taught: ProgramStep) -> dict[str, Any]:
-    """What the script needs of an app by itself."""
+    """Return the data of an app that the script needs, without regard to its neighbours."""
     app = without_friction(taught)
     row: dict[str, Any] = {
         "kind": app.kind,

@@ -30,7 +30,7 @@ def with_gripper(program: ProgramFile, name: str | None) -> ProgramFile:
 
 
 def within_gripper(safety: Safety, held_by: GripperDescription | None) -> Safety:
-    """The limits with a gripper: it opens as far as it can, and force and speed are such as it has."""
+    """Return the limits for a gripper: its opening, and force and speed within its range."""
     if held_by is None:
         return safety
     force, speed = held_by.clamped(safety.grasp_force_n, safety.gripper_m_per_s)
@@ -43,7 +43,10 @@ def within_gripper(safety: Safety, held_by: GripperDescription | None) -> Safety
 def not_driven(
     where: str, script: str, held_by: GripperDescription | None, interfaces: Container[str | None]
 ) -> str:
-    """Why a script cannot drive the gripper of a program, and those that it can, by their interfaces."""
+    """Return the error for a gripper that a script cannot drive, with the names of those that it can.
+
+    interfaces: those that the script drives; where: names the part of the program.
+    """
     title = "no gripper is stated" if held_by is None else f"{script} does not drive a {held_by.title}"
     known = [name for name, one in grippers().items() if one.interface in interfaces]
     return f"{where}: {title}, expected --gripper, or Gripper in the dashboard: {', '.join(known)}"

@@ -48,7 +48,7 @@ class PlannedApp(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As people read it."""
+        """The app's number and kind, as people read them."""
         return app_name(self.place, self.app.kind)
 
 
@@ -103,12 +103,15 @@ def _leaves(leg: Leg, touched: Vector) -> bool:
 
 
 def _still_touched(legs: list[Leg], touched: Vector | None) -> Vector | None:
-    """The place of a contact, as long as no leg has left it."""
+    """Return the place of a contact; None once a leg has left it."""
     return None if touched is not None and any(_leaves(leg, touched) for leg in legs) else touched
 
 
 def _cleared(legs: list[Leg], touched: Vector | None, contact: Vector | None) -> tuple[list[Leg], int | None]:
-    """Stop where a contact has been left before another one is looked for; also how many legs leave it."""
+    """Return the legs, with a stop where the touched contact has been left, and how many legs leave it.
+
+    0 if there is nothing to leave or to search; None without legs, while it still touches.
+    """
     if contact is None or touched is None:
         return legs, 0
     if not legs:
@@ -119,7 +122,7 @@ def _cleared(legs: list[Leg], touched: Vector | None, contact: Vector | None) ->
 
 
 def _begun(app: App, legs: list[Leg]) -> tuple[tuple[Vector, Quaternion | None], list[Leg]]:
-    """The first place of a program, and the legs that remain then."""
+    """Return the first pose of a program, and the legs that remain after it."""
     if app.path is None:
         return (legs[0].position, legs[0].orientation), []
     return (app.path.start.position, app.path.start.orientation), legs

@@ -72,7 +72,7 @@ def retimed(
     new_t = [t for app in made for t in (app.t0, app.tn)]
 
     def when(t: float) -> float:
-        """When the re-timed program [s] does what was taught at a time [s]."""
+        """Return the time [s] in the re-timed program that belongs to a taught time [s]."""
         if not taught_t or t <= taught_t[0]:
             return t
         return float(np.interp(t, taught_t, new_t)) + max(t - taught_t[-1], 0.0)

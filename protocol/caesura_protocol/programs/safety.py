@@ -58,12 +58,12 @@ class Safety(BaseModel):
 
     @property
     def most_force_n(self) -> float:
-        """[N] that a program may ask for: the cell's limit, and less than what stops the robot."""
+        """The force [N] that a program may ask for: at most the cell's limit, and below the robot's stop."""
         stops = STOP_SHARE * self.felt_force_n
         return stops if self.force_n is None else min(self.force_n, stops)
 
     def slower(self, speed_m_per_s: float, turn_rad_per_s: float) -> float:
-        """Factor of time, 1 or more, with which a movement of such peaks keeps to the limits."""
+        """Return the factor of time, 1 or more, with which a movement of such peaks keeps to the limits."""
         fastest = max(speed_m_per_s / self.speed_m_per_s, turn_rad_per_s / self.turn_rad_per_s)
         return max(1.0, fastest / PLANNED_SHARE)
 
@@ -72,7 +72,7 @@ DEFAULT = Safety()
 
 
 class CellSettings(NamedTuple):
-    """What a cell asks of the programs that are taught in it; None: nothing, or the service's own choice.
+    """Requirements of a cell on the programs taught in it; None: none, or the service's own choice.
 
     force_limit_n: [N] of every app; path_tolerance_m, path_tolerance_rad: of the paths [m], [rad];
     robot: which arm works there, by its name; up: away from gravity, of length 1, in the arm's base frame.
@@ -86,7 +86,7 @@ class CellSettings(NamedTuple):
 
     @property
     def stated_texts(self) -> dict[str, str]:
-        """What is stated by name, as files have it."""
+        """The stated settings by name, as files have them."""
         stated = {key: value for key, value in self._asdict().items() if value is not None}
         return {key: up_text(value) if key == "up" else str(value) for key, value in stated.items()}
 

@@ -1,4 +1,4 @@
-"""What the scripts of all makers share: their robots, the findings in them, and how a template is filled."""
+"""Common parts of the scripts of all makers: their robots, their findings, and filled templates."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def robot_of_script(program: ProgramFile, script: str, expected: str) -> RobotDe
 
 
 def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
-    """What a check finds of each app, by its place from 0, as lines without a mark; None: of the whole.
+    """Return a check's findings as comment lines without a mark, by app from 0; None: the whole program.
 
-    A carry that sets down says that it looks for a surface, a stroke what friction takes of its force. Reach
-    is not looked at: that needs the kinematics of a robot.
+    A carry that sets down has a line on its search for a surface, a stroke one on the force that friction
+    takes. Reach is not checked: that needs the kinematics of a robot.
     """
     comments: dict[int | None, list[str]] = {
         index: ["sets down: looks for the surface at its end, slowly until it is felt"]
@@ -67,7 +67,7 @@ def findings_as_comments(program: ProgramFile) -> dict[int | None, list[str]]:
 
 
 def head_comments(program: ProgramFile) -> str:
-    """What a check finds of the whole program, as lines of comment for the top of a script."""
+    """Return a check's findings on the whole program, as lines of comment for the top of a script."""
     return "".join(f"# {comment}\n" for comment in findings_as_comments(program).get(None, ()))
 
 
@@ -103,5 +103,5 @@ def filled_template(name: str, texts: Mapping[str, str]) -> str:
 
 
 def title_of(program: ProgramFile) -> str:
-    """What a script names as its source."""
+    """Return the text by which a script names its source: station, session and revision."""
     return f"{program.station}/{program.session}, revision {program.revision}"

@@ -81,7 +81,7 @@ def _points(app: App, before: Vector | None) -> tuple[Array, Array]:
 
 
 def _ended_before(t: Array, poses: Array, short: Array) -> tuple[Array, Array]:
-    """The path up to the plane across `short` that lies by it before the target, and the point there."""
+    """Return times and poses up to the plane that lies `short` before the target, and end on it there."""
     target = poses[-1].copy()
     direction = short / np.linalg.norm(short)
     left = (target[:3] - poses[:, :3]) @ direction
@@ -109,7 +109,10 @@ def _corners(poses: Array) -> list[int]:
 
 
 def _off_chord(poses: Array) -> Array:
-    """How far rows (k,) are off the leg from the first to the last one, in shares of what is allowed."""
+    """Return the deviation (k,) of poses from the leg between the first and the last one, in tolerances.
+
+    poses: (k, 3) or (k, 7). 1 is CHORD_M or CHORD_RAD, whichever is reached first.
+    """
     chord = poses[-1] - poses[0]
     way, squared = poses[:, :3] - poses[0, :3], float(chord[:3] @ chord[:3])
     share = np.clip(way @ chord[:3] / squared, 0.0, 1.0) if squared > SHORT_M**2 else None
@@ -124,7 +127,7 @@ def _off_chord(poses: Array) -> Array:
 
 
 def _turned_share(quaternions: Array) -> Array:
-    """How much of the turn has been made at each row (k,)."""
+    """Return the share (k,) of the whole turn that has been made at each orientation (k, 4)."""
     cosines = np.minimum(np.abs(np.vecdot(quaternions[1:], quaternions[:-1])), 1.0)
     sums = np.append(0.0, np.cumsum(np.arccos(cosines)))
     return np.asarray(sums / max(sums[-1], 1e-12))
@@ -153,7 +156,7 @@ def _legs(t: Array, poses: Array, safety: Safety, acceleration: float) -> list[L
 
 
 def _cruise(length: float, seconds: float, acceleration: float) -> float:
-    """The speed [m/s] with which a leg from rest to rest takes so long."""
+    """Return the constant speed [m/s] between the ramps of a leg that takes so long from rest to rest."""
     free = (acceleration * seconds) ** 2 - 4.0 * acceleration * length
     return 0.5 * (acceleration * seconds - math.sqrt(max(free, 0.0)))
 

@@ -72,7 +72,7 @@ def ur_script(program: ProgramFile) -> str:
 
 
 def _gravity(program: ProgramFile) -> str:
-    """The mounting that a program states; without one that of the installation stays."""
+    """Return the line that sets the stated mounting; empty without one: the installation's stays."""
     if program.up is None:
         return ""
     away = _list([GRAVITY_M_PER_S2 * value for value in program.up])
@@ -137,19 +137,19 @@ class _Writer:
         return joints
 
     def _check_held(self, app: App) -> list[str]:
-        """Where an app carries something, and the gripper says whether it holds anything."""
+        """Return the check for a held object if an app carries and the gripper reports one; else no line."""
         driven = self._gripper is not None and self._gripper.interface == "robotiq"
         return ["check_held()"] if driven and APP_KINDS[app.kind].carries else []
 
     def _tightness(self, app: App) -> str | None:
-        """The condition under which a turn goes on."""
+        """Return the condition under which a turn goes on: torque below its stop; None without a stop."""
         most_nm = stop_torque_nm(app.screw)
         if app.screw is None or most_nm is None:
             return None
         return f"torque_about({_list(app.screw.axis)}, {_list(app.screw.point)}) < {most_nm:.4f}"
 
     def _watched(self, index: int, moves: Sequence[str], condition: str | None) -> list[str]:
-        """Movements that end where a condition no longer holds; without one, as they are."""
+        """Return lines that move while a condition holds; without one, the movements as they are."""
         if condition is None or not moves:
             return list(moves)
         thread = f"way_{index + 1}"
@@ -227,7 +227,7 @@ def _begin_force(direction: Vector, newtons: float) -> str:
 
 
 def _directions(app: App) -> tuple[Vector, Vector]:
-    """Where a press pushes before its path begins, and when it has ended; of unit length."""
+    """Return the unit vectors of a press before its path begins and after it has ended, base frame."""
     in_tool, force = force_in_tool(app), app.force or (0.0, 0.0, 0.0)
     if in_tool is None or app.path is None or app.path.start.orientation is None or app.orientation is None:
         return _unit(force), _unit(force)
@@ -245,7 +245,7 @@ def _unit(vector: Vector) -> Vector:
 
 
 def _held(name: str, seconds: float, each: str) -> list[str]:
-    """A line that is repeated every period for some seconds; nothing for less than half a period."""
+    """Return lines that repeat a line every period for some seconds; none for less than half a period."""
     steps = round(seconds / PERIOD_S)
     if not steps:
         return []

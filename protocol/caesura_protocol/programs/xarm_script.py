@@ -69,7 +69,7 @@ def xarm_script(program: ProgramFile) -> str:
 
 
 def _row(planned: PlannedApp, program: ProgramFile) -> dict[str, Any]:
-    """What the script needs of an app."""
+    """Return the data of an app that the script needs."""
     app = planned.app
     row: dict[str, Any] = {
         "kind": app.kind,
@@ -153,7 +153,7 @@ def _axis_in_words(frame: int, axis: int) -> str:
 
 
 def _leaning(app: App) -> list[str]:
-    """What a script says of a force that leans from the axis along which it presses."""
+    """Return a warning on a force that leans from the axis along which it presses; else no line."""
     if app.kind != "apply_force":
         return []
     frame, axis, lean_rad, _ = _axis(without_friction(app))

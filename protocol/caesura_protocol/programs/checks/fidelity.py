@@ -1,10 +1,10 @@
-"""What was taught and is not reproduced: a program beside its demonstration.
+"""Comparison of a program with its demonstration: what was taught and is not reproduced.
 
-Warnings, with one exception: fingers that close where the object is not. No warning is for less than the
-rounding of the numbers that it shows (`reads_above`).
+Findings are warnings, with one exception: fingers that close where the object is not. No warning is for less
+than the rounding of the numbers that it shows (`reads_above`).
 
-What does not end up in an app shows where an app begins: its path says where the demonstration was then, and
-the app before it where the robot is.
+Parts of a demonstration that are in no app are found where an app begins: its path states where the
+demonstration was then, and the app before it where the robot is.
 """
 
 from __future__ import annotations
@@ -197,7 +197,10 @@ def _seam(pose: ViaPoint | None, app: App, why: str) -> Iterator[Reason]:
 
 
 def _start_of(app: App) -> ViaPoint | None:
-    """Where an app begins: its path does, and one that neither travels nor presses is at its target."""
+    """Return the pose at which an app begins: the start of its path, or else its target.
+
+    None for an app without a path that travels or presses, or that has no target.
+    """
     if app.path is not None:
         return app.path.start
     facts = APP_KINDS[app.kind]
@@ -313,7 +316,7 @@ def _pose_after(app: App, pose: ViaPoint | None) -> ViaPoint | None:
 
 
 def _orientation_change(one: ViaPoint, other: ViaPoint) -> float:
-    """[rad] between two orientations; 0 where one is not known."""
+    """Return the angle [rad] between two orientations; 0 if one is not known."""
     if one.orientation is None or other.orientation is None:
         return 0.0
     return angle_between(one.orientation, other.orientation)

@@ -1,4 +1,4 @@
-"""What a check has to say of a program: errors, which forbid running it, and warnings."""
+"""Findings of a check of a program: errors, which forbid running it, and warnings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Severity = Literal["error", "warning"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing about one app; index and kind are None for what concerns the whole program.
+    """Finding on one app; index and kind are None if it concerns the whole program.
 
     value, limit: as they stand in the reason, where there are any.
     """
@@ -44,7 +44,7 @@ class CheckReport:
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """What forbids running the program."""
+        """The findings that forbid running the program."""
         return tuple(one for one in self.findings if one.severity == "error")
 
     @property

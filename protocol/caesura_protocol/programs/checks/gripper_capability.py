@@ -26,7 +26,10 @@ def gripper_findings(apps: Sequence[App], safety: Safety, gripper: GripperDescri
 
 
 def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
-    """A force above what it has is an error; one below, and any speed, it changes by itself."""
+    """Yield a finding for a force or speed out of the gripper's range.
+
+    A force above it is an error. One below, and any speed, the gripper changes by itself: a warning.
+    """
     force, speed = gripper.clamped(safety.grasp_force_n, safety.gripper_m_per_s)
     for name, asked, given, unit in (
         ("force", safety.grasp_force_n, force, "N"),
@@ -40,7 +43,7 @@ def _settings(safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
 
 
 def _unseen_losses(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Finding]:
-    """Where nothing shows that something is held, a script goes on with what has fallen."""
+    """Yield a warning at each grasp if the gripper reports no loss: the script goes on without the object."""
     if gripper.event != "none":
         return
     for index, app in enumerate(apps):
@@ -59,7 +62,10 @@ def _widths(apps: Sequence[App], gripper: GripperDescription) -> Iterator[Findin
 
 
 def _unstated_widths(apps: Sequence[App], safety: Safety, gripper: GripperDescription) -> Iterator[Finding]:
-    """Scripts and the simulated robot assume a width where none was taught, such as with a closed flag."""
+    """Yield a warning for each app without a taught width, such as with a closed flag.
+
+    Scripts and the simulated robot then assume a width.
+    """
     if gripper.kind == "suction" or gripper.interface == "digital_output":
         return
     widest = safety.gripper_width_m

@@ -1,4 +1,4 @@
-"""What must hold before an app is run: a contact before a press, something in the fingers before a carry.
+"""Preconditions of apps: a contact before a press, something in the fingers before a carry.
 
 At a contact a tool is not turned to where the next path begins: its tip would be driven into the surface.
 Nor is it pulled away: a press pushes along the tool.
@@ -74,7 +74,7 @@ def _pulls(app: App, orientation: Quaternion | None) -> bool:
 
 
 def _turned(before: App, app: App) -> float:
-    """By which angle [rad] a tool turns from the end of an app to where the path of the next one begins."""
+    """Return the angle [rad] from an app's final orientation to the start of the next path; 0 if unknown."""
     begins = None if app.path is None else app.path.start.orientation
     if begins is None or before.orientation is None:
         return 0.0
@@ -91,7 +91,7 @@ def _turned_at_contact(index: int, app: App, turned: float) -> Finding:
 
 
 def _begins_in_contact(app: App) -> str:
-    """Why no app leads to what the first press touches, and what to do."""
+    """Return text on why no app leads to the place that the first press touches, and on what to do."""
     begins = app.target if app.path is None else app.path.start.position
     there = "" if begins is None else f" with target {in_mm(begins)}"
     return (
@@ -101,7 +101,7 @@ def _begins_in_contact(app: App) -> str:
 
 
 def _begins_at(app: App) -> str:
-    """Where the arm must stand before a program that begins with a grasp."""
+    """Return text on the place of the arm before a program that begins with a grasp."""
     there = "where it was taught" if app.target is None else f"{in_mm(app.target)} (flange)"
     return (
         f"grasps before anything moves: bring the arm to {there} first, or insert a move to there before it"

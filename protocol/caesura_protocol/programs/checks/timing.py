@@ -1,4 +1,4 @@
-"""How a program is timed: which apps were re-timed, and a factor that no program may have."""
+"""Check of a program's timing: the apps that were re-timed, and a speed factor out of its range."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from caesura_protocol.programs.program_timing import ProgramTiming
 
 
 def timing_findings(timing: ProgramTiming | None) -> Iterator[Finding]:
-    """What was re-timed, as a warning; an error for a factor out of its range. Nothing for taught times."""
+    """Yield a warning on what was re-timed, or an error for a factor out of its range.
+
+    None: the times are as taught, and nothing is found.
+    """
     if timing is None:
         return
     if not timing.is_sane:

@@ -90,7 +90,7 @@ def _missing(index: int, app: App) -> Iterator[Finding]:
 
 
 def _repeated_times(index: int, app: App) -> Iterator[Finding]:
-    """Points of its path between which no time passes: there is no speed between these."""
+    """Yield an error for each point of a path that is no later than the one before."""
     if app.path is None:
         return
     times = [app.path.start.t, *(point.t for point in app.path.via), app.path.tn]
@@ -101,7 +101,7 @@ def _repeated_times(index: int, app: App) -> Iterator[Finding]:
 
 
 def _out_of_range(index: int, app: App, safety: Safety) -> Iterator[Finding]:
-    """Numbers beyond their limits."""
+    """Yield an error for each number beyond its limits, and a warning for a low confidence."""
     for what in (*_ranges(app, safety), *_press_ranges(app, safety)):
         if not what.least <= what.value <= what.most:
             limit = what.least if what.value < what.least else what.most

@@ -1,4 +1,4 @@
-"""Is every target inside of the workspace that the limits of the cell state?"""
+"""Check that every target is inside of the workspace that the limits of the cell state."""
 
 from __future__ import annotations
 

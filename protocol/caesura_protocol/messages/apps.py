@@ -68,7 +68,7 @@ class AppChange(Message):
 
 
 class RestForce(Message):
-    """How hard a stroke is pressed while it rests: before its path begins, or after it has ended."""
+    """Force of a stroke while it rests: before its path begins, or after it has ended."""
 
     newton: Newtons  # after the limit
     newton_taught: Newtons  # before the limit

@@ -1,4 +1,4 @@
-"""What an operator asks of a bridge in standby, and its state."""
+"""Commands of an operator to a bridge in standby, and the bridge's state."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Stop(Message):
 
 
 class BridgeControl(Message):
-    """What an operator asks of a bridge in standby; payload of a `bridge_control` query."""
+    """Command of an operator to a bridge in standby; payload of a `bridge_control` query."""
 
     command: Annotated[Start | Stop, Field(discriminator="type")]
 
@@ -44,7 +44,7 @@ class BridgeAck(Message):
 
 
 class BridgeStatus(Message):
-    """What a bridge in standby is doing: published once a second, and at every change."""
+    """State of a bridge in standby: published once a second, and at every change."""
 
     station: Name
     bridge: Name

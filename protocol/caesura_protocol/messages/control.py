@@ -1,4 +1,4 @@
-"""What a `control` query carries, and its answers."""
+"""Payload of a `control` query, and its answers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Command = Annotated[Open | Close | Edit | Preview | Describe | EditProgram, Fiel
 
 
 class Control(Message):
-    """What a bridge or an operator asks of a station's session; payload of a `control` query."""
+    """Command of a bridge or an operator to a station's session; payload of a `control` query."""
 
     command: Command
 

@@ -108,7 +108,7 @@ class Edit(Message):
 
 
 class Since(Message):
-    """What the corrections after one have changed, from how it was then to how it is."""
+    """Request for the changes by all corrections after one, from the state then to the present one."""
 
     do: Literal["since"] = "since"
     number: Count  # of the last one that counts before, as the program lists it; 0: none does
@@ -160,9 +160,10 @@ class PhaseOutline(Message):
 
 
 class EditEffect(Message):
-    """What an edit changes: the segments, apps and phases that go, and those that take their place.
+    """Changes by an edit: the segments, apps and phases that go, and those that take their place.
 
-    From the first one that differs to the last one, at the same moment. One differs where its outline does.
+    Each list runs from the first one that differs to the last one, both taken at the same moment. Two differ
+    if their outlines do.
     """
 
     first_segment: Count  # index of the first one, before and after

@@ -1,4 +1,4 @@
-"""How large a message, and what it lists, may be."""
+"""Limits on the size of a message and on the length of its lists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all messages are: frozen, compared by value, tolerant of fields that they do not know."""
+"""Base of all messages: frozen, compared by value, tolerant of unknown fields."""
 
 from __future__ import annotations
 

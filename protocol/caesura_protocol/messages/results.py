@@ -1,4 +1,4 @@
-"""What was found in a session: changepoints, segments, phases, gaps and hints."""
+"""Results of a session: changepoints, segments, phases, gaps and hints."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Changepoint(Message):
 
 
 class ScrewMotion(Message):
-    """How a turning moves, base frame: about which axis, how far along it, and against which torque."""
+    """Screw motion of a turning, base frame: its axis, angle and pitch, and the torque that is held."""
 
     axis: Vector  # of unit length; the turn is positive about it
     point: Vector  # [m] of the axis, nearest to the flange where the turning begins
@@ -74,7 +74,7 @@ class Segment(Message):
 
     @property
     def force(self) -> Vector:
-        """[N] what it was held with; without a contact, what there was at its end."""
+        """Force [N] that held the segment; without a contact, the force at its end."""
         return self.force_held or self.force_end
 
 
@@ -145,9 +145,9 @@ class Posterior(Result):
 
 
 class Hint(Message):
-    """What a teacher can do better, raised while the demonstration goes on.
+    """Advice to a teacher on what to do better, raised while the demonstration goes on.
 
-    Its kind and since say which hint it is. The rest may change while it is active.
+    `kind` and `since` identify the hint. The rest may change while it is active.
     """
 
     kind: HintKind

@@ -30,7 +30,7 @@ from caesura_protocol.messages.message import Message
 
 
 class Description(Message):
-    """What people state about a session. It changes no result."""
+    """Statements of people about a session. They change no result."""
 
     task: TaskName | None = None  # the name under which it is found again
     operator: Author | None = None  # who teaches

@@ -1,4 +1,4 @@
-"""How a session and an instance of the service are doing."""
+"""Status of a session and of an instance of the service."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from caesura_protocol.messages.sessions import Description
 
 
 class WrenchReport(Message):
-    """What the wrench is worth in this session."""
+    """Report on the wrench of a session: its source, frame and tare, and the models that use it."""
 
     source: WrenchSource  # the one in use
     stated: bool = True  # False: the session does not state its source, and `source` is assumed
@@ -50,7 +50,7 @@ class Refusal(Message):
 
 
 class Budget(Message):
-    """What a station may use of one thing, and what it has used; in the unit of the thing."""
+    """Budget of a station for one thing, and its use so far; in the unit of the thing."""
 
     per_s: Amount  # so much comes back every second
     at_once: Amount  # so much may be used at once, after a pause
@@ -59,7 +59,7 @@ class Budget(Message):
 
 
 class StationBudgets(Message):
-    """What one station may use of an instance of the service. What it sends beyond that is held back.
+    """Budgets of one station at an instance of the service. The service holds back messages beyond them.
 
     Samples that are dropped are asked for again; commands are refused as `overloaded`.
     """
@@ -75,7 +75,7 @@ class StationBudgets(Message):
 
 
 class SessionStatus(Result):
-    """How the session is doing."""
+    """Status of a session: its progress, its losses and its revision."""
 
     state: Literal["open", "closed"]
     preset: Name
@@ -107,7 +107,7 @@ class SessionStatus(Result):
 
 
 class JournalReport(Message):
-    """How an instance keeps what its sessions are made of."""
+    """Report on the journal of an instance: its kind, its size, its limit, and the reason if it fails."""
 
     kind: Literal["memory", "sqlite"]
     commit_s: Annotated[float, Field(ge=0.0)]  # [s] a record waits at most so long to be written
@@ -119,7 +119,7 @@ class JournalReport(Message):
 
 
 class ServiceStatus(Message):
-    """How an instance of the service is doing."""
+    """Status of an instance of the service: its load, its journal, and budgets of stations."""
 
     instance: Name
     epoch: Count

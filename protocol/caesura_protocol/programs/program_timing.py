@@ -1,4 +1,4 @@
-"""How a program is timed, as its document states it."""
+"""Timing of a program, as its document states it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RunSpeed = Literal["taught", "optimal"]
 
 
 class ProgramTiming(BaseModel):
-    """How a program is timed; a program without it is as taught. Apps are counted from 0.
+    """Timing of a program; a program without it is as taught. Apps are counted from 0.
 
     speed: a factor of the taught speed, or `optimal`: as fast as the limits of the robot allow.
     """

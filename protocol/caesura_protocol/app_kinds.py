@@ -98,7 +98,7 @@ def app_title(kind: str) -> str:
 
 
 def step_title(kind: str, name: str | None, target_name: str | None) -> str:
-    """What people call an app and its target, in scripts and behaviour trees.
+    """Return the title of an app and its target, for scripts and behaviour trees.
 
     >>> step_title("cartesian_motion", None, "above the tray")
     'move: above the tray'

@@ -52,7 +52,7 @@ class Batcher:
         return [np.concatenate(pending)] if pending else []
 
     def _cut(self, samples: Matrix) -> tuple[list[Matrix], Matrix]:
-        """Batches, and what is not yet one."""
+        """Return the full batches, and the samples that are not yet a batch."""
         full: list[Matrix] = []
         while len(samples):
             batch = samples[: self.batch_samples]
@@ -81,7 +81,10 @@ class Batcher:
 
 
 def _before_pause(times: Matrix) -> int:
-    """How many samples come before a pause longer than a batch; 0 where none is, or most of it is pauses."""
+    """Return how many samples come before the first pause longer than a batch.
+
+    0 if there is none, or if at least every second step is such a pause.
+    """
     if not times[-1] - times[0] > MAX_BATCH_SPAN_S:
         return 0
     pauses = np.flatnonzero(np.diff(times) > MAX_BATCH_SPAN_S)

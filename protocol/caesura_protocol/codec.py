@@ -71,19 +71,22 @@ class PreEncoded(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of messages."""
 
     @abstractmethod
     def parts(self) -> Iterable[bytes | Message]:
-        """All of them in order: messages, and payloads, as many of these in one piece as there are."""
+        """Return all messages in order; consecutive payloads are joined to one piece."""
 
 
 class _HoldsPackedError(Exception):
-    """There is something packed within: the message has to be put together."""
+    """Raised for pre-encoded messages within a message: the payload has to be joined."""
 
 
 def _fields(message: object) -> dict[str, Any]:
-    """What a message within a message holds: so no tree of copies is made of a long one."""
+    """Return the fields of a message within a message, without a copy of its tree.
+
+    Raises _HoldsPackedError for pre-encoded messages, TypeError for a value of another type.
+    """
     if isinstance(message, Message):
         return message.__dict__
     if isinstance(message, PreEncoded):
@@ -121,7 +124,7 @@ def _join_packed(message: Message) -> bytes:
 
 
 def _is_packed(value: object) -> bool:
-    """Is there something packed within?"""
+    """Return whether a value is pre-encoded, or is a message with such a field at any depth."""
     if isinstance(value, Message):
         return any(map(_is_packed, value.__dict__.values()))
     return isinstance(value, PreEncoded)

@@ -1,4 +1,4 @@
-"""Which columns of a sample matrix make a signal. Robots differ in their number of joints, nothing else."""
+"""Columns of a sample matrix, by signal. Robots differ in their number of joints, nothing else."""
 
 from __future__ import annotations
 

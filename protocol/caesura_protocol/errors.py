@@ -75,7 +75,7 @@ def printable(text: str, most: int = MAX_SHOWN) -> str:
 
 
 class _Glance(Repr):
-    """Looks at a few items of a container, and at the beginning of each. Of others: the type."""
+    """Text of the first items of a container, and of the beginning of each; of other values the type."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ class _Glance(Repr):
         return str(_shown_integer(value))
 
     def repr_dict(self, value: Mapping[Any, Any], level: int) -> str:
-        """In its own order: the base class sorts all keys."""
+        """Return the text of a map in its own order: the base class sorts all keys."""
         if level <= 0 or not value:
             return "{...}" if value else "{}"
         pairs = [
@@ -109,7 +109,7 @@ _glance = _Glance()
 
 
 def _shown_integer(value: int) -> int | str:
-    """As it is, if msgpack has room for it."""
+    """Return an integer for which msgpack has room as it is, else text with its number of bits."""
     return value if -(1 << 63) <= value < 1 << 64 else f"an integer of {value.bit_length()} bits"
 
 
@@ -132,7 +132,7 @@ class Unreachable(CaesuraError):  # noqa: N818 - a state, and it reads better wh
 
 
 class AccessDenied(Unreachable):
-    """A router is there and refuses us: credentials that waiting does not change."""
+    """A router refuses the credentials, which waiting does not change."""
 
 
 class NotFound(CaesuraError):  # noqa: N818

@@ -33,12 +33,12 @@ class Extremes(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """[bytes]"""
+        """Size of all arrays [bytes]."""
         return int(sum(part.nbytes for part in self))
 
 
 def nothing(columns: int) -> Extremes:
-    """No bin at all."""
+    """Return extremes without any bin. columns: number of columns."""
     none = np.zeros((0, columns))
     return Extremes(np.zeros(0, np.int64), none, none, none, none)
 
@@ -55,7 +55,7 @@ def extremes_of(index: NDArray[np.int64], t: Array, values: Array) -> Extremes:
 
 
 def joined(parts: Sequence[Extremes]) -> Extremes:
-    """One after the other; a bin that ends one part and begins the next is one bin."""
+    """Return the bins of parts that follow each other; one bin that two parts share becomes one."""
     if len(parts) == 1:
         return parts[0]
     number = np.concatenate([part.number for part in parts])
@@ -64,7 +64,7 @@ def joined(parts: Sequence[Extremes]) -> Extremes:
 
 
 def coarser(fine: Extremes, every: int) -> Extremes:
-    """Bins that are `every` times as wide."""
+    """Return the extremes in bins that are `every` times as wide."""
     return fine if every == 1 else _reduced(fine._replace(number=fine.number // every))
 
 
@@ -75,7 +75,7 @@ def between(some: Extremes, first: int, last: int) -> Extremes:
 
 
 def _reduced(some: Extremes) -> Extremes:
-    """Neighbours of the same index made one."""
+    """Merge neighbouring bins with the same number."""
     index = some.number
     starts = np.flatnonzero(np.diff(index, prepend=index[0] - 1)) if index.size else np.zeros(0, np.int64)
     if starts.size == index.size:
@@ -89,7 +89,7 @@ def _reduced(some: Extremes) -> Extremes:
 
 
 def _chosen(some: Extremes, which: slice) -> Extremes:
-    """Some of the bins, in arrays of their own."""
+    """Return a slice of the bins, in arrays of their own."""
     t_low, low, t_high, high = (part[which].copy() for part in some[1:])
     return Extremes(some.number[which].copy(), t_low, low, t_high, high)
 

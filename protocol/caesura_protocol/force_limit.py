@@ -15,7 +15,7 @@ CUT_SHARE = 1e-9  # of a force that may be missing where nothing was cut
 
 
 class ExertedForce(NamedTuple):
-    """A force of an app: when, empty while it follows its path; [N] exerted and taught."""
+    """A force of an app [N], exerted and taught. when: `before` or `after` its path; empty along it."""
 
     when: str
     newton: float
@@ -23,17 +23,20 @@ class ExertedForce(NamedTuple):
 
     @property
     def is_cut(self) -> bool:
-        """Is less exerted than was taught?"""
+        """Whether the exerted force is below the taught one."""
         return self.newton < self.newton_taught * (1.0 - CUT_SHARE)
 
     @property
     def is_raised(self) -> bool:
-        """Is a rest pressed with what a robot holds at least, and was taught with less?"""
+        """Whether a rest that was taught below LEAST_PRESS_N is pressed with that or more."""
         return bool(self.when) and self.newton_taught < LEAST_PRESS_N <= self.newton
 
 
 def is_press(newton: float) -> bool:
-    """Is a force [N] one to press with? The size of a vector of LEAST_FORCE_N may be rounded down."""
+    """Return whether a force [N] is large enough for a press.
+
+    The size of a vector of LEAST_FORCE_N may be rounded down; it counts.
+    """
     return newton >= LEAST_FORCE_N * (1.0 - CUT_SHARE)
 
 
@@ -72,22 +75,22 @@ def force_in_words(app: App) -> str:
 
 
 def path_force_in_words(app: App) -> str:
-    """The same without the rests beside a path."""
+    """Return text on the force of an app along its path, without its rests; empty without a force."""
     return ", ".join(_in_words(force) for force in exerted_forces(app) if not force.when)
 
 
 def rests_in_words(app: App) -> str:
-    """What the rests beside a path are pressed with, where they have a force of their own."""
+    """Return text on the forces of the rests beside a path; empty if none has a force of its own."""
     return ", ".join(_in_words(force) for force in exerted_forces(app) if force.when)
 
 
 def is_limited(app: App) -> bool:
-    """Does an app exert less than was taught?"""
+    """Return whether any force of an app, with those of its rests, is below the taught one."""
     return any(force.is_cut for force in exerted_forces(app))
 
 
 def is_path_limited(app: App) -> bool:
-    """Does an app exert less than was taught, the rests beside its path left aside?"""
+    """Return whether the force of an app along its path is below the taught one; rests do not count."""
     return any(force.is_cut for force in exerted_forces(app) if not force.when)
 
 

@@ -74,7 +74,7 @@ class Reassembler:
         return None
 
     def _drop(self, key: str, whole: int) -> None:
-        """Keep nothing of a message."""
+        """Remove all fragments of a message."""
         messages = self._held[key]
         self.held_bytes -= sum(len(part) + PIECE_COST for part in messages.pop(whole).values())
         if not messages:

@@ -37,12 +37,12 @@ ServicePart = Literal["alive", "status"]
 
 
 def is_name(text: str) -> bool:
-    """Is it a valid name of a station, a session or an instance?"""
+    """Return whether a text is a valid name of a station, a session or an instance."""
     return _NAME.fullmatch(text) is not None
 
 
 def check_name(name: str, what: str) -> str:
-    """The name itself. Raises ProtocolError `malformed` where it is not a valid name."""
+    """Return the name. Raises ProtocolError `malformed` if it is not valid; what: names it in the error."""
     if not _NAME.fullmatch(name):
         raise ProtocolError("malformed", f"{what} is not a valid name", value=name, expected=NAME_PATTERN)
     return name
@@ -89,9 +89,9 @@ def parse_service_key(key: str) -> tuple[str, ServicePart]:
 
 
 class ReplayRange(NamedTuple):
-    """Which batches a `replay` query asks for: `first` to `last`, both included, at most `limit` of them.
+    """Batches that a `replay` query requests: `first` to `last`, both included, at most `limit` of them.
 
-    session: whose; "" for that which the bridge has.
+    session: name of their session; "" for the one that the bridge has.
     """
 
     first: int
@@ -101,7 +101,7 @@ class ReplayRange(NamedTuple):
 
 
 def replay_parameters(wanted: ReplayRange) -> str:
-    """What follows the `?` of a `replay` query. Zenoh separates parameters by semicolons.
+    """Return the text behind the `?` of a `replay` query. Zenoh separates parameters by semicolons.
 
     >>> replay_parameters(ReplayRange(first=3, last=9, limit=100, session="s1"))
     'from=3;to=9;max=100;session=s1'
@@ -127,10 +127,10 @@ def parse_replay_parameters(parameters: str) -> ReplayRange:
 
 
 class SampleRange(NamedTuple):
-    """Which samples a `samples` query asks for.
+    """Samples that a `samples` query requests.
 
-    t0, tn: [s] session time; bins: of equal width between them, of each the extremes are answered;
-    columns: which ones, all where none is named.
+    t0, tn: [s] session time; bins: number of intervals of equal width between them, of each the extremes are
+    answered; columns: names, all if none is named.
     """
 
     t0: float
@@ -213,7 +213,7 @@ def parse_samples_parameters(parameters: str) -> SampleRange:
 
 
 class StoredPage(NamedTuple):
-    """Which sessions of the journal a `snapshot` query asks for: the newest `limit` after `skip` others.
+    """Sessions of the journal that a `snapshot` query requests: the newest `limit` after `skip` others.
 
     edits: the version of their programs, as of `edits_parameters`.
     """

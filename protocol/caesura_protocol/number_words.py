@@ -7,7 +7,7 @@ HISSING = ("s", "x", "ch", "sh")  # ends of nouns whose plural has a syllable mo
 
 
 def counted(number: int, noun: str) -> str:
-    """A number and what it counts, which is given in the singular.
+    """Return a number and what it counts, in the plural unless it is 1. noun: in the singular.
 
     >>> counted(1, "gap"), counted(0, "via point"), counted(2, "batch")
     ('1 gap', '0 via points', '2 batches')

@@ -15,7 +15,7 @@ class Packing(threading.local):
     """Packs values; any thread may call it."""
 
     def __init__(self, default: Callable[[Any], Any] | None = None) -> None:
-        """default: returns what stands for a value that msgpack does not know."""
+        """Store the fallback. default: returns a value that replaces one of a type unknown to msgpack."""
         self._default = default
         self._packer = msgpack.Packer(default=default)
 

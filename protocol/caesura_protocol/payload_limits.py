@@ -114,7 +114,7 @@ def unpacked(payload: bytes, bounds: Bounds) -> Any:
 
 
 def _unpacked_long(payload: bytes) -> Any:
-    """All that a result holds, which the payload has room for."""
+    """Unpack the payload of a result, with as many containers as its length has room for."""
     counting = _counting(SHORT + len(payload) // PER_CONTAINER)
     return msgpack.unpackb(
         payload,
@@ -128,7 +128,7 @@ def _unpacked_long(payload: bytes) -> Any:
 
 
 def _no_extension(code: int, _: bytes) -> None:
-    """Refuse what no message has, empty or not: each would be an object that nothing counts."""
+    """Refuse a msgpack extension: no message has one, and each would be an object that nothing counts."""
     raise ProtocolError("malformed", "an extension", value=code)
 
 

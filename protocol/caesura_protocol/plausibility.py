@@ -94,13 +94,19 @@ def _spread(t: Array, signals: Mapping[str, Array]) -> float | None:
 
 
 def _reach(t: Array, signals: Mapping[str, Array]) -> float | None:
-    """The larger of distance and spread: a flange that rests is not near its base."""
+    """Return the larger of distance and spread [m]: a flange that rests is not near its base.
+
+    None without positions.
+    """
     distance, spread = _distance(t, signals), _spread(t, signals)
     return None if distance is None or spread is None else max(distance, spread)
 
 
 def _speed(t: Array, signals: Mapping[str, Array]) -> float | None:
-    """Between the medians of neighbouring cells; without the fastest, which may be a leap."""
+    """Return the largest speed between the medians of neighbouring cells, or None.
+
+    One in twenty is left out: the fastest may be a leap.
+    """
     span = float(t.max() - t.min())
     if "pos" not in signals or not 3 * CELL_S < span < CELL_S * 1e6 or (np.diff(t) < 0).any():
         return None
@@ -125,7 +131,7 @@ def _force(t: Array, signals: Mapping[str, Array]) -> float | None:
 
 
 def _most(values: Array) -> float:
-    """The largest, but for one in twenty."""
+    """Return the largest value once the largest twentieth is left out."""
     place = int(0.95 * (values.size - 1))
     return float(np.partition(values, place)[place])
 
@@ -174,9 +180,10 @@ def implausible(
 def doubts(
     t: Array, signals: Mapping[str, Array], *, length_unit: str, declared: Collection[str], clean_force: bool
 ) -> tuple[str, ...]:
-    """What contradicts the stated units of these samples, which are segmented all the same: a sentence each.
+    """Return a sentence on each contradiction to the stated units; the samples are segmented all the same.
 
-    As for `implausible`. clean_force: the force is a flange sensor's, whose bias alone is over the limit.
+    Arguments as of `implausible`. clean_force: the force is a flange sensor's, whose bias alone is over the
+    limit.
     """
     stated = {*declared, *(["length"] if length_unit != WIRE_UNIT["length"] else [])}
     found = [
@@ -199,7 +206,7 @@ def doubts(
 def _measured(
     checks: Iterable[_Check], t: Array, signals: Mapping[str, Array], length_unit: str
 ) -> Iterator[tuple[_Check, float]]:
-    """Each check with its number, where the samples have one."""
+    """Yield each check with its measured value; a check for which the samples have no value is left out."""
     if t.size < LEAST_SAMPLES:
         return
     every = -(-t.size // MOST_SAMPLES)
@@ -242,7 +249,7 @@ def likely_opening_unit(widest: float) -> str | None:
 
 
 def _likely(check: _Check, value: float, stated: str) -> str | None:
-    """The unit in which a value is plausible, and nearest to the typical one."""
+    """Return the unit in which a value is plausible and nearest to the typical one; None without one."""
     units = UNITS[check.quantity]
     values = {unit: value / units[stated] * factor for unit, factor in units.items() if unit != stated}
     plausible = {unit: abs(math.log(v / check.typical)) for unit, v in values.items() if v <= check.limit}
@@ -269,7 +276,7 @@ class FirstSecond:
         return self._over
 
     def look(self, rows: NDArray[np.floating]) -> Implausible | None:
-        """What is implausible in the stream so far; rows: (k, columns), the next ones."""
+        """Check the next rows (k, columns). Return what is implausible in the stream so far, or None."""
         if self._over or not len(rows):
             return self._found
         self._rows.append(np.array(rows, np.float64))

@@ -1,4 +1,4 @@
-"""How often a pose is read, where a faster clock repeats it.
+"""Rate at which a pose is read, if a faster clock repeats it.
 
 A file at 100 Hz of a robot that reports 15 poses a second has most of them several times. The service
 interpolates poses that repeat for at most `HOLD_S`, and takes longer ones as a rest. Where many of a movement
@@ -54,9 +54,9 @@ def slow_pose(t: Array, signals: Mapping[str, Array]) -> str | None:
 
 
 class PoseReadings:
-    """How often a live pose is read: a fold over samples that keeps the newest `LATEST` readings.
+    """Rate at which a live pose is read: a fold over samples that keeps the newest `LATEST` readings.
 
-    columns: of the samples, `t` first. What is found once stands.
+    columns: of the samples, `t` first. A finding in `slow` stays.
     """
 
     def __init__(self, columns: Sequence[str]) -> None:

@@ -166,7 +166,7 @@ class Recording:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What contradicts the stated units, in a sentence each; the samples are taken all the same."""
+        """Sentences on contradictions to the stated units; the samples are taken all the same."""
         return doubts(
             self.t,
             self.signals,
@@ -210,7 +210,7 @@ LEAVE_OUT = "leave out the samples that have none, or the whole signal"
 
 
 def _shape_remedy(signal: str, shape: tuple[int, ...], samples: int) -> str:
-    """What to do about an array of a wrong shape, where its shape shows it.
+    """Return the remedy for an array of a wrong shape; empty if the shape does not show one.
 
     >>> _shape_remedy("force", (3, 500), 500), _shape_remedy("pos", (500, 2), 500)
     (': it is transposed, write force.T', '')
@@ -292,7 +292,7 @@ def declared_units(**units: str | None) -> dict[Quantity, str]:
 
 
 def unit_remedy(found: Implausible, length_unit: str) -> str:
-    """What a user states to have the samples taken, as they are or in the likely unit."""
+    """Return the option by which a user confirms the stated unit, or states the likely one."""
     option = f"--{found.quantity}-unit"
     stated = length_unit if found.quantity == "length" else WIRE_UNIT[found.quantity]
     believed = f"{option} {stated} if the values are right"

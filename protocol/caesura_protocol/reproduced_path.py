@@ -70,7 +70,7 @@ class Curve:
 
     @cached_property
     def passing(self) -> Array:
-        """(k, 3) [m/s] at the knots, or (k, 6) with [rad/s] where quaternions are known."""
+        """Velocities (k, 3) [m/s] at the knots, or (k, 6) with [rad/s] if quaternions are known."""
         if self.values.shape[1] == 3:
             return self.velocities
         turning = angular_velocities(self.values[:, 3:], self.velocities[:, 3:])
@@ -186,9 +186,9 @@ def turning_at_points(app: App) -> list[Vector]:
 
 
 def path_in_words(app: App, unit: str = " via") -> str:
-    """Its length, its turn, and the number of via points where it is not straight; empty without a path.
+    """Return a path's length, turn and number of via points as text; empty without a path.
 
-    unit: what stands after that number.
+    A path without via points is straight, and their number is left out. unit: text behind that number.
     """
     if app.path is None:
         return ""
@@ -212,7 +212,7 @@ def turn_of(app: App) -> float:
 
 
 def unit(values: Array) -> Array:
-    """The same values (n, c) with their quaternions at unit length."""
+    """Scale the quaternions of values (n, c) to unit length in place; return the values."""
     if values.shape[1] == 7:
         values[:, 3:] /= np.sqrt(np.square(values[:, 3:]).sum(axis=1, keepdims=True))
     return values

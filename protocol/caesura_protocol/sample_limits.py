@@ -1,4 +1,4 @@
-"""What a session takes of its samples: the readers of files and `doctor` refuse what the service refuses.
+"""Limits on the samples of a session: readers of files and `doctor` refuse what the service refuses.
 
 The core of the service imports no protocol, so it states these values itself; a test compares them.
 """

@@ -62,7 +62,10 @@ class RunSplitter:
 
 
 def drawn_columns(columns: Sequence[str]) -> tuple[str, ...]:
-    """Columns to draw of a session with these, time first: all but time, and the speed where there is one."""
+    """Return the columns that are drawn of a session: all but time, and `speed` if it can be computed.
+
+    columns: of the session, time first.
+    """
     return (*columns[1:], *((SPEED,) if _places(columns) else ()))
 
 
@@ -77,7 +80,10 @@ def in_metres(columns: Sequence[str], unit: LengthUnit) -> Array:
 
 
 def _places(columns: Sequence[str]) -> list[int]:
-    """Which columns the speed is of, counted without time: positions, else joints."""
+    """Return the columns of which the speed is taken, counted without time: positions, else joints.
+
+    Empty without both.
+    """
     known, there = list(columns[1:]), signal_columns(columns)
     for signal in ("pos", "q"):
         if signal in there:
@@ -115,7 +121,7 @@ class Speed:
 
 
 def _speed(t: Array, where: Array) -> Array:
-    """Between the means of two windows that follow each other, of each at least one sample."""
+    """Return the speed (n,) between the means of the two newest windows; nan within two of the beginning."""
     sums = np.concatenate(
         [np.zeros((1, where.shape[1] + 1)), np.cumsum(np.column_stack([t - t[0], where - where[0]]), 0)]
     )

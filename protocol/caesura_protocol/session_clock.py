@@ -34,7 +34,9 @@ class SessionClock(NamedTuple):
         return interval(t0 - self.start_s, tn - self.start_s, 2, between)
 
     def newest(self, stretches: Sequence[tuple[float, float]], count: int) -> str:
-        """When [s] the newest of `count` stretches were; the last ones are given, in time order.
+        """Return text with the times [s] of the newest of `count` stretches.
+
+        stretches: the last of them, in time order.
 
         >>> SessionClock().newest([(5.0, 5.25)], 1), SessionClock().newest([(5.0, 5.25)], 9)
         ('at 5.00–5.25 s', 'the newest at 5.00–5.25 s')
@@ -64,7 +66,7 @@ class SessionClock(NamedTuple):
 
     @property
     def words(self) -> str:
-        """From when on times are shown; empty where they are those of the session's clock.
+        """Text on the time from which shown times count; empty if they are those of the session's clock.
 
         >>> SessionClock(1700000001.25).words, SessionClock().words
         ('times [s] from 2023-11-14 22:13:21 UTC on, the start', '')
@@ -76,7 +78,7 @@ NO_OFFSET = SessionClock()
 
 
 def clock_from(t: float) -> SessionClock:
-    """The clock of what begins at a time [s] of its session."""
+    """Return the clock of a session that begins at t [s]: from there on for a time of day, else from 0."""
     return SessionClock(t if is_of_day(t) else 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Which way is up: the unit vector in the base frame that points away from gravity.
+"""Direction of up: the unit vector in the base frame that points away from gravity.
 
 (0, 0, 1) for an arm on a table, (0, 0, −1) for one that hangs from a ceiling; on a wall it lies in the plane
 of the mounting face. A load weighs against it. Positions, forces and programs stay in the robot's base frame:

@@ -60,13 +60,13 @@ class FrozenRun(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """Its number, or its numbers in parentheses."""
+        """The value as text; of several axes in parentheses."""
         numbers = ", ".join(f"{value + 0.0:.4g}" for value in self.value)
         return numbers if len(self.value) == 1 else f"({numbers})"
 
 
 class WrenchReading(NamedTuple):
-    """The wrench source in use, what was found, in a sentence each, and whether the torque is used."""
+    """The wrench source in use, the findings, a sentence each, and whether the torque is used."""
 
     source: WrenchSource | None
     found: tuple[str, ...] = ()
@@ -118,7 +118,10 @@ def read_wrench(
 
 
 def _of_force(samples: CheckedMotion, force: _Force, values: Array, *, believed: bool) -> Iterator[_Finding]:
-    """What is found of the signal that shows contact and load: values (n, k)."""
+    """Yield the findings on the signal that shows contact and load: values (n, k).
+
+    believed: the signal is declared to be right.
+    """
     if SHORTEST_S <= samples.span < TARE_S:
         yield _Finding(NOT_ZEROED.format(span=samples.span), "wrench")
         return
@@ -141,7 +144,7 @@ def _of_force(samples: CheckedMotion, force: _Force, values: Array, *, believed:
 
 
 def _of_axes(samples: CheckedMotion, force: Array, *, believed: bool) -> Iterator[_Finding]:
-    """Axes of a force (n, 3) that do not change, while others do with every sample."""
+    """Yield findings on axes of a force (n, 3) that do not change, while others do with every sample."""
     columns = dict(zip("xyz", force.T, strict=True))
     runs = {axis: samples.frozen(column[:, None]) for axis, column in columns.items()}
     stuck = {axis: found for axis, found in runs.items() if samples.prevails(found)}
@@ -171,7 +174,7 @@ def _of_torque(samples: CheckedMotion, torque: Array) -> Iterator[_Finding]:
 
 
 class CheckedMotion(NamedTuple):
-    """When and where the robot is. place: (n, d) [m], or the joints [rad] where no position is there."""
+    """Times and places of the robot. place: (n, d) [m], or the joints [rad] without a position."""
 
     t: Array  # [s]
     place: Array
@@ -180,14 +183,14 @@ class CheckedMotion(NamedTuple):
 
     @classmethod
     def of(cls, t: Array, signals: Mapping[str, Array], length_unit: str) -> CheckedMotion:
-        """The motion in the signals of a recording."""
+        """Return the motion in the signals of a recording."""
         if "pos" in signals:
             return cls(t, signals["pos"] * METRES[length_unit], MOVED_M, "m")
         return cls(t, signals["q"], MOVED_RAD, "rad")
 
     @property
     def span(self) -> float:
-        """From the first sample to the last one [s]."""
+        """The time from the first to the last sample [s]."""
         return float(np.ptp(self.t))
 
     def prevails(self, runs: Sequence[FrozenRun]) -> bool:
@@ -215,7 +218,7 @@ class CheckedMotion(NamedTuple):
         return [run for run in found if run.is_zero or not _recurs(run, beside)]
 
     def within(self, runs: Sequence[FrozenRun]) -> NDArray[np.bool_]:
-        """(n,) Which samples lie in runs."""
+        """Return whether each sample lies in one of the runs: (n,)."""
         inside = np.zeros(self.t.size, dtype=np.bool_)
         for run in runs:
             inside |= (run.t0 <= self.t) & (self.t <= run.tn)
@@ -245,7 +248,10 @@ def _recurs(run: FrozenRun, beside: Array) -> bool:
 
 
 def _usual(seconds: Array) -> float:
-    """How long runs last [s], of those that are not longer than FROZEN_S, in USUAL_SHARE of their time."""
+    """Return the usual length [s] of runs; 0 without any.
+
+    Of runs no longer than FROZEN_S, those up to this length make USUAL_SHARE of the time.
+    """
     short = np.sort(seconds[(seconds > 0.0) & (seconds <= FROZEN_S)])
     if not short.size:
         return 0.0
@@ -268,7 +274,7 @@ COARSE = (
 
 
 def _noise_free(values: Array, unit: str) -> str:
-    """What is taken of values (n, k) that are exactly 0 at times."""
+    """Return text on how values (n, k) are read that are exactly 0 at times, and on a dead band."""
     least = float(np.abs(values[values != 0.0]).min(initial=np.inf))
     if COARSE_N <= least < np.inf:
         return f"{NOISE_FREE}; {DEAD_BAND.format(least=least, unit=unit)}"

@@ -1,4 +1,4 @@
-"""What is known of a robot as data: its URDF, its limits, where it measures the wrench.
+"""Robots as data: their URDF, their limits, and where they measure the wrench.
 
 A robot is a folder with a `robot.json` and a URDF without meshes. `docs/robots.md` has the fields.
 """
@@ -91,7 +91,7 @@ class RobotDescription(BaseModel):
 
     @property
     def urdf_path(self) -> Path:
-        """Where the URDF lies."""
+        """The path of the URDF."""
         return self.folder / self.urdf
 
 
@@ -145,7 +145,10 @@ def _check_folder() -> None:
 
 @cache
 def _known() -> dict[str, Path | EntryPoint]:
-    """Where each robot is described. Of one name the shipped one counts; the others are logged."""
+    """Return the source of each robot's description, by name of the robot.
+
+    Of one name the shipped one counts; the others are logged.
+    """
     known: dict[str, Path | EntryPoint] = {}
     folder = os.environ.get(FOLDER)
     own = [] if not folder else sorted(Path(folder).glob(f"*/{FILE}"))
@@ -167,7 +170,10 @@ def _add(known: dict[str, Path | EntryPoint], name: str, place: Path | EntryPoin
 
 
 def _path_of(found: Path | EntryPoint) -> Path:
-    """Where the description lies; the package of an entry point is imported at its first use."""
+    """Return the path of a description; an entry point's package is imported at its first use.
+
+    Raises RobotError if that fails.
+    """
     if isinstance(found, Path):
         return found
     try:
@@ -200,7 +206,7 @@ def _read(path: Path) -> RobotDescription:
 
 
 def _found(error: ValidationError) -> str:
-    """What is wrong with a description: all fields that are missing, or the first one that is off."""
+    """Return text on the errors of a description: all missing fields, or else the first invalid one."""
     errors = error.errors()
     if missing := [str(one["loc"][0]) for one in errors if one["type"] == "missing" and len(one["loc"]) == 1]:
         return f"has no {', '.join(missing)}; docs/robots.md, A new arm, has every field with its unit"

@@ -83,7 +83,7 @@ class GripperDescription(BaseModel):
         return min(max(share, 0.0), 1.0) * opening_m
 
     def _calibration(self) -> tuple[tuple[int, int], float]:
-        """Its counts open and shut, and its opening [m]. Raises GripperError where one is not stated."""
+        """Return the counts open and shut, and the opening [m]. Raises GripperError if one is not stated."""
         if self.counts is None or self.opening_m is None:
             raise GripperError(f"{self.title} has no counts, expected counts and opening_m")
         return self.counts, self.opening_m

@@ -52,7 +52,10 @@ _PEER_CERTIFICATE_REMEDIES: tuple[tuple[str, str], ...] = (
 
 
 class _WaitingHelpsError(Exception):
-    """The listener gives no session now. what: it does; why: and what to do."""
+    """Raised if a listener gives no session now, and may later.
+
+    what: the listener does, in words; why: it may do so, and what to do.
+    """
 
     def __init__(self, what: str, why: str) -> None:
         super().__init__(what, why)
@@ -60,7 +63,7 @@ class _WaitingHelpsError(Exception):
 
 
 def _no_room() -> _WaitingHelpsError:
-    """Zenoh closes a connection too many before anything is said."""
+    """Return the error for connections that close at once: Zenoh does so with one too many."""
     full = ": more connections wait there, or are open, than it takes; try again"
     return _WaitingHelpsError("closes every connection at once", full)
 

@@ -46,7 +46,7 @@ class IncomingQuery(Protocol):
 
     @property
     def parameters(self) -> str:
-        """What followed the `?`."""
+        """The parameters of the query, as they follow its `?`."""
 
     @property
     def content(self) -> Encoded | None:
@@ -128,7 +128,7 @@ class Inbox:
 
 
 def _size(item: Item) -> int:
-    """Of what its sender chose the length of [bytes]."""
+    """Return the size [bytes] of those parts of an item whose length its sender chose."""
     if isinstance(item, ReceivedSample):
         return len(item.payload) + len(item.key)
     if isinstance(item, TokenChange):

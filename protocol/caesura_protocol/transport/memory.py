@@ -30,10 +30,10 @@ def intersect(one: str, other: str) -> bool:
 
 
 class Offered(Protocol):
-    """What takes items: an Inbox, or a CallbackInbox."""
+    """Receiver of items: an Inbox, or a CallbackInbox."""
 
     def offer(self, item: Any) -> object:
-        """Take an item."""
+        """Receive an item."""
 
 
 class CallbackInbox(NamedTuple):
@@ -75,7 +75,7 @@ class MemoryTransport:
         self.close()
 
     def close(self) -> None:
-        """Nothing to give back: declarations end with their context managers."""
+        """Return at once: declarations end with their context managers."""
 
     def put(self, key: str, content: Encoded, *, priority: Priority = "data") -> None:
         """Deliver to every subscriber of the key."""

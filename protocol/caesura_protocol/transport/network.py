@@ -51,7 +51,7 @@ class Transport(Protocol):
 
     @property
     def endpoint(self) -> str:
-        """Where it is connected, as errors name it."""
+        """The endpoint to which it is connected, as errors name it."""
 
     def close(self) -> None:
         """Leave the network; everything declared through this session goes with it."""

@@ -260,7 +260,7 @@ def _refusal(error: zenoh.ReplyError, timeout_s: float) -> ProtocolError:
 
 
 def endpoint_of(endpoint: str | None, config_file: Path | None) -> str:
-    """Where a transport with these would connect. Raises CaesuraError."""
+    """Return the endpoint to which a transport with these would connect. Raises CaesuraError."""
     return _endpoints(_config(endpoint, config_file))[0]
 
 
@@ -285,7 +285,7 @@ def _config(endpoint: str | None, config_file: Path | None) -> zenoh.Config:
 
 
 def _endpoints(config: zenoh.Config) -> list[str]:
-    """That a configuration names for a client."""
+    """Return the endpoints that a configuration names for a client."""
     named = _reader(config)("connect/endpoints") or []
     return list(named.get("client") or []) if isinstance(named, dict) else list(named)
 

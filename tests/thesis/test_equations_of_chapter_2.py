@@ -2,7 +2,7 @@
 
 Rows of the list of wrong equations, each with the printed formula as a small function, the right one, and
 ours. Not tested: step 10 of 2.1.5, "t to t − 1", is prose. No code of ours needs (2.40)–(2.42), for the
-teacher moves the arm in joint space; what they should say is tested of the dynamics of `robot.kinematics`.
+teacher moves the arm in joint space; what they should say is tested of the dynamics of `robot.robot_model`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Check the words of docs and source: ruled-out words, long sentences, class names twice, missing docstrings.
+"""Check the words of docs and source: ruled-out words, long sentences, class names twice, docstrings.
 
     python scripts/check_words.py             # every finding, and exit status 1 if there is one
     python scripts/check_words.py --count     # findings by room and rule, and words a sentence by page
@@ -57,7 +57,13 @@ ADVICE = {name: advice for name, (_, advice) in RULES.items()} | {
     "long-sentence": "split it: one idea a sentence, at most 20 words",
     "class-twice": "rename the less central class: one name, one concept",
     "module-docstring": "open the module with a sentence that states what it holds",
+    "docstring-opening": "open with a verb and its object, 'Return …', or with a noun phrase",
 }
+# No first words of a docstring: of a question, or of a clause that stands for a noun.
+OPENINGS = re.compile(
+    r"(?:What|How|Where|As|Who|When|Is|Are|Does|Has|Have|Which|Why|Was|Can|May|Do|Its|It|Of|Would|Will|Were"
+    r"|Must|Did)\b"
+)
 MAX_SENTENCE_WORDS = 30
 MIN_DOCSTRING_WORDS = 4
 
@@ -123,8 +129,19 @@ def in_source(path: str, text: str) -> Iterator[WordFinding]:
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
             yield from words_in(path, token.start[0], token.string)
+    yield from docstring_openings(path, tree)
     if tree.body and not _is_sentence(ast.get_docstring(tree)):
         yield WordFinding(path, 1, "module-docstring", f"docstring {ast.get_docstring(tree)!r}"[:100])
+
+
+def docstring_openings(path: str, tree: ast.Module) -> Iterator[WordFinding]:
+    """Yield the docstrings of classes and functions that open as `OPENINGS` has it."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            docstring = ast.get_docstring(node) or ""
+            if OPENINGS.match(docstring):
+                start = docstring.splitlines()[0][:60]
+                yield WordFinding(path, node.lineno, "docstring-opening", f"docstring {start!r}")
 
 
 def names_in(path: str, text: str) -> Iterator[WordFinding]:

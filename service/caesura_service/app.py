@@ -133,7 +133,7 @@ class Service:
 
     @property
     def certificate_end(self) -> float | None:
-        """When the certificate that it shows ends [s since 1970]; None without one."""
+        """The time at which the certificate that it shows ends [s since 1970]; None without one."""
         return self._observed.certificate_end
 
     def check_link(self) -> None:

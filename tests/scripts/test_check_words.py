@@ -142,3 +142,19 @@ def test_the_mean_length_of_sentences_leaves_out_code_tables_and_headings(words)
     page = "# A title of many words\n\nOne two three. Four\nfive.\n\n    code in a block\n\n| a | b c d |\n"
     assert words.mean_sentence_words(page) == 2.5
     assert words.mean_sentence_words("# Only a title\n") == 0.0
+
+
+@pytest.mark.parametrize(
+    ("docstring", "found"),
+    [
+        ("What is left.", ["docstring-opening"]),
+        ("Is it a hold?", ["docstring-opening"]),
+        ("Whether it is a hold.", []),
+        ("Return the iterations.", []),
+        ("Isolated samples.", []),
+        ("", []),
+    ],
+)
+def test_a_docstring_opens_with_no_question_and_no_clause(words, docstring, found):
+    text = f'"""A module of one function."""\n\ndef held():\n    """{docstring}"""\n'
+    assert [one.rule for one in words.in_source("a.py", text)] == found

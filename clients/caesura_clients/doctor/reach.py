@@ -44,7 +44,7 @@ def check_endpoint(endpoint: str) -> CheckResult:
 
 
 def check_certificate(end: float, now: float) -> CheckResult:
-    """How long the certificate of the router lasts: with it every link ends, also of who teaches."""
+    """Check how long the certificate of the router lasts: with it ends every link, in a demonstration too."""
     remedy = (
         "`caesura certs DIR` says when the first of all ends; renew between demonstrations, the router's "
         "with `--renew router`: a link ends with its certificate"

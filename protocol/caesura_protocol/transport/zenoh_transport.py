@@ -265,7 +265,7 @@ def endpoint_of(endpoint: str | None, config_file: Path | None) -> str:
 
 
 def certificate_end_at(endpoint: str | None, config_file: Path | None) -> float | None:
-    """When the certificate of the router there ends [s since 1970]; None without TLS. Raises CaesuraError."""
+    """Return when the router's certificate ends [s since 1970]; None without TLS. Raises CaesuraError."""
     config = _config(endpoint, config_file)
     return listener_certificate_end(_endpoints(config)[0], _reader(config))
 

@@ -100,7 +100,7 @@ class NetworkSettings:
 
 
 def certificate_end(settings: NetworkSettings) -> float | None:
-    """When the certificate ends that the instance shows [s since 1970]; None without one, or unreadable.
+    """Return when the certificate that the instance shows ends [s since 1970]; None without a readable one.
 
     Raises NetworkError for a file that is no configuration.
     """

@@ -288,8 +288,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "a station is served without what could not be copied",
         "service/caesura_service/ownership/registry.py",
-        "                self.ownership.fall_behind(station, str(error))\n",
-        "",
+        "            self.ownership.fall_behind(station, str(error))\n            raise\n",
+        "            raise\n",
         (
             "tests/service/ownership/test_takeover_on_a_full_disk.py::test_a_correction_that_cannot_be_copied_is_not_replaced_by_the_next_one",
         ),
@@ -311,5 +311,39 @@ MUTATIONS: tuple[Mutation, ...] = (
         (
             "tests/service/ownership/test_edits_of_two_instances.py::test_an_owner_that_was_frozen_shows_nothing_before_it_has_the_corrections_of_its_successor",
         ),
+    ),
+    Mutation(
+        "a correction is acknowledged without another look at the epochs",
+        "service/caesura_service/ownership/registry.py",
+        "                self.ownership.check_current(station)\n",
+        "                pass\n",
+        (
+            "tests/service/ownership/test_edits_of_two_instances.py::test_an_edit_is_not_acknowledged_where_another_instance_acquires_the_station_meanwhile",
+        ),
+    ),
+    Mutation(
+        "another instance's journal that cannot be read just now counts as absent",
+        f"{JOURNAL}/peer_journals.py",
+        "        if now - self._unreadable.setdefault(path, now) < UNREADABLE_S:\n",
+        "        if now - self._unreadable.setdefault(path, now) < 0.0:\n",
+        (
+            "tests/service/ownership/test_unreadable_peers.py::test_a_correction_that_cannot_be_read_is_not_replaced_by_the_next_one",
+        ),
+    ),
+    Mutation(
+        "a clock that is years ahead at a start deletes the journal",
+        f"{JOURNAL}/retention.py",
+        "        used = min(now - earlier, PAUSE_S)\n",
+        "        used = now - earlier\n",
+        (
+            "tests/service/journal/test_retention.py::test_a_clock_that_is_years_ahead_at_a_start_costs_no_session",
+        ),
+    ),
+    Mutation(
+        "a bridge evicts what no service has",
+        "clients/caesura_clients/bridge/ring.py",
+        "self._entries[0].seq < self.acknowledged and ",
+        "",
+        ("tests/clients/test_ring.py::test_what_no_service_is_known_to_have_is_kept_beyond_the_span",),
     ),
 )

@@ -19,7 +19,7 @@ QUEUE_SHARE = 0.5  # of its capacity; a queue that is half full is behind
 JOURNAL_SHARE = 0.9  # of the size past which closed sessions go
 MB = 10**6
 DISK_FREE = 10**9  # [bytes] an hour of a robot at 1 kHz with all columns in double precision
-SILENT = "it is frozen, hangs, or has too much to do: see its log, and restart it within two minutes"
+SILENT = "it is frozen, hangs, or has too much to do: see its log, and restart it within ten minutes"
 SAME_RELEASE = "install the same release on both"
 
 
@@ -149,7 +149,7 @@ def _check_journal(status: ServiceStatus) -> CheckResult:
         found += f"; its disk has {journal.disk_free / MB:.0f} MB left"
     room = (
         "make room before it is full (`caesura sessions delete NAME` on its machine, another disk), or lower "
-        "--journal-gb: once it is full, samples are refused, and lost after two minutes"
+        "--journal-gb: once it is full, samples are refused, and lost after ten minutes at 1 kHz"
     )
     return graded("journal", f"{found}{every}", (crowded, "warn", room), (full, "warn", remedy))
 

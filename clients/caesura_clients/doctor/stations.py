@@ -24,7 +24,7 @@ from caesura_protocol.number_words import counted
 
 FEWEST_SAMPLES = 100  # that say something of a rate
 UNWRITABLE = "cannot write its journal"
-ROOM = "make room soon: the bridge has the newest two minutes, and is asked for them again"
+ROOM = "make room soon: the bridge keeps ten minutes at 1 kHz, and is asked for them again"
 REFUSED = {  # whether for want of room: what to do
     True: "the service had no room for them and asked for them again: see journal and queue",
     False: "the bridge sends what the service cannot take: see docs/operations.md",

@@ -116,7 +116,7 @@ def test_a_journal_that_cannot_be_written_is_the_cause_of_refusals_and_missing_b
         "warn",
         f"6883 overloaded, batch 133 is missing: {probed.alive[0]} cannot write its journal",
     )
-    assert one.remedy == "make room soon: the bridge has the newest two minutes, and is asked for them again"
+    assert one.remedy == "make room soon: the bridge keeps ten minutes at 1 kHz, and is asked for them again"
     assert text.count("no room left") == 1
     assert "the bridge sends what" not in text
     assert "whether the bridge answers" not in text
@@ -224,7 +224,7 @@ def test_a_service_that_hangs_is_no_matter_of_credentials():
     found = list(judge(replace(well(), reported=[], snapshots=[], statuses={}, refusals=[late, late])))
     assert grades(found, "service") == ["bad"]
     assert "is alive and does not answer" in said(found, "service")
-    assert "restart it within two minutes" in said(found, "service")
+    assert "restart it within ten minutes" in said(found, "service")
     assert grades(found, "credentials") == []
 
 

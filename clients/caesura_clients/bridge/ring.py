@@ -14,13 +14,13 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from itertools import islice
 
 from caesura_protocol.codec import Encoded
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import ReplayRange
 
 STEP_S = 1.0
+EVICTED = 8  # batches that may go for one that comes: the robot's thread does not wait for thousands
 
 
 class StoredBatch:
@@ -72,8 +72,10 @@ class ReplayRing:
                 entry.passed = last.passed + min(max(entry.t - last.t, 0.0), STEP_S)
             self._entries.append(entry)
             self._samples += entry.samples
-            while self._evictable(entry.passed):
+            evicted = 0
+            while self._evictable(entry.passed, evicted):
                 self._samples -= self._entries.popleft().samples
+                evicted += 1
 
     def sent_range(self, requested: ReplayRange) -> list[StoredBatch]:
         """The batches of a range that have been sent, oldest first, at most `requested.limit`.
@@ -89,19 +91,23 @@ class ReplayRing:
                     "evicted", "the ring no longer has these samples", value=requested.first, limit=oldest
                 )
             end = min(requested.last + 1, requested.first + requested.limit, self._entries[-1].seq + 1)
-            return list(islice(self._entries, requested.first - oldest, max(end, requested.first) - oldest))
+            return self._between(requested.first - oldest, end - oldest)
 
     def entries_from(self, first: int, count: int) -> list[StoredBatch]:
         """Return the stored batches from `first` on, oldest first, at most `count`."""
         with self._lock:
             skipped = max(0, first - self._entries[0].seq) if self._entries else 0
-            return list(islice(self._entries, skipped, skipped + count))
+            return self._between(skipped, min(skipped + count, len(self._entries)))
 
     def __len__(self) -> int:
         return len(self._entries)
 
-    def _evictable(self, now: float) -> bool:
-        """Return whether the oldest batch may be evicted.
+    def _between(self, begin: int, end: int) -> list[StoredBatch]:
+        """Return the batches of these places. An iterator would pass over all that are older."""
+        return [self._entries[place] for place in range(begin, end)]
+
+    def _evictable(self, now: float, evicted: int) -> bool:
+        """Return whether the oldest batch may be evicted, after so many have been.
 
         The bound on samples takes precedence over the span.
         """
@@ -109,4 +115,6 @@ class ReplayRing:
             return False
         if self._samples > self.max_samples:
             return True
+        if evicted >= EVICTED:
+            return False
         return self._entries[0].seq < self.acknowledged and now - self._entries[1].passed > self.span_s

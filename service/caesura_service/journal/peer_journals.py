@@ -106,15 +106,17 @@ class PeerJournals:
 
     def epoch_of(self, station: str) -> int:
         """Return the highest epoch of a station in the peer journals; -1 without one."""
-        return self.epochs_of((station,))[station]
+        asked = (self._query(path, lambda kept: epoch_in(kept, station)) for path in self._paths())
+        return max((epoch for epoch in asked if epoch is not None), default=-1)
 
-    def epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
-        """Return the highest epoch of each station in the peer journals; -1 without one."""
+    def readable_epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
+        """Return the highest epoch of each station in the peer journals that can be read; -1 without one."""
         highest = dict.fromkeys(stations, -1)
         for path in self._paths():
-            found = self._query(path, lambda kept: {name: epoch_in(kept, name) for name in highest})
-            for name, epoch in (found or {}).items():
-                highest[name] = max(highest[name], epoch)
+            with suppress(PeerJournalError):
+                found = self._query(path, lambda kept: {name: epoch_in(kept, name) for name in highest})
+                for name, epoch in (found or {}).items():
+                    highest[name] = max(highest[name], epoch)
         return highest
 
     def last_opened(self, station: str) -> float | None:

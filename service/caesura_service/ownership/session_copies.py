@@ -65,9 +65,9 @@ class JournalSet:
         """Return the highest epoch under which another instance had the station; -1 if none had."""
         return self._peers.epoch_of(station)
 
-    def peer_epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
-        """Return the highest epoch under which another instance had each station; -1 if none had."""
-        return self._peers.epochs_of(stations)
+    def readable_peer_epochs_of(self, stations: Iterable[str]) -> Mapping[str, int]:
+        """Return the highest epoch of another instance at each station that can be read; -1 if none can."""
+        return self._peers.readable_epochs_of(stations)
 
     def peer_last_opened(self, station: str) -> float | None:
         """Return when another instance last opened a session of the station [s]; None where none did."""

@@ -65,19 +65,13 @@ class StationOwnership:
         Asked before anything but batches is recorded, and again before it is acknowledged: who acquires a
         station reads the journals after that, so one of the two finds the other.
         An instance that was frozen does not know that it lost its stations. What it recorded then would
-        count as much as what their owner has acknowledged. A directory that cannot be read says nothing.
+        count as much as what their owner has acknowledged. A journal that cannot be read says nothing.
         Raises JournalError where the own epoch, by which the other one learns that, cannot be stored.
         """
         self._store_epoch(station)
-        if self._is_known_superseded(station):
+        if self._superseded_among({station}):
             self.superseded.add(station)
             raise JournalSupersededError("another instance has served the station meanwhile: try again")
-
-    def _is_known_superseded(self, station: str) -> bool:
-        try:
-            return self.is_superseded(station)
-        except JournalError:
-            return False
 
     def release(self, station: str) -> None:
         """Release a station to another instance."""
@@ -111,12 +105,12 @@ class StationOwnership:
         return behind | self._superseded_among(asked - behind)
 
     def _superseded_among(self, stations: Set[str]) -> Set[str]:
-        """Return those that another instance has acquired since; the journals are opened once for all."""
+        """Return those that another instance has acquired since, as far as the journals can be read."""
         mine = {name: owner.epoch for name in stations if (owner := self._owners.get(name)) is not None}
         if not mine:
             return frozenset()
         try:
-            last = self._journals.peer_epochs_of(mine)
+            last = self._journals.readable_peer_epochs_of(mine)
         except JournalError:
             return frozenset()
         return {name for name, epoch in mine.items() if last[name] > epoch}

@@ -107,7 +107,8 @@ def pair(tmp_path: Path) -> Iterator[tuple[Instance, Instance]]:
 
 def has_checked(instance: Instance, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has seen that no other instance has acquired the station, just before one does."""
-    monkeypatch.setattr(instance.registry._journals, "peer_epoch_of", lambda _station: -1)
+    journals = instance.registry._journals
+    monkeypatch.setattr(journals, "readable_peer_epochs_of", lambda asked: dict.fromkeys(asked, -1))
 
 
 def reported(standing: SessionState) -> tuple[object, ...]:

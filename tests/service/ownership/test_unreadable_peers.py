@@ -155,3 +155,19 @@ def test_a_session_that_cannot_be_read_has_not_been_deleted(tmp_path, monkeypatc
         a.path.unlink()
         (said,) = b.registry.tick(1e9)
         assert isinstance(said, SessionDeleted)
+
+
+def test_an_owner_learns_of_its_successor_beside_a_journal_that_cannot_be_read(tmp_path):
+    """It acknowledged a correction that its successor never had: a third journal could not be read."""
+    with ExitStack() as stack:
+        a, b = Instance(tmp_path, "b", stack), Instance(tmp_path, "c", stack)
+        third = Instance(tmp_path, "a", stack)
+        a.open()
+        a.feed(*range(9))
+        a.journal.commit()
+        b.take(10.0)
+        with refused_by_system(third.path):
+            a.registry.ownership.is_settling = True
+            assert a.registry.ownership.may_be_behind({STATION}) == {STATION}
+            late = refused(corrected(a, 0, Insert(t=0.5)))
+        assert (late.code, "another instance has served" in late.message) == ("overloaded", True)

@@ -139,7 +139,7 @@ class Registry:
         """Bring the station's sessions up to the furthest journal; gives way after every record.
 
         From then on results have a new epoch, higher than any before. renew: also where nothing was behind,
-        as after another instance may have owned the station; always where one has. Raises NotRecordedError,
+        as after another instance may have owned the station; always where one has. Raises JournalError,
         and the station's messages are rejected until it is taken over again.
         """
         try:
@@ -163,15 +163,16 @@ class Registry:
         self.ownership.begin_takeover(station)
         self.ownership.begin_catching_up(station)
         self._rebuilder.cancel(station)
-        held, owner = self._held.of(station), self.ownership.acquire(station, now)
+        held = self._held.of(station)
         try:
+            owner = self.ownership.acquire(station, now)
             wanted = self._wanted(station)  # of now: from here on the last owner acknowledges nothing
             taken = {name: session for name, session in held.items() if name not in wanted}
             for name, copies in wanted.items():
                 session = yield from self._takeover.take_over_session(copies, held.get(name), owner)
                 if session is not None:
                     taken[name] = session
-        except (NotRecordedError, PeerJournalError) as error:
+        except JournalError as error:
             self.ownership.fall_behind(station, str(error))
             raise
         self.ownership.catch_up(station)

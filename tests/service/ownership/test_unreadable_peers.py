@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -60,6 +61,22 @@ def locked(path: Path) -> Iterator[None]:
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("PRAGMA locking_mode = EXCLUSIVE")
         other.execute("BEGIN EXCLUSIVE")
+        yield
+
+
+@contextmanager
+def not_listed(looks: int) -> Iterator[None]:
+    """The directory, as where too many files are open, at that look alone."""
+    listed, left = os.listdir, [looks]
+
+    def listing(directory: Path) -> list[str]:
+        left[0] -= 1
+        if left[0] == -1:
+            raise OSError(24, "Too many open files")
+        return listed(directory)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(peer_journals.os, "listdir", listing)
         yield
 
 
@@ -171,3 +188,19 @@ def test_an_owner_learns_of_its_successor_beside_a_journal_that_cannot_be_read(t
             assert a.registry.ownership.may_be_behind({STATION}) == {STATION}
             late = refused(corrected(a, 0, Insert(t=0.5)))
         assert (late.code, "another instance has served" in late.message) == ("overloaded", True)
+
+
+@pytest.mark.parametrize("looks", range(8))
+def test_a_station_that_an_opening_could_not_take_over_is_taken_over_later(tmp_path, looks):
+    """It was rejected from then on, as one that is just being taken over, and nobody took it over."""
+    with ExitStack() as stack:
+        a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
+        a.registry.ownership.acquire(STATION, 0.0)
+        b.registry.ownership.acquire(STATION, 10.0)
+        b.open()
+        b.feed(*range(9))
+        b.journal.commit()
+        with not_listed(looks):
+            a.open()
+        ownership = a.registry.ownership
+        assert not ownership.in_takeover(STATION) or STATION in ownership.superseded

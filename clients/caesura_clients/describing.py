@@ -58,15 +58,19 @@ def close_left_open(
 ) -> list[Ack]:
     """Close what a bridge that ended for good left open, behind the last batch that the service has.
 
-    session: by default all that are open. Raises CaesuraError where a bridge is connected, NotFound where no
-    session is open, ProtocolError where the service refuses, Unreachable where it does not answer.
+    session: by default all that are open; success: of one demonstration. Raises CaesuraError where a bridge
+    is connected or `success` is of several sessions, NotFound where no session is open, ProtocolError where
+    the service refuses, Unreachable where it does not answer.
     """
-    if station in query.stations(transport):
-        raise CaesuraError(f"a bridge is connected at {station}, which stops its own session")
     found = query.snapshots(transport, station, session or "*", complete=True)
     left = [one.status for one in found if one.status.state == "open"]
     if not left:
         raise NotFound(f"no session is open at {station}")
+    if success is not None and len(left) > 1:
+        names = ", ".join(status.session for status in left)
+        raise CaesuraError(f"{station} has several open sessions: name the one that is meant, of {names}")
+    if station in query.stations(transport):  # at the last moment: it may just have come back
+        raise CaesuraError(f"a bridge is connected at {station}, which stops its own session")
     acks = [ControlClient(transport, station).close_left_open(one, success=success) for one in left]
     if None in acks:
         raise Unreachable(f"the service has not answered: {station} may have an open session still")

@@ -142,9 +142,9 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
             (True, "ok", f"not connected, and {last}", ""),
         )
     again = (
-        "look at its machine first: while its process lives, it sends what is missing by itself, up to two "
-        f"minutes; if it has ended, start it again with --station {station.name} --session {status.session} "
-        "--epoch N, N above the last one (0 at first); if it has ended for good: "
+        "look at its machine first: while its process lives, it sends what is missing by itself, up to ten "
+        f"minutes at 1 kHz; if it has ended, start it again with --station {station.name} "
+        f"--session {status.session} --epoch N, N above the last one (0 at first); if it has ended for good: "
         f"`caesura stop {station.name} --without-bridge`"
     )
     return first_of(

@@ -66,6 +66,8 @@ class HeldSessions:
 
     def remove(self, station: str, name: str) -> None:
         """Remove a session, where it is held."""
+        if name not in self.of(station):
+            return  # as most of what the journal deletes
         self.replace(station, {other: one for other, one in self.of(station).items() if other != name})
 
     def replace(self, station: str, sessions: Mapping[str, Session]) -> None:

@@ -1,0 +1,55 @@
+"""Closing what a bridge that ended for good left open."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from caesura_clients import describing, query
+from caesura_protocol.errors import CaesuraError
+from caesura_protocol.messages import Ack
+from caesura_protocol.transport.memory import MemoryNetwork, MemoryTransport
+
+STATION = "cell-1"
+
+
+@pytest.fixture
+def closed(monkeypatch):
+    """Two open sessions without a bridge; the sessions that are closed."""
+    names: list[str] = []
+
+    def close(_client, status, *, success=None):
+        names.append(status.session)
+        return Ack(session=status.session, next_seq=1, state="closed", revision=0)
+
+    left = [SimpleNamespace(status=SimpleNamespace(session=name, state="open")) for name in ("s1", "s2")]
+    monkeypatch.setattr(query, "snapshots", lambda *_asked, **_how: left)
+    monkeypatch.setattr(query, "stations", lambda _transport: [])
+    monkeypatch.setattr(describing.ControlClient, "close_left_open", close)
+    return names
+
+
+def test_a_bridge_that_comes_back_while_the_sessions_are_asked_for_keeps_its_own(closed, monkeypatch):
+    """Its session was closed, and it was refused what it taught from then on."""
+    there: list[str] = []
+    asked = query.snapshots
+
+    def snapshots(*words, **how):
+        there.append(STATION)
+        return asked(*words, **how)
+
+    monkeypatch.setattr(query, "snapshots", snapshots)
+    monkeypatch.setattr(query, "stations", lambda _transport: there)
+    with pytest.raises(CaesuraError, match="a bridge is connected"):
+        describing.close_left_open(MemoryTransport(MemoryNetwork()), STATION)
+    assert closed == []
+
+
+def test_whether_it_succeeded_is_said_of_one_demonstration(closed):
+    """It was recorded of every session that was open."""
+    transport = MemoryTransport(MemoryNetwork())
+    with pytest.raises(CaesuraError, match="of s1, s2"):
+        describing.close_left_open(transport, STATION, success=True)
+    assert closed == []
+    assert len(describing.close_left_open(transport, STATION)) == 2

@@ -147,11 +147,17 @@ def correct(visitor: Visitor) -> None:
     page.locator(".plots").press("0")
     page.locator("canvas.band").scroll_into_view_if_needed()
     settled(page)
-    x, _ = Operator.at(page, visitor).place(INSERTED_S)
-    band = page.locator("canvas.band").bounding_box()
-    assert band is not None
-    page.mouse.click(x, band["y"] + band["height"] - 4, button="right")
-    page.locator(".correct-menu .insert").click()
+    insert = page.locator(".correct-menu .insert")
+
+    def opens_menu() -> bool:  # again where the page has moved between the look and the click
+        x, _ = Operator.at(page, visitor).place(INSERTED_S)
+        band = page.locator("canvas.band").bounding_box()
+        assert band is not None
+        page.mouse.click(x, band["y"] + band["height"] - 4, button="right")
+        return insert.is_visible()
+
+    eventually(opens_menu)
+    insert.click()
     expect(page.locator(".message").first).to_contain_text("Changepoint inserted at 1.")
     expect(page.locator(".corrections li")).to_have_count(1)
     looks_right(visitor, "day-corrected")

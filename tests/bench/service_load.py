@@ -193,7 +193,7 @@ def taken(transport: ZenohTransport, name: str) -> int:
 def robot(endpoint: str, names: Sequence[str], lockstep: bool, reported: Any, over: Any) -> None:
     """Put every station's batches when they are due, and tell when that was.
 
-    over: until it is set, whoever asks for batches gets them.
+    over: until it is set, the service gets the batches that it asks for.
     """
     taught = [prepared(*one) for one in ([(TASKS[0], 0)] if lockstep else product(TASKS, range(PLACES)))]
     opening = taught[0][1]

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_protocol.errors import AccessDenied, CaesuraError, Unreachable
 from caesura_protocol.number_words import counted
+from caesura_protocol.transport.diagnosis import CERTIFICATE_WARNS_S
 from caesura_protocol.transport.endpoints import DEFAULT_ENDPOINT
 
 TIMEOUT_S = 2.0
 CHECK = "endpoint"
-CERTIFICATE_WARNS_S = 30 * 86400.0  # before its end
 _REFUSED = " does not let us in: "
 _SOCKETS = ("tcp", "tls")  # what a plain connection can look at
 REMEDIES: Mapping[type[Exception], str] = {  # of the first kind that it is

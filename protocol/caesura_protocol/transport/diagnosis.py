@@ -22,6 +22,7 @@ from caesura_protocol.errors import AccessDenied, Unreachable
 Read = Callable[[str], Any]  # of a configuration, by path; None where there is nothing
 
 TIMEOUT_S = 1.0
+CERTIFICATE_WARNS_S = 30 * 86400.0  # before the end of a certificate
 VERDICT_S = 0.5  # for a router to turn a certificate down, which TLS 1.3 does after the handshake
 _CHECKED_PROTOCOLS = ("tcp", "tls")
 _NO_TLS = "it does not speak TLS: write tcp/"

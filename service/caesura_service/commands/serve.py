@@ -13,6 +13,7 @@ import typer
 
 from caesura_protocol.errors import ProtocolError
 from caesura_protocol.keys import check_name
+from caesura_protocol.transport.diagnosis import CERTIFICATE_WARNS_S
 from caesura_service.app import Service, run_service, stopping
 from caesura_service.changepoint.presets import PRESETS
 from caesura_service.commands.supervisor import (
@@ -37,7 +38,6 @@ from caesura_service.server.network import DEFAULT_ENDPOINT
 logger = logging.getLogger(__name__)
 
 IN_MEMORY = "memory"
-CERTIFICATE_WARNS_S = 30 * DAY_S  # before its end
 ROUTER = "router"  # what starts several instances calls itself in the log
 # Options that differ between instances, or that concern only the router.
 OF_EACH = (

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
-from caesura_service.journal.wal import log_of
+from caesura_service.journal.wal import files_beside, log_of
 
 logger = logging.getLogger(__name__)
 
@@ -78,8 +78,7 @@ def open_damaged(aside: Path) -> sqlite3.Connection:
 def move_aside(path: Path) -> Path:
     """Rename the file and its log, which no process may have open; return the new path."""
     aside = path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%d-%H%M%S')}")
-    for suffix in ("-wal", "-shm", ""):
-        part = path.with_name(path.name + suffix)
+    for part, moved in zip((*files_beside(path), path), (*files_beside(aside), aside), strict=True):
         if part.exists():
-            part.rename(aside.with_name(aside.name + suffix))
+            part.rename(moved)
     return aside

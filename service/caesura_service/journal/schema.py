@@ -31,6 +31,7 @@ from caesura_service.journal.journal import (
     JournalFullError,
     JournalMalformedError,
 )
+from caesura_service.journal.wal import files_beside
 
 APPLICATION_ID = 0x43616573  # "Caes"
 SCHEMA_VERSION = 8  # with version 8 an edit may take back any correction
@@ -336,8 +337,7 @@ def _remedy_of_disk(path: Path, name: str) -> str | None:
 
 def _remedy_of_neighbour(path: Path, name: str) -> str | None:
     """Return which file beside a journal is another user's, such as root's, if so."""
-    for suffix in ("-wal", "-shm", LOCK_SUFFIX) if name in UNEXPLAINED else ():
-        beside = path.with_name(path.name + suffix)
+    for beside in (*files_beside(path), _lock_of(path)) if name in UNEXPLAINED else ():
         with suppress(OSError):  # a disk that fails allows nothing, and is no matter of users
             if beside.stat().st_uid != os.geteuid() and not os.access(beside, os.R_OK | os.W_OK):
                 found = "cannot be opened: let this user read and write"
@@ -409,14 +409,18 @@ def _create_private(path: Path) -> None:
 
 def _make_private(path: Path) -> None:
     """Set mode 0600 on a journal's files: older versions left it to the umask, and new logs inherit it."""
-    for suffix in ("", "-wal", "-shm"):
+    for part in (path, *files_beside(path)):
         with suppress(FileNotFoundError, PermissionError):
-            path.with_name(path.name + suffix).chmod(0o600)
+            part.chmod(0o600)
+
+
+def _lock_of(path: Path) -> Path:
+    return path.with_name(path.name + LOCK_SUFFIX)
 
 
 def acquire_lock(path: Path) -> sqlite3.Connection:
     """Acquire the lock of a journal, which ends with the process. Raises JournalError while it is held."""
-    where = path.with_name(path.name + LOCK_SUFFIX)
+    where = _lock_of(path)
     with suppress(OSError):
         _create_private(where)
     with map_sqlite_errors(path):

@@ -24,6 +24,11 @@ def log_of(path: Path) -> Path:
     return path.with_name(path.name + "-wal")
 
 
+def files_beside(path: Path) -> tuple[Path, Path]:
+    """Return the files that SQLite keeps beside a database: its log, and the memory that processes share."""
+    return log_of(path), path.with_name(path.name + "-shm")
+
+
 def log_integrity_error(path: Path) -> str | None:
     """Return which frames of a journal's log SQLite skips, or None; a copy of the log is kept then.
 

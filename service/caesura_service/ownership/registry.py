@@ -97,7 +97,7 @@ class Registry:
         )
         self._takeover = Takeover(self._factory, self._journals, journal)
         self._rebuilder = ClosedSessionRebuilder(self._takeover, self._journals)
-        self.slices = Slices()  # of the work on what stations send, by station; REVIVING by that
+        self.slices = Slices()  # of the work on what stations send, by station; REBUILDING by that
         self._held = HeldSessions()
         self._station_limit = StationLimit(limits, self._is_busy)
         self._retention_due_s = self._peer_poll_due_s = float("-inf")  # [s]
@@ -118,11 +118,9 @@ class Registry:
         """
         failed: list[TakeoverFailed] = []
         for station in sorted(self.known_stations() if stations is None else stations):
-            try:
+            with suppress(NotRecordedError, PeerJournalError):  # it is tried again
                 for step in self.take_over(station, now):
                     failed += [output for output in step if isinstance(output, TakeoverFailed)]
-            except (NotRecordedError, PeerJournalError) as error:
-                self.ownership.fall_behind(station, str(error))
         return failed
 
     def known_stations(self) -> Set[str]:

@@ -125,7 +125,7 @@ def test_one_that_stays_unreadable_does_not_keep_a_station_from_being_served(pai
 
 
 def test_a_session_of_an_unreadable_journal_is_corrected_as_soon_as_it_can_be_read(tmp_path):
-    """The operator was told that it cannot be corrected."""
+    """The answer to the operator was that it cannot be corrected."""
     with ExitStack() as stack:
         a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
         a.open()
@@ -192,7 +192,7 @@ def test_an_owner_learns_of_its_successor_beside_a_journal_that_cannot_be_read(t
 
 @pytest.mark.parametrize("looks", range(8))
 def test_a_station_that_an_opening_could_not_take_over_is_taken_over_later(tmp_path, looks):
-    """It was rejected from then on, as one that is just being taken over, and nobody took it over."""
+    """It was rejected from then on, as one that is just being taken over, and no instance took it over."""
     with ExitStack() as stack:
         a, b = Instance(tmp_path, "a", stack), Instance(tmp_path, "b", stack)
         a.registry.ownership.acquire(STATION, 0.0)

@@ -37,20 +37,20 @@ from pydantic import ValidationError
 
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.bridge.marker_queue import MarkerQueue
-from caesura_clients.bridge.replay import ReplayServer
+from caesura_clients.bridge.replay_server import ReplayServer
 from caesura_clients.bridge.ring import ReplayRing
 from caesura_clients.bridge.send_thread import SendThread
 from caesura_clients.bridge.sender import BatchSender
 from caesura_clients.bridge.settings import BridgeSettings
 from caesura_clients.bridge.sources import Chunk, Mark, Source
-from caesura_clients.bridge.unstored import save_unstored
+from caesura_clients.bridge.unstored_batches import save_unstored
 from caesura_clients.editing import mark
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError, Unreachable
 from caesura_protocol.keys import NAME_PATTERN, check_name, service_key, station_key
 from caesura_protocol.messages import Ack, Close, Description, HandOnRobot, Open
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import FirstSecond
-from caesura_protocol.pose_reading import PoseReadings
+from caesura_protocol.pose_rate import PoseReadings
 from caesura_protocol.programs.safety import UNSET, CellSettings
 from caesura_protocol.recording import OPTIONS, contradiction, is_option, unit_remedy
 from caesura_protocol.transport.inbox import Inbox

@@ -18,7 +18,7 @@ from caesura_clients.cli.options import (
     reported,
 )
 from caesura_clients.cli.result_tables import clock_lines, segments_view
-from caesura_clients.cli.silence import say_why_silent, waiting_for, why_silent
+from caesura_clients.cli.wait_diagnosis import print_wait_reason, wait_reason, waiting_for
 from caesura_clients.cli.watching import FinalLines, LiveView
 from caesura_clients.client import Caesura
 from caesura_clients.following import events
@@ -65,7 +65,7 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
 def _write_lines(caesura: Caesura, station: str | None) -> None:
     """Each final segment, written at once; until Ctrl-C or SIGTERM."""
     final = FinalLines()
-    say_why_silent(caesura, station)
+    print_wait_reason(caesura, station)
     with ended_by_sigterm(), suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):
             if isinstance(event, Update):
@@ -74,7 +74,7 @@ def _write_lines(caesura: Caesura, station: str | None) -> None:
 
 
 def _show_live(caesura: Caesura, station: str | None) -> None:
-    waiting = ", ".join(filter(None, (why_silent(caesura, station), waiting_for(station))))
+    waiting = ", ".join(filter(None, (wait_reason(caesura, station), waiting_for(station))))
     view = LiveView(lambda: _current_sessions(caesura), waiting=waiting)
     with ended_by_sigterm(), Live(view, refresh_per_second=10) as live, suppress(KeyboardInterrupt):
         for event in events(caesura.transport, station or "*"):

@@ -19,7 +19,7 @@ from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from typing import Any
 
-from caesura_clients.dashboard.signals import SignalRing
+from caesura_clients.dashboard.signal_ring import SignalRing
 from caesura_clients.dashboard.station_summary import DashboardState, NewestSamples
 from caesura_clients.dashboard.system import rates
 from caesura_clients.following import Event, SessionRemoved, events

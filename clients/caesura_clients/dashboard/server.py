@@ -25,7 +25,7 @@ from caesura_clients.dashboard.pages.compare import ComparePage
 from caesura_clients.dashboard.pages.layout import ASSETS, Site
 from caesura_clients.dashboard.pages.session import SessionPage
 from caesura_clients.dashboard.proxies import Proxies
-from caesura_clients.dashboard.signals import as_bytes
+from caesura_clients.dashboard.signal_ring import as_bytes
 from caesura_clients.dashboard.silent_connections import BoundedProtocol
 from caesura_protocol.errors import CaesuraError, NotFound, ProtocolError
 from caesura_protocol.keys import check_name, parse_samples_parameters

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from caesura_clients.doctor import instances, signal, stations
+from caesura_clients.doctor.endpoint_check import check_certificate, check_endpoint, no_session
 from caesura_clients.doctor.findings import CheckResult, graded
 from caesura_clients.doctor.probes import ProbeResult, probe_network
-from caesura_clients.doctor.reach import check_certificate, check_endpoint, no_session
 from caesura_protocol.errors import CaesuraError, Unreachable
 from caesura_protocol.formats.sample_checks import check_clock, check_time_steps
 from caesura_protocol.messages import WRENCH_SOURCES

@@ -11,7 +11,7 @@ import typer
 
 from caesura_clients.cli.connection_options import Config, Connect, OnlyStation
 from caesura_clients.cli.options import connected, named, only_station, reported
-from caesura_clients.cli.silence import say_why_silent
+from caesura_clients.cli.wait_diagnosis import print_wait_reason
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.errors import CaesuraError
@@ -50,7 +50,7 @@ def serve_foxglove(
             from caesura_clients.viewer.foxglove_server import FoxgloveServer  # noqa: PLC0415
         with connected(endpoint, config, patient=True) as caesura:
             shown = only_station(caesura, station)
-            say_why_silent(caesura, shown)
+            print_wait_reason(caesura, shown)
             server = FoxgloveServer(f"caesura {shown}", host, port)
             feed = StationFeed(caesura.transport, shown, server)
             server.on_subscribe = feed.subscribed

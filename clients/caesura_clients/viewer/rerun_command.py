@@ -9,7 +9,7 @@ import typer
 
 from caesura_clients.cli.connection_options import Config, Connect, OnlyStation
 from caesura_clients.cli.options import connected, named, only_station, reported
-from caesura_clients.cli.silence import say_why_silent
+from caesura_clients.cli.wait_diagnosis import print_wait_reason
 from caesura_clients.viewer.waiting import wait_for_the_end
 from caesura_protocol.distribution import import_extra
 from caesura_protocol.transport.network import QUERY_TIMEOUT_S
@@ -34,7 +34,7 @@ def show_in_rerun(
             from caesura_clients.viewer.rerun_sink import RerunSink  # noqa: PLC0415
         with connected(endpoint, config, patient=True) as caesura:
             shown = only_station(caesura, station)
-            say_why_silent(caesura, shown)
+            print_wait_reason(caesura, shown)
             name = f"caesura {shown}"
             sink = RerunSink(name, file=save) if save is not None else RerunSink(name, viewer=viewer)
             with sink, StationFeed(caesura.transport, shown, sink) as feed:

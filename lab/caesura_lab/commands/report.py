@@ -14,8 +14,8 @@ from caesura_clients.cli.options import ProgramOptions, Reading, grouped, report
 from caesura_lab.annotations import Truth, read_annotation, truth_file
 from caesura_lab.commands.options import Mapping, PresetName, RecordingFile
 from caesura_lab.commands.segment import announce_compilation
-from caesura_lab.report.from_start import from_start
 from caesura_lab.report.report_data import ReportData, collect
+from caesura_lab.report.session_times import from_start
 from caesura_protocol.distribution import install_command
 from caesura_protocol.errors import CaesuraError, ProtocolError, SourceError
 from caesura_protocol.formats.read import load_recording

@@ -44,7 +44,7 @@ from caesura_protocol.keys import NAME_PATTERN
 from caesura_protocol.messages import COLUMNS_OF_SIGNAL, FORCE_FRAMES, WRENCH_SOURCES, Quantity
 from caesura_protocol.number_words import counted
 from caesura_protocol.plausibility import UNITS
-from caesura_protocol.pose_reading import slow_pose
+from caesura_protocol.pose_rate import slow_pose
 from caesura_protocol.programs.safety import CellSettings
 from caesura_protocol.recording import (
     ASSUMED_FLAG,

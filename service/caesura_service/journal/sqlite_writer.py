@@ -22,6 +22,7 @@ from caesura_protocol.errors import ProtocolError
 from caesura_protocol.messages import MAX_WHOLE_BYTES
 from caesura_service.journal.checksums import checksum
 from caesura_service.journal.deletion import delete_batch
+from caesura_service.journal.file_identity import JournalFileIdentity
 from caesura_service.journal.journal import (
     EncodedBatch,
     JournalError,
@@ -31,7 +32,6 @@ from caesura_service.journal.journal import (
     Record,
 )
 from caesura_service.journal.open_sessions import OpenSessions
-from caesura_service.journal.place import Place
 from caesura_service.journal.reserve import SIZE, Reserve
 from caesura_service.journal.retention import JournalSettings
 from caesura_service.journal.row_writer import portions, write_rows
@@ -80,7 +80,7 @@ class SqliteWriter:
         self._open_sessions = OpenSessions()
         self._known: set[Key] = set()  # sessions, at the last look and since
         self._reserve = Reserve(path)
-        self._place = Place(path)
+        self._files = JournalFileIdentity(path)
         self._makes_room = False  # do deletions go on, which on a full disk come before what waits?
         self._has_deleted = False  # has anything been dropped by this one?
         self._wake, self._stopped = threading.Event(), threading.Event()
@@ -106,7 +106,7 @@ class SqliteWriter:
                 return
             for portion in portions(rows):
                 try:
-                    self._place.check()
+                    self._files.check()
                     self._leave_room(sum(row.size for row in portion))
                     with map_sqlite_errors(self.path), transaction(self._database):
                         write_rows(self._database, portion)
@@ -273,7 +273,7 @@ class SqliteWriter:
 
     def _start_thread(self, stack: ExitStack) -> None:
         """Start the writing thread; the stack ends it, and writes what waits then."""
-        self._place.remember()
+        self._files.remember()
         stack.callback(self.flush)
         if not self._alone:
             stack.callback(self._delete_rest)

@@ -36,6 +36,7 @@ from caesura_protocol.messages import (
 from caesura_protocol.transport.inbox import IncomingQuery
 from caesura_protocol.transport.network import nothing_found
 from caesura_service.publishing.events import Publish, RequestReplay
+from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.inbound import (
     Arrival,
@@ -46,7 +47,6 @@ from caesura_service.server.inbound import (
     SamplesReceived,
     sources_of,
 )
-from caesura_service.server.lanes import Lanes
 from caesura_service.server.network_interface import Incoming, Network, NetworkError, Publisher
 from caesura_service.server.replay_blocks import ReplayBlocks
 from caesura_service.server.work_queue import WorkQueue

@@ -26,6 +26,7 @@ from caesura_service.decimation import SampleReader
 from caesura_service.ownership.registry import Registry
 from caesura_service.publishing.events import Owner
 from caesura_service.server.batch_collector import BatchCollector
+from caesura_service.server.blocking_sends import Lanes
 from caesura_service.server.budgets import Budgets
 from caesura_service.server.channel_poller import ChannelPoller
 from caesura_service.server.inbound import (
@@ -39,7 +40,6 @@ from caesura_service.server.inbound import (
     lane_of_query,
     source_of_key,
 )
-from caesura_service.server.lanes import Lanes
 from caesura_service.server.live_tokens import SERVICES, TokenChanges, query_live_tokens
 from caesura_service.server.muted_sources import MutedSources
 from caesura_service.server.network import DEFAULT_ENDPOINT, Join, NetworkSettings, join, lets_in
@@ -49,10 +49,10 @@ from caesura_service.server.query_server import QueryServer, too_many_waiting
 from caesura_service.server.rate_limits import RateLimits
 from caesura_service.server.result_publisher import ResultPublisher, publisher_of, put
 from caesura_service.server.router_link import RouterLink
-from caesura_service.server.samples import SampleServer
+from caesura_service.server.sample_server import SampleServer
 from caesura_service.server.station_manager import StationManager
 from caesura_service.server.station_subscriptions import StationSubscriptions
-from caesura_service.server.stored import StoredServer
+from caesura_service.server.stored_session_server import StoredSessionServer
 from caesura_service.server.work_queue import QueueSettings, WorkQueue
 from caesura_service.server.worker import Worker
 from caesura_service.sessions.batch_block import BatchBlock
@@ -99,7 +99,7 @@ class ZenohServer:
         rates = rates or RateLimits()
         self.budgets = Budgets(rates)
         self._log_rate = RateLimit(LOG_RATE)
-        self._stored = StoredServer(registry.stored, owner.instance)
+        self._stored = StoredSessionServer(registry.stored, owner.instance)
         self._queries = QueryServer(
             registry, self._queue, self.status, self.budgets, self._stored.take, owner.instance
         )

@@ -30,7 +30,7 @@ from caesura_protocol.messages import (
 )
 from caesura_service.journal import AppliedEdit, AppliedProgramEdit
 from caesura_service.publishing import messages
-from caesura_service.publishing.effect import effect_of
+from caesura_service.publishing.edit_effect import effect_of
 from caesura_service.publishing.events import BatchRejected, Output, Owner, Publish, SessionFailed
 from caesura_service.publishing.lifecycle import Lifecycle, LifecycleEvent, next_state
 from caesura_service.publishing.session_state import (

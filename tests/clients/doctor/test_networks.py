@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from caesura_clients import connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.cli.commands import register
+from caesura_clients.doctor.endpoint_check import no_session
 from caesura_clients.doctor.probes import probe_network
-from caesura_clients.doctor.reach import no_session
 from caesura_clients.doctor.run_checks import examine_network, judge
 from caesura_clients.query import snapshots
 from caesura_protocol.codec import Encoded, encode

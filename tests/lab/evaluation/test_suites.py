@@ -27,9 +27,9 @@ from caesura_lab.annotations import (
 from caesura_lab.commands import register
 from caesura_lab.evaluation import suites
 from caesura_lab.evaluation.baselines import Baseline, thresholds
-from caesura_lab.evaluation.declared import with_declarations
 from caesura_lab.evaluation.report import as_json, report
 from caesura_lab.evaluation.runner import judge, judge_all
+from caesura_lab.evaluation.session_declarations import with_declarations
 from caesura_lab.evaluation.suites import (
     FileCase,
     ReadingOptions,

@@ -16,16 +16,6 @@ from caesura_lab.annotations import TrueChangepoint, Truth
 from caesura_lab.commands import register
 from caesura_lab.evaluation.metrics import TimedEstimate
 from caesura_lab.evaluation.thesis import measure, suite
-from caesura_lab.evaluation.thesis.demonstrations import (
-    DRAWN,
-    HUMAN,
-    NO_GRIPPER,
-    ROBOT,
-    SENSOR,
-    TIMED,
-    SuiteDemonstration,
-    person,
-)
 from caesura_lab.evaluation.thesis.measure import (
     SAME_EVENT_S,
     ConditionedDemonstration,
@@ -37,6 +27,16 @@ from caesura_lab.evaluation.thesis.measure import (
     references,
 )
 from caesura_lab.evaluation.thesis.published_segments import ROWS, ThesisBoundary, ThesisRow
+from caesura_lab.evaluation.thesis.simulated_demonstrations import (
+    DRAWN,
+    HUMAN,
+    NO_GRIPPER,
+    ROBOT,
+    SENSOR,
+    TIMED,
+    SuiteDemonstration,
+    person,
+)
 from caesura_lab.evaluation.thesis.suite import MAIN, OPEN, SuiteSetting, Task, run_task, tasks
 from caesura_lab.evaluation.thesis.summary import summarise
 from caesura_lab.teacher import simulated_teaching

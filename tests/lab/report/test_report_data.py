@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from caesura_lab.annotations import TrueChangepoint, TrueSegment, Truth
-from caesura_lab.report.from_start import from_start
 from caesura_lab.report.report_data import DELAYS_S, ReportData, collect
+from caesura_lab.report.session_times import from_start
 from caesura_lab.report.tables import (
     APP_COLUMNS,
     APP_NOTE,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
-from caesura_lab.evaluation.thesis.demonstrations import TIMED, person
+from caesura_lab.evaluation.thesis.simulated_demonstrations import TIMED, person
 from caesura_lab.teacher.simulated_teaching import Demonstration
 from caesura_protocol.messages import WrenchSource
 from caesura_service.robot import Robot

@@ -14,7 +14,7 @@ from caesura_clients import Caesura, connect
 from caesura_clients.bridge import Bridge
 from caesura_clients.bridge.control_client import ControlClient
 from caesura_clients.cli.bridge import _why_it_waits
-from caesura_clients.doctor.reach import check_certificate
+from caesura_clients.doctor.endpoint_check import check_certificate
 from caesura_protocol.codec import encode
 from caesura_protocol.errors import AccessDenied, ProtocolError
 from caesura_protocol.keys import service_key, station_key

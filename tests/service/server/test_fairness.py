@@ -23,7 +23,7 @@ from caesura_service.publishing.events import PipelineFactory
 from caesura_service.segmentation.fake_pipeline import FakePipeline, make_fake_pipeline
 from caesura_service.segmentation.view import Pipeline
 from caesura_service.server import result_publisher
-from caesura_service.server.lanes import WAITING, Lanes
+from caesura_service.server.blocking_sends import WAITING, Lanes
 from caesura_service.server.memory_network import in_memory
 from caesura_service.server.rate_limits import RateLimits
 from harness.peer import DEADLINE_S, MemoryPeer

@@ -24,6 +24,7 @@ from caesura_clients.dashboard.hints import banner_of
 from caesura_clients.dashboard.pages.layout import TICK_S, Banner, Site, page, text
 from caesura_clients.dashboard.program_edits import ProgramDesk
 from caesura_clients.dashboard.program_timeline import Timeline
+from caesura_clients.dashboard.program_versions import compared_versions
 from caesura_clients.dashboard.sessions import PartChoice
 from caesura_clients.dashboard.simulation import SPEEDS, Simulation, SimulatorBusyError
 from caesura_clients.dashboard.station_summary import (
@@ -33,7 +34,6 @@ from caesura_clients.dashboard.station_summary import (
     session_clock,
     warning_of,
 )
-from caesura_clients.dashboard.versions import compared_versions
 from caesura_clients.results import Update
 from caesura_protocol import messages as wire
 from caesura_protocol.errors import CaesuraError, ProtocolError

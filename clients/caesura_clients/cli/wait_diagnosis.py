@@ -9,9 +9,9 @@ from caesura_clients.query import services
 from caesura_protocol.errors import AccessDenied, CaesuraError, ProtocolError
 
 
-def say_why_silent(caesura: Caesura, station: str | None) -> None:
+def print_wait_reason(caesura: Caesura, station: str | None) -> None:
     """State on the error stream why nothing may come, where that is known."""
-    if why := why_silent(caesura, station):
+    if why := wait_reason(caesura, station):
         typer.echo(f"{why}, {waiting_for(station)}", err=True)
 
 
@@ -20,7 +20,7 @@ def waiting_for(station: str | None) -> str:
     return f"waiting for {station or 'any station'}"
 
 
-def why_silent(caesura: Caesura, station: str | None) -> str:
+def wait_reason(caesura: Caesura, station: str | None) -> str:
     """Return why no result may come: no service, no answer, or no such station; empty if unknown."""
     if not services(caesura.transport):
         return "no service answers yet"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from caesura_protocol.formats.read import load_recording
-from caesura_protocol.pose_reading import PoseReadings, slow_pose
+from caesura_protocol.pose_rate import PoseReadings, slow_pose
 
 T = np.arange(1000) / 100.0
 

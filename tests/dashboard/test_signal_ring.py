@@ -9,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from caesura_clients.dashboard.signals import BIN_S, SPAN_S, SignalRing, as_bytes
+from caesura_clients.dashboard.signal_ring import BIN_S, SPAN_S, SignalRing, as_bytes
 from caesura_protocol.extremes import unpack_points
 from caesura_protocol.keys import SampleRange
 from caesura_protocol.messages import RecordedSamples

@@ -1,6 +1,6 @@
 """The number of counted and optional points a second in the truth of a suite.
 
-    python -m caesura_lab.evaluation.density teacher --seeds 12 --first-seed 4201
+    python -m caesura_lab.evaluation.truth_density teacher --seeds 12 --first-seed 4201
 
 A judge that leaves less open than the annotators of real recordings do is stricter than they are.
 """

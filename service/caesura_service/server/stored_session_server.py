@@ -21,7 +21,7 @@ QUERIES = 64  # that may wait; a quarter of them in one lane
 TICK_S = 0.1
 
 
-class StoredServer(BackgroundThread):
+class StoredSessionServer(BackgroundThread):
     """Answers while the context lasts."""
 
     def __init__(self, stored: StoredSessions, instance: str) -> None:

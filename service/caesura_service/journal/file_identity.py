@@ -14,7 +14,7 @@ from caesura_service.journal.journal import JournalError
 from caesura_service.journal.wal import log_of
 
 
-class Place:
+class JournalFileIdentity:
     """The files of one journal, as of its opening."""
 
     def __init__(self, journal: Path) -> None:

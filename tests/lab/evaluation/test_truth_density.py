@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from caesura_lab.annotations import TrueChangepoint, Truth
-from caesura_lab.evaluation.density import density
+from caesura_lab.evaluation.truth_density import density
 
 
 def test_points_a_second_are_those_of_all_windows_together() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from caesura_lab.annotations import TrueSegment, read_truth
+from caesura_lab.evaluation.cut_recordings import WINDOWS, in_window
 from caesura_lab.evaluation.suites import FileCase, WindowCase
-from caesura_lab.evaluation.windows import WINDOWS, in_window
 from caesura_protocol.formats.read import load_recording
 
 PICK_AND_PLACE = Path(__file__).parents[3] / "data" / "pick_and_place.npz"

@@ -1,7 +1,7 @@
-"""Start of the command `caesura`: Ctrl-C is caught before anything is imported, which takes a second.
+"""Entry point of the command `caesura`. It handles Ctrl-C before the imports, which take a second.
 
-An import can turn KeyboardInterrupt into another error: pydantic does, where it builds a schema.
-So the signal itself is remembered.
+An import can turn KeyboardInterrupt into another error: pydantic does, while it builds a schema. So the
+handler also records that the signal arrived.
 """
 
 from __future__ import annotations

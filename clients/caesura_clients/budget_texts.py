@@ -9,7 +9,7 @@ _NAMES = {"work": "seconds of work", "previews": "seconds of previews"}
 
 
 def budgets_in_words(budgets: StationBudgets | None, *, least: float = MUCH_USED) -> list[str]:
-    """Return a text for each budget that is used to the share `least` or more, or held something back.
+    """Return a text for each budget that is used to the share `least` or more, or caused a refusal.
 
     >>> commands = Budget(per_s=500, at_once=1000, used=1000, refused=17)
     >>> idle = Budget(per_s=0.5, at_once=60, used=0.01, refused=0)
@@ -26,5 +26,7 @@ def budgets_in_words(budgets: StationBudgets | None, *, least: float = MUCH_USED
 
 
 def held_back(budgets: StationBudgets) -> int:
-    """Messages of the station that were dropped or refused because a budget was used up."""
+    """Return the number of messages of the station that were dropped or refused because of a used-up
+    budget.
+    """
     return sum(one.refused for _, one in budgets if isinstance(one, Budget))

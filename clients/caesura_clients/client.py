@@ -58,7 +58,9 @@ SAMPLED = (
 
 
 class Caesura:
-    """A connection with the service; a context manager, because an open session hangs the interpreter."""
+    """A connection with the service. Use it as a context manager: an open session blocks the interpreter's
+    exit.
+    """
 
     def __init__(self, transport: Transport) -> None:
         self.transport = transport
@@ -78,15 +80,15 @@ class Caesura:
     def results(
         self, station: str = "*", session: str = "*", *, silence_s: float | None = None
     ) -> Iterator[Update]:
-        """Updates of the sessions of a station as they happen, the state so far first (`results.follow`)."""
+        """Yield updates of the sessions of a station, the current state first (`results.follow`)."""
         return follow(self.transport, station, session, silence_s=silence_s)
 
     def program(self, station: str) -> Program:
-        """The current task program of a station."""
+        """Return the current task program of a station."""
         return query.program(self.transport, station)
 
     def snapshot(self, station: str, session: str | None = None) -> Snapshot:
-        """Everything about one session; without a name the one that `program` speaks of."""
+        """Return the snapshot of one session, by default the station's current one."""
         return query.snapshot(self.transport, station, session)
 
     def samples(
@@ -99,11 +101,12 @@ class Caesura:
         bins: int = 1000,
         columns: Sequence[str] = (),
     ) -> dict[str, NDArray[np.float64]]:
-        """The samples of a session from t0 to tn [s] by column, each an array (n, 2) of times and values.
+        """Return the samples of a session from t0 to tn [s]: by column an array (n, 2) of times and values.
 
-        Of each of `bins` bins the least and the greatest sample of every column. columns: such as `px`, `fz`,
-        `speed`; all that the session has where none is named, and of those that are named, too.
-        `query.samples` also states the holes. Raises CaesuraError for a name that no column has.
+        The range has `bins` bins, with the least and the greatest sample of every column in each. columns:
+        names such as `px`, `fz`, `speed`; by default all columns of the session. A name that the session
+        lacks is left out. `query.samples` also states the holes. Raises CaesuraError for a name that no
+        column has.
         """
         if unknown := [name for name in columns if name not in SAMPLED]:
             raise CaesuraError(f"unknown column {unknown[0]!r}, known: {', '.join(SAMPLED)}")
@@ -113,25 +116,25 @@ class Caesura:
     def insert(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None
     ) -> Ack:
-        """End a segment at a time [s] and begin the next; for all of them see `editing.edit`."""
+        """Insert a changepoint at a time [s]. For all corrections see `editing.edit`."""
         return self._edit(station, session, _made(Insert, t=t), author, revision)
 
     def remove(
         self, station: str, session: str, t: float, *, author: str, revision: int | None = None
     ) -> Ack:
-        """Make one segment of the two that meet in the changepoint near a time [s]."""
+        """Remove the changepoint near a time [s]: its two segments become one."""
         return self._edit(station, session, _made(Remove, t=t), author, revision)
 
     def move(
         self, station: str, session: str, t: float, to: float, *, author: str, revision: int | None = None
     ) -> Ack:
-        """Put the changepoint near a time [s] somewhere else."""
+        """Move the changepoint near `t` [s] to another time [s]."""
         return self._edit(station, session, _made(Move, t=t, to=to), author, revision)
 
     def relabel(
         self, station: str, session: str, t: float, kind: Kind, *, author: str, revision: int | None = None
     ) -> Ack:
-        """Set the kind of the segment in which a time [s] lies."""
+        """Set the kind of the segment that contains a time [s]."""
         return self._edit(station, session, _made(Relabel, t=t, kind=kind), author, revision)
 
     def limit_force(
@@ -144,13 +147,13 @@ class Caesura:
         author: str,
         revision: int | None = None,
     ) -> Ack:
-        """Limit the force [N] of the app in whose time t [s] lies; None: only the cell's limit."""
+        """Limit the force [N] of the app that contains the time t [s]; None: only the cell's limit."""
         return self._edit(station, session, _made(LimitForce, t=t, newton=newton), author, revision)
 
     def name_phase(
         self, station: str, session: str, t: float, name: str, *, author: str, revision: int | None = None
     ) -> Ack:
-        """Name the phase in which a time [s] lies; the program's group of its apps has that name."""
+        """Name the phase that contains a time [s]; the group of its apps in the program gets that name."""
         return self._edit(station, session, _made(NamePhase, t=t, name=name), author, revision)
 
     def undo(
@@ -162,18 +165,18 @@ class Caesura:
         number: int | None = None,
         revision: int | None = None,
     ) -> Ack:
-        """Take a correction back; number: as `Program.corrections` lists it, by default the last one."""
+        """Undo a correction; number: as listed in `Program.corrections`, by default the last one."""
         action = Undo() if number is None else _made(TakeBack, number=number)
         return self._edit(station, session, action, author, revision)
 
     def redo(self, station: str, session: str, *, author: str, revision: int | None = None) -> Ack:
-        """Make the correction that was taken back last once more."""
+        """Redo the correction that was undone last."""
         return self._edit(station, session, Redo(), author, revision)
 
     def preview(
         self, station: str, session: str, action: Action | Since, *, revision: int | None = None
     ) -> EditEffect:
-        """Ask what a correction would change, or those since one have (`editing.preview`)."""
+        """Return what a correction would change, or what those since one have changed (`editing.preview`)."""
         return preview(self.transport, station, session, action, revision=revision)
 
     def start(self, station: str, description: Description | None = None) -> BridgeAck:
@@ -222,7 +225,7 @@ class Caesura:
         settings: BridgeSettings | None = None,
         description: Description | None = None,
     ) -> Bridge:
-        """A bridge from a source to the service; enter it, then `run`."""
+        """Return a bridge from a source to the service: enter its context, then call `run`."""
         return Bridge(
             self.transport,
             station,
@@ -236,7 +239,9 @@ class Caesura:
 
 
 def _made(action: type[A], **fields: Any) -> A:
-    """An action with these fields. Raises ProtocolError `malformed` as the service does, for a wrong one."""
+    """Return an action with these fields. Raises ProtocolError `malformed`, as the service does, if
+    invalid.
+    """
     try:
         return action(**fields)
     except ValidationError as error:
@@ -252,9 +257,9 @@ def connect(
     ...     for update in caesura.results("cell-1"):
     ...         print(update.segments)
 
-    endpoint: None, as CAESURA_CONNECT in the environment or the config_file says, or DEFAULT_ENDPOINT;
-    config_file: zenoh json5 with the router, and certificates or a password; timeout_s: None tries for ever.
-    Raises Unreachable, or CaesuraError where the endpoint or the file makes no sense.
+    endpoint: None: CAESURA_CONNECT of the environment, else the config_file's, else DEFAULT_ENDPOINT;
+    config_file: zenoh json5 with the router, and certificates or a password; timeout_s: None: retry without
+    limit. Raises Unreachable, or CaesuraError if the endpoint or the file is invalid.
     """
     endpoint = endpoint or os.environ.get(ENDPOINT_VARIABLE)
     return Caesura(ZenohTransport(endpoint, config_file=config_file, timeout_s=timeout_s))

@@ -1,4 +1,4 @@
-"""Corrections in words, the same on the command line and in the dashboard."""
+"""Corrections as text, the same on the command line and in the dashboard."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def in_words(action: Action, clock: SessionClock = NO_OFFSET) -> str:
 
 
 def described(correction: Correction, clock: SessionClock = NO_OFFSET) -> str:
-    """A correction with its author.
+    """Return text on a correction, with its author.
 
     >>> described(Correction(number=1, author="Maria", at=0.0, action=Move(t=4.2, to=4.55)))
     'Maria moved the changepoint at 4.20 s to 4.55 s'
@@ -75,7 +75,7 @@ def no_corrections(revision: int) -> str:
 
 
 def relabel_doubt(action: Action | Since, effect: EditEffect) -> str:
-    """Return why a segment that is relabelled as a transport may be none; empty without a doubt."""
+    """Return why a segment that is relabelled as a transport may carry nothing; empty without a doubt."""
     if not isinstance(action, Relabel):
         return ""
     there = [one for one in effect.segments_after if one.t0 <= action.t <= one.tn]
@@ -83,9 +83,9 @@ def relabel_doubt(action: Action | Since, effect: EditEffect) -> str:
 
 
 def transport_doubt(segment: Segment | SegmentOutline) -> str:
-    """Return why a transport may be none: its load may be 0; empty for other kinds.
+    """Return why a transport may carry nothing: its load may be 0. Empty for other kinds.
 
-    Empty too with a load that is surely not 0, and with one that is not known.
+    Also empty if the load is certainly not 0, and if it is unknown.
     """
     load_kg, sd_kg = segment.load_kg, segment.load_sd_kg or 0.0
     if segment.kind != "transport" or load_kg is None or abs(load_kg) > SURE * sd_kg:
@@ -97,7 +97,8 @@ def transport_doubt(segment: Segment | SegmentOutline) -> str:
 def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:
     """Return the time [s] of the changepoint that a correction removed or moved.
 
-    A correction names it by a time beside it. It is the nearest one that is gone, or else the named time.
+    The correction states a time near it. The result is the nearest changepoint that is gone, or else the
+    stated time.
     """
     left = {one.t0 for one in effect.segments_after}
     gone = [one.t0 for one in effect.segments_before[1:] if one.t0 not in left]
@@ -107,7 +108,7 @@ def changepoint_meant(action: Remove | Move, effect: EditEffect) -> float:
 def changepoint_made(action: Insert | Move, effect: EditEffect) -> float:
     """Return the time [s] of the changepoint that a correction makes.
 
-    It lies where an observation begins. It is the new one nearest to the named time, or else that time.
+    It lies at the start of an observation: the new one nearest to the stated time, or else that time.
     """
     wanted = action.to if isinstance(action, Move) else action.t
     there = {one.t0 for one in effect.segments_before}
@@ -137,7 +138,7 @@ def effect_words(effect: EditEffect, clock: SessionClock = NO_OFFSET) -> list[st
 
 
 def _phases(effect: EditEffect, clock: SessionClock) -> Iterator[str]:
-    """Yield text on phases of other kinds or names; changed times alone are stated of the segments."""
+    """Yield text on phases whose kind or name changed; changed times are stated with the segments."""
     before, after = effect.phases_before, effect.phases_after
     if [(one.kind, one.name) for one in before] != [(one.kind, one.name) for one in after]:
         yield from _becomes([_phase(one, clock) for one in before], [_phase(one, clock) for one in after])
@@ -170,7 +171,7 @@ def _becomes(before: Sequence[str], after: Sequence[str]) -> Iterator[str]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """A few names, and how many more there are."""
+    """Return the first few names, and the number of further ones."""
     few = [*names] if len(names) <= LISTED + 1 else [*names[:LISTED], f"{len(names) - LISTED} more"]
     return " and ".join([", ".join(few[:-1]), few[-1]]) if len(few) > 1 else few[0]
 
@@ -189,7 +190,7 @@ def _span(one: SegmentOutline | AppOutline | PhaseOutline, clock: SessionClock) 
 
 
 def _values(old: AppOutline, new: AppOutline, clock: SessionClock) -> Iterator[str]:
-    """Values of an app that differ as people read them."""
+    """Yield text on the values of an app that differ after rounding for display."""
     if _span(old, clock) != _span(new, clock):
         yield f"{_span(old, clock)} becomes {_span(new, clock)}"
     if old.target and new.target and (moved := 1000 * math.dist(old.target, new.target)) >= LEAST_MM:

@@ -1,4 +1,4 @@
-"""Starting, stopping and describing demonstrations, from any place that reaches the router."""
+"""Starts, stops and describes demonstrations, from any machine that reaches the router."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def start(
     session: str | None = None,
     name: str | None = None,
 ) -> BridgeAck:
-    """Start a demonstration at a bridge in standby; returns its session.
+    """Start a demonstration at a bridge in standby; return its session.
 
-    name: of this command, by default a new one; the same name starts once, however often it is sent. Raises
-    ProtocolError where the bridge refuses, Unreachable where none in standby answers.
+    name: unique name of this command, by default a new one; a repeated name starts only once. Raises
+    ProtocolError if the bridge refuses, Unreachable if no bridge in standby answers.
     """
     command = Start(
         id=name or f"start-{secrets.token_hex(8)}",
@@ -45,10 +45,10 @@ def start(
 def stop(
     transport: Transport, station: str, *, session: str | None = None, success: bool | None = None
 ) -> BridgeAck:
-    """Stop a demonstration; returns once the service has all of it, but for what is `lost`.
+    """Stop a demonstration; return once the service has every batch except those it states as `lost`.
 
-    session: by default the current one; success: of the demonstration, where that is stated. Raises as
-    `start`.
+    session: by default the current one; success: whether the demonstration succeeded, None states nothing.
+    Raises as `start`.
     """
     return ask_bridge(transport, station, Stop(session=session, success=success))
 
@@ -56,7 +56,7 @@ def stop(
 def close_left_open(
     transport: Transport, station: str, *, session: str | None = None, success: bool | None = None
 ) -> list[Ack]:
-    """Close what a bridge that ended for good left open, behind the last batch that the service has.
+    """Close the sessions that a bridge left open, after the last batch that the service has.
 
     session: by default all that are open; success: of one demonstration. Raises CaesuraError where a bridge
     is connected or `success` is of several sessions, NotFound where no session is open, ProtocolError where
@@ -97,7 +97,7 @@ def describe(transport: Transport, station: str, session: str, *, author: str, *
 
 
 def changed(before: Description, **changes: Any) -> Description:
-    """A description with other values in some fields. Raises CaesuraError, which names the field."""
+    """Return a description with other values in some fields. Raises CaesuraError, which names the field."""
     if unknown := sorted(set(changes) - set(Description.model_fields)):
         raise CaesuraError(f"unknown field {unknown[0]}, known: {', '.join(Description.model_fields)}")
     try:

@@ -1,8 +1,8 @@
-"""Correcting a session: one edit, carried out once or refused with the reason.
+"""Correction of a session: one edit, applied once or refused with the reason.
 
-An edit names the revision that its author has seen, so that no operator overwrites the correction of
-another. A closed session may have to be rebuilt from the journal first; until then the service
-says `overloaded`, and is asked again.
+An edit states the revision that its author has seen, so that no operator overwrites the correction of
+another. A closed session may have to be rebuilt from the journal first; until then the service answers
+`overloaded`, and the edit is sent again.
 """
 
 from __future__ import annotations
@@ -45,11 +45,12 @@ def edit(
     author: str,
     revision: int | None = None,
 ) -> Ack:
-    """Correct a session; the Ack has its new revision.
+    """Correct a session; return the acknowledgement with its new revision.
 
-    revision: that the author has seen; by default the current one, which is asked first. Raises ProtocolError
-    where the service refuses (`conflict` with the current revision as its limit if another edit came first),
-    NotFound, or Unreachable where no service answers: the revision then shows whether the edit was applied.
+    revision: that the author has seen; by default the current one, which is queried first. Raises
+    ProtocolError if the service refuses (`conflict`, with the current revision as its limit, if another edit
+    came first), NotFound, or Unreachable if no service answers: the revision then shows whether the edit was
+    applied.
     """
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision
@@ -60,7 +61,7 @@ def edit(
 def preview(
     transport: Transport, station: str, session: str, action: Action | Since, *, revision: int | None = None
 ) -> EditEffect:
-    """Ask what a correction would change, or those since one have; changes nothing. Raises as `edit`."""
+    """Return what a correction would change, or what those since one have changed. Raises as `edit`."""
     if revision is None:
         revision = query.snapshot(transport, station, session).status.revision
     effect = send(transport, station, Preview(session=session, revision=revision, action=action)).effect
@@ -70,7 +71,9 @@ def preview(
 
 
 def send(transport: Transport, station: str, made: Made, *, patience_s: float = PATIENCE_S) -> Ack:
-    """Ask until the service has had time for it. Raises as `edit`."""
+    """Send an edit; repeat it while the service is overloaded or silent, at most `patience_s`. Raises as
+    `edit`.
+    """
     began = time.monotonic()
     while True:
         try:
@@ -87,9 +90,9 @@ def send(transport: Transport, station: str, made: Made, *, patience_s: float = 
 def mark(
     transport: Transport, station: str, session: str, t: float, *, author: str, revision: int = 0
 ) -> Ack:
-    """Force a changepoint at a time [s], also if other editors correct at the same time.
+    """Force a changepoint at a time [s]; a `conflict` with other editors is resolved by a repeat.
 
-    revision: a guess of the present one, by which the first attempt is made. Raises as `edit`.
+    revision: an estimate of the current one, for the first attempt. Raises as `edit`.
     """
     for _ in range(MARK_ATTEMPTS):
         made = Edit(session=session, revision=revision, author=author, action=Insert(t=t))
@@ -104,7 +107,7 @@ def mark(
 
 
 def is_stale(refusal: ProtocolError) -> bool:
-    """Return whether another editor was first: a refusal of two revisions, the limit is the current one."""
+    """Return whether another edit came first: a `conflict` of revisions, whose limit is the current one."""
     return refusal.code == "conflict" and type(refusal.value) is int and type(refusal.limit) is int
 
 

@@ -1,11 +1,11 @@
 """Follows sessions: start from the snapshot, apply updates, and start again after a loss.
 
-A lost last message shows no hole, so the snapshot of a session that has said nothing for `refresh_s` is asked
-for: once where it is closed, else again and again, ever less often.
+A lost last message leaves no gap in the numbers. So the snapshot of a session without messages for
+`refresh_s` is queried: once if it is closed, otherwise repeatedly at increasing intervals.
 
-A station whose sessions begin faster than they can be asked for delays its own results and no other's.
+A station whose sessions begin faster than they can be queried delays only its own results.
 
-A session that the service twice does not report is dropped: the service was restarted without it. While no
+A session that is missing from two query results is dropped: the service was restarted without it. While no
 service is live, the last results stay. `events` yields both cases; `follow` yields the updates alone.
 """
 
@@ -47,7 +47,7 @@ class SessionRemoved:
 
 @dataclass(frozen=True)
 class ServiceAvailability:
-    """The last service went, or the first one came."""
+    """The last live service disappeared, or a first one appeared."""
 
     state: Change
 
@@ -63,11 +63,11 @@ def follow(
     refresh_s: float = 2.0,
     silence_s: float | None = None,
 ) -> Iterator[Update]:
-    """Updates of all sessions that match, as they happen, beginning with what is known already.
+    """Yield updates of all matching sessions, the current state first.
 
-    refresh_s: silence of a session after which its snapshot is asked for again; silence_s: silence of all of
-    them after which the iteration ends, None for never. Raises ProtocolError `unsupported_version` where the
-    service is newer.
+    refresh_s: time without messages after which a session's snapshot is queried again; silence_s: time
+    without any message after which the iteration ends, None for never. Raises ProtocolError
+    `unsupported_version` if the service is newer.
     """
     stream = events(transport, station, session, refresh_s=refresh_s, silence_s=silence_s)
     with closing(stream):
@@ -85,9 +85,9 @@ def events(
     silence_s: float | None = None,
     over: threading.Event | None = None,
 ) -> Generator[Event, None, None]:
-    """Yield the events of `follow`, and those of removed sessions and of services that go or come.
+    """Yield the updates of `follow`, removed sessions, and changes of the service's availability.
 
-    over: ends the iteration from another thread, `refresh_s` after it is set at the latest.
+    over: set by another thread, it ends the iteration within `refresh_s`.
     """
     with _listening(transport, station, session) as inbox:
         follower = _Follower(transport, station, session, refresh_s)
@@ -107,7 +107,7 @@ def events(
 
 
 class _Follower:
-    """Readers of all sessions seen so far, and the queries for their snapshots."""
+    """The readers of all sessions received so far, and the queries for their snapshots."""
 
     def __init__(self, transport: Transport, station: str, session: str, refresh_s: float) -> None:
         self._transport = transport
@@ -124,14 +124,14 @@ class _Follower:
         self._asked_all = float("-inf")  # [s]
 
     def apply_liveliness(self, presence: TokenChange) -> Iterator[Event]:
-        """Yield that a service came or went, and query its sessions."""
+        """Yield a change of the service's availability, and query its sessions."""
         change = self._live_services.receive(presence)
         if change is not None:
             yield ServiceAvailability(change)
         yield from self.refresh()
 
     def refresh(self) -> Iterator[Event]:
-        """Ask for snapshots; yields the sessions in which something is new, and those that are gone."""
+        """Query snapshots; yield the sessions that changed, and those that are gone."""
         self._asked_all = time.monotonic()
         known = self._ask()
         yield from self._restart(known or ())
@@ -144,7 +144,7 @@ class _Follower:
         yield from self._remove_missing(set(self._readers) - _keys(known))
 
     def refresh_silent(self) -> Iterator[Event]:
-        """Query sessions that were silent for a while; yields as `refresh`."""
+        """Query the sessions without recent messages; yield as `refresh`."""
         due = self._backoff.due()
         if ALL in due or time.monotonic() - self._asked_all >= ALL_S:
             yield from self.refresh()
@@ -154,7 +154,7 @@ class _Follower:
                 yield from self._refresh_station(station, {key for key in due if key[0] == station})
 
     def _refresh_station(self, station: str, keys: set[tuple[str, str]]) -> Iterator[Event]:
-        """Query sessions of a station, all at once where there are several."""
+        """Query sessions of a station, by one query if there are several."""
         (_, session), *others = sorted(keys)
         with self._shares.charged(station):
             known = self._ask(station, "*" if others else session)
@@ -165,7 +165,7 @@ class _Follower:
             yield from self._remove_missing(missing, station)
 
     def receive(self, delivery: ReceivedSample) -> Iterator[Event]:
-        """Apply what was published; yields the session if something in it is new."""
+        """Apply a published message; yield the session if it changed."""
         message = self._read(delivery)
         if message is None or self._session not in {"*", message.session}:
             return  # a station's program may be that of another session
@@ -202,7 +202,7 @@ class _Follower:
     def _remove_missing(
         self, missing: set[tuple[str, str]], station: str | None = None
     ) -> Iterator[SessionRemoved]:
-        """Remove sessions, of a station, that a second, complete query does not return either."""
+        """Remove the sessions of a station that a second, complete query does not return either."""
         again = self._ask(station, complete=True) if missing else None
         if again is None or not self._is_served():
             return
@@ -220,7 +220,7 @@ class _Follower:
     def _ask(
         self, station: str | None = None, session: str | None = None, *, complete: bool = False
     ) -> list[Snapshot] | None:
-        """Return the snapshots; None if the service did not answer in time, went, or may not be queried."""
+        """Return the snapshots; None if the service did not answer in time, is gone, or denies access."""
         station, session = station or self._station, session or self._session
         try:
             return snapshots(self._transport, station, session, complete=complete)
@@ -232,7 +232,7 @@ class _Follower:
             return None
 
     def _read(self, delivery: ReceivedSample) -> Published | None:
-        """Return the message that this delivery completes, or None.
+        """Return the message that this payload completes; None if fragments are missing.
 
         Invalid content is dropped: one bad sender must not end every reader. Raises ProtocolError
         `unsupported_version`.

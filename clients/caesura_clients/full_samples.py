@@ -1,4 +1,6 @@
-"""All samples of a session in a range, from the service's journal: bins so narrow that none is left out."""
+"""Queries all samples of a session in a range from the service's journal, in bins so narrow that every one
+is returned.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,14 @@ SHORTEST_STEP = 1 / 8  # of the mean one, for samples that do not come evenly
 
 
 class FullRange(NamedTuple):
-    """All samples of a range."""
+    """All samples of a time range."""
 
     rows: Array  # (n, columns) time first, lengths in metres
     holes: tuple[Gap, ...]
 
 
 def width_of(step_s: float) -> float:
-    """Return how much [s] one query covers where samples are at least step_s [s] apart."""
+    """Return the duration [s] of one query if samples are at least step_s [s] apart."""
     return MAX_BINS * max(step_s / 2, MIN_BIN_S)
 
 
@@ -42,10 +44,10 @@ def read_range(
     ends: tuple[float, float],
     step_s: float,
 ) -> FullRange:
-    """Return the samples strictly between two times [s], by one query for each width_of(step_s).
+    """Return the samples strictly between two times [s], by one query per width_of(step_s).
 
     key: station and session; columns: time first; step_s: the least time between two samples [s]. Raises
-    ProtocolError where the samples are closer to each other; NotFound or Unreachable.
+    ProtocolError if samples are closer than step_s; NotFound or Unreachable.
     """
     begin, end = ends
     width, parts, holes = width_of(step_s), [np.zeros((0, len(columns)))], list[Gap]()
@@ -63,7 +65,7 @@ def read_range(
 def read_recording(transport: Transport, update: Update) -> Recording:
     """Return all samples of a session as a recording in metres.
 
-    Raises CaesuraError where they are too many or none, and as `read_range`.
+    Raises CaesuraError for too many samples or none, and as `read_range`.
     """
     name = f"{update.station}/{update.session}"
     key = (update.station, update.session)
@@ -86,7 +88,7 @@ def read_recording(transport: Transport, update: Update) -> Recording:
 
 
 def _rows(recorded: RecordedSamples, columns: Sequence[str]) -> Array:
-    """The samples (n, columns) of an answer. Raises ProtocolError where a column has not all of them."""
+    """Return the samples (n, columns) of a reply. Raises ProtocolError if a column lacks some of them."""
     points = unpack_points(recorded)
     found = [points[name] for name in columns[1:] if name in points]
     alike = all(np.array_equal(one[:, 0], found[0][:, 0]) for one in found)

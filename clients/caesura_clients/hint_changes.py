@@ -15,9 +15,9 @@ Active = dict[tuple[HintKind, float], Hint]  # by kind and the time at which it 
 
 @dataclass(frozen=True)
 class HintChange:
-    """A hint that was raised, updated or cleared; active: how many of its station are active after that.
+    """A hint that was raised, updated or cleared.
 
-    Updated: it is the same hint, and asks for something else.
+    active: number of the station's active hints after the change; updated: the same hint with other content.
     """
 
     event: Literal["raised", "updated", "cleared"]
@@ -28,7 +28,7 @@ class HintChange:
 
 
 class HintChanges:
-    """A fold over events. A hint that came and went between two updates is no change."""
+    """A fold over events. A hint that was raised and cleared between two updates is not reported."""
 
     def __init__(self) -> None:
         self._active: dict[Key, Active] = {}
@@ -45,7 +45,7 @@ class HintChanges:
         return []
 
     def clear(self) -> list[HintChange]:
-        """Return every active hint as cleared, because nothing follows them any more."""
+        """Return every active hint as cleared, because they are no longer followed."""
         return [change for key in [*self._active] for change in self._replace(key, {}, {})]
 
     def _replace(self, key: Key, active: Active, ended: Active) -> list[HintChange]:

@@ -1,4 +1,7 @@
-"""Sessions of one station that grow in turn: each has a bridge of its own, and one has the wrong station."""
+"""Detects several open sessions of one station that grow alternately.
+
+Each has a bridge of its own, and one of these bridges has the wrong station name.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ REMEDY = "give one of them another --station"
 
 @dataclass
 class _Growth:
-    """Growth of one open session. in_turn: it has grown after another one had, since it grew before."""
+    """Growth of one open session. in_turn: it grew after another session had grown since its last growth."""
 
     t: float  # [s] session time
     others_s: float = 0.0  # [s] by which the others have grown since
@@ -21,16 +24,17 @@ class _Growth:
 
 
 class ParallelSessions:
-    """Sessions of each station that are taught at once, found by the times that they have reached.
+    """The sessions of each station that are recorded at once, detected by the times that they reach.
 
-    A session that a new one replaces grows no more. Of two that each grow after the other, both go on.
+    A session that a new one replaces grows no more. Two sessions that each grow after the other are both in
+    progress.
     """
 
     def __init__(self) -> None:
         self._open: dict[str, dict[str, _Growth]] = {}  # by station and session
 
     def reach(self, station: str, session: str, t: float) -> None:
-        """Take the time that an open session has reached [s]."""
+        """Record the time [s] that an open session has reached."""
         known = self._open.setdefault(station, {})
         before = known.setdefault(session, _Growth(t))
         if (step_s := t - before.t) <= 0.0:
@@ -53,12 +57,12 @@ class ParallelSessions:
         self._open.get(station, {}).pop(session, None)
 
     def at(self, station: str) -> tuple[str, ...]:
-        """Return the sessions that are taught at once, by name; none where it is one."""
+        """Return the names of the sessions that are recorded at once; empty if it is one."""
         found = sorted(name for name, one in self._open.get(station, {}).items() if one.in_turn)
         return tuple(found) if len(found) > 1 else ()
 
 
 def in_words(station: str, sessions: Sequence[str]) -> str:
-    """State that several bridges teach at a station."""
+    """Return a warning that several bridges teach at a station."""
     count = "two" if len(sessions) == 2 else len(sessions)
     return f"{count} bridges teach at {station}: {' and '.join(sessions)}"

@@ -1,8 +1,8 @@
-"""Decodes the versions of a program; apps whose bytes are as before are not read again.
+"""Decodes the versions of a program; apps whose bytes did not change are not decoded again.
 
-A program is published whole at each version. While a demonstration goes on, most of its apps are those of
-the version before: a program of 2000 apps has 2 MB, and reading all of them takes a tenth of a second. So the
-payload is cut where the bytes begin to differ. What remains is decoded as any other message, with the same
+A program is published whole at each version. During a demonstration most of its apps equal those of the
+version before. A program of 2000 apps has 2 MB, and decoding all of them takes a tenth of a second. So the
+payload is cut at the first byte that differs. The rest is decoded like any other message, with the same
 checks.
 """
 
@@ -21,7 +21,7 @@ BLOCK = 4096  # bytes that are compared at once
 
 
 class ProgramDecoder:
-    """The programs of one station, version after version."""
+    """Decodes the programs of one station, version after version."""
 
     def __init__(self) -> None:
         self._list = b""  # the apps of the version before, as they were sent
@@ -41,7 +41,7 @@ class ProgramDecoder:
         return program
 
     def _decoded(self, payload: bytes, encoding: str) -> tuple[Program, int, Sequence[int]]:
-        """Return the program, where its first app begins, and where each ends, from there on [bytes]."""
+        """Return the program, the offset of its first app, and the end of each app relative to it [bytes]."""
         header, begin, count = _apps_of(payload)
         known = min(bisect_right(self._ends, common_bytes(self._list, payload[begin:])), count)
         ends = [*self._ends[:known]]
@@ -55,9 +55,9 @@ class ProgramDecoder:
 
 
 def _apps_of(payload: bytes) -> tuple[int, int, int]:
-    """Return where the list of apps begins, where its first app does [bytes], and how many there are.
+    """Return the offsets [bytes] of the list of apps and of its first app, and the number of apps.
 
-    Raises ValueError where there is none.
+    Raises ValueError if there is no such list.
     """
     unpacker = msgpack.Unpacker(max_buffer_size=MAX_WHOLE_BYTES)
     unpacker.feed(payload)
@@ -71,7 +71,7 @@ def _apps_of(payload: bytes) -> tuple[int, int, int]:
 
 
 def _ends(payload: bytes, begin: int, count: int) -> list[int]:
-    """Return where so many values end, the first of which begins at `begin` [bytes]."""
+    """Return the ends [bytes] of `count` consecutive values, the first of which begins at `begin` [bytes]."""
     unpacker = msgpack.Unpacker(max_buffer_size=MAX_WHOLE_BYTES)
     unpacker.feed(memoryview(payload)[begin:])
     ends = []
@@ -82,7 +82,7 @@ def _ends(payload: bytes, begin: int, count: int) -> list[int]:
 
 
 def common_bytes(before: bytes, after: bytes) -> int:
-    """Return how many of the first bytes are the same.
+    """Return the length of the common prefix [bytes].
 
     >>> common_bytes(b"caesura", b"caesar")
     5

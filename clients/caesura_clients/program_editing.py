@@ -1,7 +1,7 @@
-"""Editing the program of a session: one edit, carried out once or refused with the reason.
+"""Editing the program of a session: one edit, applied once or refused with the reason.
 
-An edit names the `edit_revision` that its author has seen, so that no operator overwrites the edit of
-another. It names apps by their kind and time; `reference` makes such a name of an app.
+An edit states the `edit_revision` that its author has seen, so that no operator overwrites the edit of
+another. It refers to apps by their kind and time; `reference` makes such a reference.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ HALF = 0.5  # of the time of an app
 
 
 def reference(app: App) -> AppReference:
-    """The name of an app in an edit."""
+    """Return the reference to an app in an edit."""
     return AppReference(kind=app.kind, t0=app.t0, tn=app.tn, added=app.added)
 
 
 def part_between(
     program: Program, t0: float, tn: float, clock: SessionClock = NO_OFFSET
 ) -> tuple[AppReference, AppReference]:
-    """The first and the last app of the part that was taught between two times [s].
+    """Return references to the first and last app of the part that was taught between two times [s].
 
     An app belongs to it where at least half of its time lies between them. Raises CaesuraError where none
     does, and where other apps stand among these in the program. clock: of the session, for its message.
@@ -59,7 +59,7 @@ def part_between(
 
 
 def _share_within(app: App, t0: float, tn: float) -> float:
-    """The share of an app's time that lies between two times; 1 for an app that takes no time there."""
+    """Return the share of an app's time that lies between two times; 1 for an app without duration."""
     if app.tn <= app.t0:
         return float(t0 <= app.t0 <= tn)
     return (min(app.tn, tn) - max(app.t0, t0)) / (app.tn - app.t0)
@@ -74,10 +74,10 @@ def edit_program(
     author: str,
     revision: int | None = None,
 ) -> Ack:
-    """Edit the program of a session, open or closed.
+    """Edit the program of a session, open or closed; return the acknowledgement.
 
-    revision: `edit_revision` of the program as the author has seen it; by default the current one, which is
-    asked first. Raises ProtocolError where the service refuses, NotFound or Unreachable.
+    revision: `edit_revision` of the program that the author has seen; by default the current one, which is
+    queried first. Raises ProtocolError if the service refuses, NotFound or Unreachable.
     """
     if revision is None:
         revision = query.snapshot(transport, station, session).program.edit_revision
@@ -101,7 +101,7 @@ FIELD_WORDS: Mapping[str, str] = {
 
 
 def in_words(action: ProgramAction, clock: SessionClock = NO_OFFSET) -> str:
-    """An edit of a program as an operator reads it. clock: of its session.
+    """Return text on an edit of a program. clock: of its session.
 
     >>> in_words(DeleteApp(app=AppReference(kind="grasp", t0=1.8, tn=3.5)))
     "'grasp' at 1.8 s deleted"

@@ -1,9 +1,9 @@
-"""Queries to the service, which says of what is not there that it is not: `NotFound` stands for that alone.
+"""Queries to the service. `NotFound` is raised only if the service states that it has no such content.
 
-A query that ends without a word is asked again, since a busy network loses all of a long answer but its end.
-Where nothing comes still, liveliness and the service's status show why: no service is alive (`Unreachable`),
-the budget of the station holds queries back (`overloaded`), or access rules forbid it (`AccessDenied`). No
-answer within the time of the query is `overloaded` too, with that time as its limit.
+A query without any reply is repeated: a congested network can lose all of a long answer except its end. If
+there is still no reply, liveliness and the service's status show why: no service is alive (`Unreachable`),
+the budget of the station is used up (`overloaded`), or access rules forbid it (`AccessDenied`). No reply
+within the time of the query is `overloaded` too, with that time as its limit.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ SAMPLES_TIMEOUT_S = 20.0  # of a query for samples: the first one reads the whol
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """A session, as a list shows it."""
+    """The entry of a session in a list."""
 
     station: str
     session: str
@@ -83,10 +83,10 @@ def snapshots(
     complete: bool = False,
     inferred: bool = False,
 ) -> list[Snapshot]:
-    """Query the snapshots of every matching session, one of the highest epoch each; none is no error.
+    """Query the snapshot with the highest epoch of every matching session; no match is no error.
 
-    complete: also raise where only some of the live instances have answered; inferred: programs without the
-    edits of people. Raises ProtocolError or AccessDenied where a service is alive and does not answer.
+    complete: raise also if only some of the live instances have answered; inferred: programs without
+    operators' edits. Raises ProtocolError or AccessDenied if a service is alive and does not answer.
     """
     newest: dict[tuple[str, str], Snapshot] = {}
     asked, parameters = session_key(station, session, "snapshot"), INFERRED_PROGRAM if inferred else ""
@@ -104,9 +104,9 @@ def snapshots(
 def stored_snapshots(
     transport: Transport, station: str = "*", session: str = "*", *, skip: int = 0
 ) -> list[Snapshot]:
-    """A page of the closed sessions that the service no longer holds and the journal has, the newest first.
+    """Return a page of the closed sessions that are in the journal and no longer in memory, the newest first.
 
-    skip: how many came before, of each instance. At most MAX_STORED of each; none after the last page.
+    skip: number of sessions on earlier pages, by instance. A page has at most MAX_STORED of each instance.
     """
     page = stored_parameters(StoredPage(skip=skip))
     key = session_key(station, session, "snapshot")
@@ -121,9 +121,9 @@ def stored_snapshots(
 def snapshot(
     transport: Transport, station: str, session: str | None = None, *, inferred: bool = False
 ) -> Snapshot:
-    """Everything about one session; without a name the one that `program` speaks of, the newest.
+    """Return the snapshot of one session, by default the one that was opened last.
 
-    inferred: its program without the edits of people. Raises NotFound, which names what there is,
+    inferred: its program without operators' edits. Raises NotFound, which lists the existing names,
     Unreachable, or ProtocolError where no answer came.
     """
     name = session or _current_session(transport, station)
@@ -137,7 +137,7 @@ def snapshot(
 
 
 def program_at_edit(transport: Transport, station: str, session: str, number: int) -> Program:
-    """The program of a session, held or stored, with the edits that count, up to a number; 0 for none.
+    """Return the program of a session, in memory or stored, with the effective edits up to a number; 0: none.
 
     Raises NotFound, Unreachable, CaesuraError where the service is too old, or ProtocolError.
     """
@@ -161,7 +161,7 @@ def program_at_edit(transport: Transport, station: str, session: str, number: in
 def program(transport: Transport, station: str) -> Program:
     """Query the current task program of a station.
 
-    Raises NotFound, which names what there is, Unreachable, or ProtocolError where no answer came.
+    Raises NotFound, which lists the existing names, Unreachable, or ProtocolError if no answer was received.
     """
     found = _confirmed(transport, station, lambda: _program(transport, station))
     if found is None:
@@ -177,10 +177,10 @@ def samples(
     *,
     timeout_s: float = SAMPLES_TIMEOUT_S,
 ) -> RecordedSamples:
-    """The samples of a session in a range, of each bin the extremes of every column.
+    """Return the samples of a session in a range: the extremes of every column in each bin.
 
-    `unpack_points` of `caesura_protocol.extremes` makes arrays of the answer. Raises NotFound, which names
-    what there is, Unreachable, or ProtocolError.
+    `unpack_points` of `caesura_protocol.extremes` converts the answer to arrays. Raises NotFound, which lists
+    the existing names, Unreachable, or ProtocolError.
     """
     key, parameters = session_key(station, session, "samples"), samples_parameters(wanted)
 
@@ -193,7 +193,7 @@ def samples(
 
 
 def current_sessions(transport: Transport, station: str = "*") -> dict[str, str]:
-    """The session that each station's program speaks of: the one that was opened last."""
+    """Return each station's current session, the one that was opened last, by station."""
     key = station_key(station, "program")
     programs = _of_stations(transport, station, lambda: _query_all(transport, key, Program))
     ranked = sorted(programs, key=lambda one: (one.epoch, one.version))
@@ -201,10 +201,10 @@ def current_sessions(transport: Transport, station: str = "*") -> dict[str, str]
 
 
 def sessions(transport: Transport, station: str = "*", *, complete: bool = False) -> list[SessionInfo]:
-    """Return all sessions that the service holds, by station and name.
+    """Return all sessions in the service's memory, sorted by station and name.
 
-    complete: also raise where only some of the live instances have answered. Raises Unreachable,
-    AccessDenied, or ProtocolError where no answer came.
+    complete: raise also if only some of the live instances have answered. Raises Unreachable, AccessDenied,
+    or ProtocolError where no answer came.
     """
     found = snapshots(transport, station, complete=complete)
     if not found:
@@ -249,7 +249,7 @@ def service_status(transport: Transport) -> list[ServiceStatus]:
 def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, object]]) -> list[str]:
     """Return the first name in each liveliness key; a key that does not parse is left out.
 
-    The name may still be a stranger's: a key of that form is not checked further.
+    The key's form alone is checked: another program may have declared it.
     """
     names = []
     for key in keys:
@@ -259,14 +259,14 @@ def _names_of_tokens(keys: Iterable[str], parse: Callable[[str], tuple[str, obje
 
 
 def find_program(transport: Transport, station: str) -> Program | None:
-    """Query the current task program of a station; None where it has none, or where it is forbidden."""
+    """Query the current task program of a station; None if it has none, or if access is denied."""
     with suppress(AccessDenied):
         return _newest_program(transport, station)
     return None
 
 
 def _program(transport: Transport, station: str) -> Program | None:
-    """The program of a station; None where every instance says that it has no session."""
+    """Return the program of a station; None if every instance answers that it has no session."""
     try:
         return _newest_program(transport, station)
     except (AccessDenied, IncompleteAnswerError) as error:
@@ -283,7 +283,7 @@ def _newest_program(transport: Transport, station: str) -> Program | None:
 
 
 def _current_session(transport: Transport, station: str) -> str | None:
-    """The session that the service takes for the station's current one."""
+    """Return the current session of the station according to the service."""
     program = _unless_held_back(transport, station, lambda: find_program(transport, station))
     return None if program is None else program.session
 
@@ -301,12 +301,13 @@ def _query_all(
     parameters: str = "",
     timeout_s: float = QUERY_TIMEOUT_S,
 ) -> list[M]:
-    """The answers to a query; none where no service is alive, or all that are say that they have nothing.
+    """Return the answers to a query; empty if no service is alive, or every live one states that it has
+    nothing.
 
-    Asks again, QUERY_ATTEMPTS times in all, where replies of a long answer were lost, or it took longer than
-    the query lasts; PIECES_ATTEMPTS times where pieces of it came. What the service itself refuses as
-    `overloaded` is not asked again: that would add to its load. Raises ProtocolError, or AccessDenied where
-    a service is alive and no word comes.
+    Makes QUERY_ATTEMPTS attempts if replies of a long answer were lost or the query timed out, and
+    PIECES_ATTEMPTS if fragments of it were received. A query that the service refuses as `overloaded` is not
+    repeated: that would add to its load. Raises ProtocolError, or AccessDenied if a service is alive and does
+    not reply.
     """
     # Most answers take 0.1 s: one that was lost is not waited for as long as one that takes its time.
     limits = (min(timeout_s, QUERY_TIMEOUT_S), *[timeout_s] * (PIECES_ATTEMPTS - 1))
@@ -342,7 +343,7 @@ def _query_all(
 
 
 class _Joined(NamedTuple):
-    """The messages that came, whether there are pieces of further ones, and how many were counted."""
+    """The received messages, whether fragments of further ones were received, and the counted number."""
 
     whole: list[Encoded]
     has_pieces: bool
@@ -374,7 +375,7 @@ def lost_replies(answers: QueryReplies) -> IncompleteAnswerError | None:
 
 
 def _has_no_end(answers: QueryReplies, found: Iterable[Message]) -> bool:
-    """Whether an instance that replied has not counted its replies: it is older, or the count is lost."""
+    """Return whether an instance sent no count of its replies: it is older, or the count is lost."""
     said = {refusal.value for refusal in answers.refusals if refusal.code == NOTHING}
     return any(one.status.instance not in said for one in found if isinstance(one, Snapshot))
 
@@ -401,8 +402,8 @@ def _unanswered(key: str, missing: list[str], answers: QueryReplies) -> Protocol
 def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) -> list[M]:
     """Decode the answers. An invalid one is raised only without a valid one, a newer protocol always.
 
-    That an instance has nothing is no refusal. complete: a refusal, or that pieces were lost, is raised also
-    beside valid answers.
+    The statement that an instance has nothing is not a refusal. complete: raise a refusal, or lost fragments,
+    also if there are valid answers.
     """
     return _decoded(_joined(answers), answers.refusals, model, complete=complete)
 
@@ -410,7 +411,7 @@ def decoded(answers: QueryReplies, model: type[M], *, complete: bool = False) ->
 def _decoded(
     joined: _Joined, said: Iterable[ProtocolError], model: type[M], *, complete: bool = False
 ) -> list[M]:
-    """Decode messages whose pieces are joined, as `decoded`. said: the refusals beside them."""
+    """Decode messages from joined fragments, as `decoded`. said: refusals received with them."""
     whole = joined.whole
     refusals = [refusal for refusal in said if refusal.code != NOTHING]
     others = [refusal for refusal in refusals if not isinstance(refusal, IncompleteAnswerError)]
@@ -434,10 +435,11 @@ def _decoded(
 
 
 def _confirmed(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:
-    """Return what `ask` finds; ask twice before nothing is believed. Raises as `_unless_held_back`.
+    """Return the result of `ask`; an empty result is confirmed by a second query. Raises as
+    `_unless_held_back`.
 
-    In the first moment after an instance has gone the others have nothing of its stations, and do not know
-    yet that they are to take them over.
+    Just after an instance has left, the others hold nothing of its stations and have not begun to take them
+    over.
     """
     if found := _unless_held_back(transport, station, ask):
         return found
@@ -446,10 +448,10 @@ def _confirmed(transport: Transport, station: str, ask: Callable[[], Found]) -> 
 
 
 def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Found]) -> Found:
-    """Return what `ask` finds; ask again where it finds nothing while the station's queries are held back.
+    """Return the result of `ask`; repeat an empty one while the station's budget of queries is used up.
 
     Beyond a station's budget the service explains some refusals, and drops other queries without an answer.
-    Raises ProtocolError `overloaded` where it still holds them back, or as `ask` does.
+    Raises ProtocolError `overloaded` if the budget stays used up, or as `ask` does.
     """
     before = held = 0
     for _ in range(HELD_ATTEMPTS):
@@ -474,7 +476,7 @@ def _unless_held_back(transport: Transport, station: str, ask: Callable[[], Foun
 
 
 def _of_stations(transport: Transport, station: str, ask: Callable[[], list[M]]) -> list[M]:
-    """Return what `ask` finds of a station, or of all for `*`, whose queries have a budget of their own.
+    """Return the result of `ask` for a station, or for all with `*`; queries with `*` have a separate budget.
 
     Raises ProtocolError `overloaded` where it is not answered because that budget is used up.
     """
@@ -498,9 +500,9 @@ def _of_stations(transport: Transport, station: str, ask: Callable[[], list[M]])
 
 
 def _held_back(transport: Transport, station: str) -> int:
-    """Return how many queries of a station were held back; 0 if no service states it.
+    """Return how many queries of a station were refused by its budget; 0 if no service states it.
 
-    For `*`: how many queries without a station.
+    For `*`: the number of refused queries without a station.
     """
     with suppress(AccessDenied):
         stated = _query_all(transport, service_key("*", "status"), ServiceStatus)

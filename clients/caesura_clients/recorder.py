@@ -1,9 +1,9 @@
 """Records a live session from the wire: samples as they were sent, and results at the end.
 
-`Recorder` is the fold: batches in, by their numbers, and which are missing. `record` is the session around
-it. What it missed it asks of the bridge's ring, as the service does; what the ring has lost, or the router's
-access rules keep to the service, is a gap, and is said. Samples are kept in memory until the end: an hour of
-30 columns at 1 kHz is 900 MB.
+`Recorder` is the fold over numbered batches, which also lists missing ones. `record` receives the messages.
+It requests missing batches from the bridge's ring, as the service does. A batch that the ring no longer has,
+or that access rules forbid, is a gap and is reported. Samples stay in memory until the end: an hour of 30
+columns at 1 kHz is 900 MB.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ TICK_S = 0.1
 class Recorder:
     """Batches of one session, and the ranges that are missing.
 
-    Numbers are a sender's word, and may leap to a billion: of what is missing only its beginning is kept.
+    A sender may state any number, also a billion: only the beginning of the missing numbers is stored.
     """
 
     session: str
@@ -62,7 +62,7 @@ class Recorder:
     def add_batch(self, batch: SampleBatch, now_s: float | None = None) -> None:
         """Store a batch, unless its number is stored already.
 
-        now_s: time of day, where it was received live.
+        now_s: time of day of its arrival, if it was received live.
         """
         self.announce_seq(batch.seq)
         if batch.seq in self.batches or batch.seq > self.known:
@@ -96,14 +96,14 @@ class Recorder:
         return ReplayRange(first, last, last - first + 1, self.session)
 
     def count_unanswered(self, asked: ReplayRange, *, no_reply: bool = False) -> None:
-        """Count a replay without these batches; after ATTEMPTS give them up as a gap."""
+        """Count a replay that did not return these batches; after ATTEMPTS declare them lost."""
         first, tried = self._asked
         self._asked = (asked.first, tried + 1 if first == asked.first else 1)
         if self._asked[1] >= ATTEMPTS:
             self.give_up_before(self.known + 1 if no_reply else asked.last + 1)
 
     def give_up_before(self, oldest: int) -> None:
-        """Give up the batches before the oldest one that the ring has."""
+        """Declare the batches before the oldest one of the ring lost."""
         self._whole = max(self._whole, min(oldest, self.known + 1))
         self._unreadable = {seq for seq in self._unreadable if seq >= self._whole}
 
@@ -113,16 +113,16 @@ class Recorder:
         return self.known + 1 - len(self.batches)
 
     def holes(self) -> Iterator[tuple[float, float]]:
-        """Yield when stored batches do not follow each other: the sample before and the one after [s]."""
+        """Yield each gap between stored batches: the times of the samples before and after it [s]."""
         for before, after in pairwise(sorted(self.batches)):
             if after > before + 1:
                 ends = (unpack_samples(self.batches[seq]) for seq in (before, after))
                 yield float(next(ends)[-1, 0]), float(next(ends)[0, 0])
 
     def recording(self, found: Snapshot | None) -> Recording:
-        """Return the stored samples as a recording, with what the results state of them, where there are any.
+        """Return the stored samples as a recording, with the statements of the results, if there are any.
 
-        Raises CaesuraError where there are no samples.
+        Raises CaesuraError without samples.
         """
         if not self.batches:
             raise CaesuraError(f"{self.session}: no samples came")
@@ -146,7 +146,7 @@ class RecordedSession:
 
     @property
     def missed(self) -> str:
-        """Return what is missing from the recording, empty where nothing is."""
+        """Return text on what is missing from the recording; empty if nothing is."""
         said = []
         if self.recorder.lost:
             count = f"{self.recorder.lost} of {self.recorder.known + 1} batches"
@@ -182,7 +182,7 @@ def record(
 ) -> RecordedSession:
     """Record a session until it is closed or `over` is set: the one named, or the first that is received.
 
-    on_message: is called after every received message. Raises CaesuraError where nothing came at all.
+    on_message: called after every received message. Raises CaesuraError if nothing was received.
     """
     ending = over or threading.Event()
     inbox = Inbox()
@@ -232,7 +232,7 @@ class _LiveRecording:
         self._received_s = self._asked_s = clock()
 
     def receive(self, item: Item | None) -> None:
-        """Store a received message, where it belongs to the session."""
+        """Store a received message if it belongs to the session."""
         message = _decoded(item) if isinstance(item, ReceivedSample) else None
         if message is None or message.session != (self._session or message.session):
             return
@@ -247,7 +247,7 @@ class _LiveRecording:
     def request_missing(self) -> None:
         """Request missing batches from the bridge.
 
-        After a silence, ask the service whether the session is closed.
+        After a time without messages, query the service whether the session is closed.
         """
         now = self._clock()
         if self.recorder is None:

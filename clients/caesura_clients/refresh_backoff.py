@@ -1,6 +1,7 @@
-"""Decides when to query: keys without messages after a pause, then at increasing intervals, none too often.
+"""Schedules queries of keys without messages: first after a pause, then at increasing intervals.
 
-A key that is received again starts anew; a query without an answer is repeated after the first interval.
+A received message restarts the schedule of its key; a query without an answer is repeated after the first
+interval.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class RefreshBackoff(Generic[K]):
         self._waiting.pop(key, None)
 
     def due(self) -> list[K]:
-        """Return the keys to query now; checks no oftener than needed."""
+        """Return the keys to query now; calls within the check interval return none."""
         now = self._clock()
         if now < self._next_check_s:
             return []
@@ -67,12 +68,12 @@ class TimeShares(Generic[K]):
         self._free: dict[K, float] = {}  # from when on [s] a key may be queried
 
     def allows(self, key: K) -> bool:
-        """Whether the share of a key is not used up."""
+        """Return whether the share of a key is not yet used up."""
         return self._free.get(key, 0.0) <= self._clock()
 
     @contextmanager
     def charged(self, key: K) -> Iterator[None]:
-        """Count the time of a query."""
+        """Charge the duration of the context to the share of a key."""
         began = self._clock()
         try:
             yield

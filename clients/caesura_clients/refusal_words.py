@@ -1,7 +1,7 @@
-"""Refusals in words that say what to do, for the command line and the dashboard.
+"""Refusals as text that states what to do, for the command line and the dashboard.
 
-A refusal states a value, a limit and the alternatives as they are on the wire. What they are follows from the
-action that was refused: a time has a unit and the session's clock, a force a unit.
+A refusal states a value, a limit and the alternatives as on the wire. Their meaning follows from the refused
+action: a time has a unit and the session's clock, a force a unit.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ Refused = Action | ProgramAction | Since
 def refusal_words(
     error: ProtocolError, action: Refused | None = None, clock: SessionClock = NO_OFFSET
 ) -> str:
-    """Return why something was refused, without the full stop.
+    """Return the text of a refusal, without the full stop.
 
-    action: that was refused, where it is a correction or an edit; clock: of its session.
+    action: the refused correction or edit, if it was one; clock: of its session.
 
     >>> outside = ProtocolError("malformed", "the time is outside", value=9.2, limit=[0.0, 8.4])
     >>> refusal_words(outside, Remove(t=9.2))
@@ -36,7 +36,9 @@ def refusal_words(
 
 
 def _is_time(error: ProtocolError, action: Refused | None) -> bool:
-    """Whether the value of a refusal is a time: of the action, or one with the ends of the session."""
+    """Return whether the value of a refusal is a time: of the action, or one beside the ends of the
+    session.
+    """
     stated = [getattr(action, name, None) for name in ("t", "to")]
     has_ends = isinstance(error.limit, list | tuple) and len(error.limit) == 2
     return isinstance(error.value, int | float) and (error.value in stated or has_ends)
@@ -62,12 +64,12 @@ def _of_time(error: ProtocolError, action: Refused | None, clock: SessionClock) 
 
 
 def _span(words: str, clock: SessionClock) -> str:
-    """Return two times of a refusal, `[3.0, 4.5]`, as people read them."""
+    """Return the two times of a refusal, `[3.0, 4.5]`, as text."""
     return " to ".join(clock.brief(float(t)) for t in words.strip("[]()").split(", "))
 
 
 def _found(error: ProtocolError, action: Refused | None) -> str:
-    """Return text with the refused value and the limit that it broke; empty if the message states them."""
+    """Return text on the refused value and the limit that it violates; empty if the message states them."""
     value, limit = error.value, error.limit
     bare = limit is None and error.expected is None and not isinstance(value, str)
     if value is None or bare or type(error.expected) is int:

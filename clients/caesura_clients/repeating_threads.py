@@ -1,4 +1,4 @@
-"""Threads that repeat their work while a context lasts, whatever the network does to it."""
+"""Threads that repeat their work while a context lasts, also after network errors."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ RETRY_S = 1.0  # from an error to the next attempt
 
 
 class RepeatingThreads:
-    """Repeats each work in a thread of its own while the context lasts, also after an error.
+    """Repeats each function in a separate thread while the context lasts, also after an error.
 
-    works: by the name of the thread; each returns soon after `_over` is set. on_error: called by the thread
-    with its name and with the text of the error.
+    works: functions by thread name; each returns soon after `_over` is set. on_error: called by the thread
+    with its name and the text of the error.
     """
 
     def __init__(self, works: Mapping[str, Callable[[], None]], on_error: Callable[[str, str], None]) -> None:

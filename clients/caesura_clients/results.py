@@ -1,9 +1,9 @@
 """The state of a session, from its snapshot and the results published since.
 
-Results are published with DROP, so a reader must expect holes. Changepoints and segments come as `first` and
-a list that replaces everything from `first` on; a hole in their numbers is healed by the snapshot. Status,
-posterior, hints and program are complete each time, and of them only the newest counts. Where two instances
-answer for a session (a network that was cut in two), the one with the highest epoch is right.
+Results are published with DROP, so a reader must expect gaps. Changepoints and segments are sent as `first`
+and a list that replaces everything from `first` on; after a gap in their numbers the reader queries the
+snapshot. Status, posterior, hints and program are complete in each message, and only the newest counts. If
+two instances answer for a session (a partitioned network), the one with the highest epoch is right.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Outcome = Literal["changed", "unchanged", "hole"]
 
 @dataclass(frozen=True)
 class Update:
-    """Everything that is known of one session at one time."""
+    """The complete state of one session at one time: status, segments, phases, hints, program."""
 
     status: SessionStatus
     changepoints: tuple[Changepoint, ...]
@@ -54,7 +54,9 @@ class Update:
 
     @property
     def t(self) -> float:
-        """The last observation that results speak of [s]; a status comes less often than the posterior."""
+        """Time of the newest observation in the results [s]; the posterior is published more often than
+        the status.
+        """
         posterior_s = self.status.t if self.posterior is None else self.posterior.t
         return max(self.status.t, posterior_s, self.program.t)
 
@@ -73,7 +75,7 @@ class SessionReader:
         self._last: dict[type[Published], int] = {}
 
     def restart(self, snapshot: Snapshot) -> Outcome:
-        """Start from a snapshot, unless its sender has been replaced."""
+        """Start again from a snapshot, unless its sender has been replaced."""
         owner = (snapshot.status.epoch, snapshot.status.instance)
         if owner < self._owner:
             return "unchanged"
@@ -95,7 +97,7 @@ class SessionReader:
         return "unchanged" if self.update == before else "changed"
 
     def receive(self, message: Published) -> Outcome:
-        """Take a published message. A `hole` changes nothing and asks for a snapshot."""
+        """Apply a published message. A `hole` changes nothing: the caller must query a snapshot."""
         owner = (message.epoch, message.instance)
         if owner < self._owner:
             return "unchanged"
@@ -116,7 +118,9 @@ class SessionReader:
 
 
 def _applied(update: Update, message: Published, *, next_one: bool) -> Update | None:
-    """Return the state after a message, which may be applied twice; None if a list cannot be continued."""
+    """Return the state after a message, which may be applied twice; None if there is a gap before its
+    list.
+    """
     match message:
         case SessionStatus() | Posterior() | Hints() | Program():
             return replace(update, **_replaced(message))
@@ -144,5 +148,7 @@ def _replaced(message: SessionStatus | Posterior | Hints | Program) -> dict[str,
 
 
 def _goes_on(update: Update, message: Segments) -> bool:
-    """Return whether a message begins where its reader's segments and phases end, or before."""
+    """Return whether the lists of a message begin at or before the end of the reader's segments and
+    phases.
+    """
     return message.first <= len(update.segments) and message.first_phase <= len(update.phases)

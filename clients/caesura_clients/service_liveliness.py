@@ -21,7 +21,7 @@ Change = Literal["there", "gone"]
 
 
 class LiveServices:
-    """The instances that are alive: a fold over presences."""
+    """The live instances of the service: a fold over changes of liveliness tokens."""
 
     def __init__(self) -> None:
         self._alive: set[str] = set()
@@ -31,7 +31,9 @@ class LiveServices:
         return bool(self._alive)
 
     def receive(self, presence: TokenChange) -> Change | None:
-        """Take a presence: `there` for the first service, `gone` after the last one, else None."""
+        """Apply a change of a token; return `there` for the first service, `gone` after the last one, else
+        None.
+        """
         before = bool(self)
         if presence.alive:
             self._alive.add(presence.key)
@@ -44,7 +46,7 @@ class LiveServices:
 
 @contextmanager
 def watch_services(transport: Transport, on_change: Callable[[Change], None]) -> Iterator[None]:
-    """Call `on_change`, from a thread of its own, whenever the last service goes or a first one comes."""
+    """Call `on_change`, in a separate thread, whenever the last service goes or a first one appears."""
     inbox, over = Inbox(), threading.Event()
 
     def listen() -> None:

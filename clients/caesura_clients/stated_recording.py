@@ -1,4 +1,4 @@
-"""A recording of a session's samples, with what its results state of them."""
+"""A recording of a session's samples, with the statements in its results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ def stated_recording(
 ) -> Recording:
     """Return samples (n, columns), time first, as a recording that opens a session with the same statements.
 
-    unit: of their positions. The tolerances of paths are not in the results; the service's own apply then.
+    unit: length unit of the positions. The results do not contain the tolerances of paths; the service's
+    defaults apply.
     """
     wrench = status.wrench
     return Recording(

@@ -1,20 +1,22 @@
-"""A bridge between one robot and the service: it publishes numbered batches and keeps the last two minutes,
-and ten of what no service is known to have.
+"""A bridge between one robot and the service.
+
+It publishes numbered batches. It keeps the last two minutes for replay, and up to ten minutes of batches that
+no service has acknowledged.
 
 Four threads:
-  the caller's  takes chunks from the source and leaves them in the ring, numbered; it calls no network;
-  send          puts what is in the ring, late batches and heartbeats;
-  replay        answers the service's questions for batches that it missed;
-  keeper        opens the session, again whenever a service comes or goes.
+  the caller's  takes chunks from the source, numbers them and appends them to the ring; no network calls;
+  send          publishes the batches of the ring, repeated batches and heartbeats;
+  replay        answers the service's requests for batches that it did not receive;
+  keeper        opens the session, and opens it again whenever a service appears or disappears.
 
-How nothing is lost: `put` drops silently, so the service finds a hole by its number and asks `replay`. A
-lost tail shows no hole, so an idle bridge repeats its last number. `Close` is acknowledged only when the
-service has everything; until then the missing batches are sent again.
+How losses are found: Zenoh's `put` drops silently, so the service detects a missing batch by its number and
+queries `replay`. A lost last batch leaves no gap in the numbers, so an idle bridge repeats its last number.
+`Close` is acknowledged only when the service has every batch; until then the missing ones are sent again.
 
-How a source that can wait does not overrun the service: puts are not acknowledged, but `Open` is, and may be
-asked again. When `window_batches` are under way the bridge asks until the service has come half-way.
+Flow control of a source that can wait: batches are not acknowledged, but `Open` is, and may be repeated. When
+`window_batches` are unacknowledged, the bridge repeats `Open` until the service has received half of them.
 
-A bridge that ends before a service has everything, writes what the ring still has to a file.
+A bridge that ends before a service has every batch writes the batches in its ring to a file.
 """
 
 from __future__ import annotations
@@ -68,15 +70,15 @@ MARKER = "marker"  # whose corrections those of a pedal are
 
 
 def new_session_name(now: datetime | None = None) -> str:
-    """A name that sorts by time and does not repeat: `s{yyyymmdd}-{hhmmss}-{4 hex}`."""
+    """Return a new session name, `s{yyyymmdd}-{hhmmss}-{4 hex}`: names sort by time and do not repeat."""
     return f"s{now or datetime.now():%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
 
 
 class Bridge:
     """One session of one station, from its first sample to its acknowledged end.
 
-    epoch: 0 for a new session; a bridge that was restarted takes one up with a higher epoch than before,
-    and then must not send before `wait_open`.
+    epoch: 0 for a new session. A restarted bridge continues a session with a higher epoch than before, and
+    must then not send before `wait_open` has returned.
 
     >>> with Bridge(transport, "cell-1", source) as bridge:  # doctest: +SKIP
     ...     bridge.run()
@@ -99,9 +101,9 @@ class Bridge:
         holds_token: bool = True,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """description: what people state about the session; None states nothing.
+        """description: the operator's statements about the session; None states nothing.
 
-        holds_token: False where the caller holds the liveliness token of the station.
+        holds_token: False if the caller declares the liveliness token of the station.
         """
         self.station = check_name(station, "station")
         self.session = check_name(session or new_session_name(), "session")
@@ -150,12 +152,12 @@ class Bridge:
 
     @property
     def sent(self) -> int:
-        """Batches of the session so far, those of a predecessor included."""
+        """The number of batches of the session so far, including those of a predecessor."""
         return self._sender.last_seq + 1
 
     @property
     def acknowledged(self) -> int:
-        """Batches that the service is known to have."""
+        """The number of batches that the service has acknowledged."""
         return self._ring.acknowledged
 
     @property
@@ -165,17 +167,21 @@ class Bridge:
 
     @property
     def slow_pose(self) -> str | None:
-        """A sentence on a pose that the source reads too seldom and repeats; None without such a pose."""
+        """A warning that the source reads its pose too seldom and repeats it; None if it does not."""
         return self._pose_readings.slow
 
     @property
     def ignored_up(self) -> str | None:
-        """A sentence on a direction of up that the service ignores; None if it uses it or none is stated."""
+        """A warning that the service ignores the stated direction of up; None if it uses it or none is
+        stated.
+        """
         return self._ignored_up
 
     @property
     def stuck_s(self) -> float:
-        """The time [s] for which the service has requested one batch again and again: it cannot store it."""
+        """Time [s] for which the service has requested the same batch, which it cannot store; 0 if it does
+        not.
+        """
         return self._replay.stuck_s
 
     def __enter__(self) -> Self:
@@ -201,9 +207,10 @@ class Bridge:
             self._save_unstored()
 
     def run(self) -> Ack:
-        """Send everything that the source has and close the session; returns the service's last word.
+        """Send all samples of the source and close the session; return the acknowledgement of the close.
 
-        A source that fails ends the demonstration: what came before is sent and closed, then it is raised.
+        If the source fails, the samples before the failure are sent, the session is closed and the error is
+        raised.
         """
         if self._source.can_wait or self._open.epoch > 0:
             self.wait_open()
@@ -224,17 +231,19 @@ class Bridge:
         return self.finish()
 
     def wait_open(self, timeout_s: float | None = None) -> None:
-        """Wait until a service has the session. Raises Unreachable, or ProtocolError where it refuses."""
+        """Wait until a service has opened the session. Raises Unreachable, or ProtocolError where it
+        refuses.
+        """
         if not self._answered.wait(timeout_s):
             raise Unreachable(f"no service has opened {self.station}/{self.session} for {timeout_s:g} s")
         self._raise_failure()
 
     def send(self, chunk: Chunk) -> None:
-        """Send samples (k, columns). Calls nothing of the network, unless the source can wait.
+        """Send samples (k, columns). Makes no network call, unless the source can wait.
 
-        Raises SourceError for a wrong shape, a value that is not finite, or values in the first second which
-        are probably in another unit; ProtocolError once the service has refused the session, CaesuraError
-        once it is closed. After `stop` it drops them.
+        Raises SourceError for a wrong shape, a value that is not finite, or values in the first second that
+        are probably in another unit; ProtocolError once the service has refused the session; CaesuraError
+        once it is closed. After `stop` it drops the samples.
         """
         self._raise_failure()
         if self._stopped.is_set():
@@ -250,15 +259,15 @@ class Bridge:
                 self._wait_for_room()
 
     def stop(self) -> None:
-        """End the demonstration here: later samples are dropped, and a source that waits is released."""
+        """End the demonstration now: drop later samples, and unblock a source that waits."""
         self._sender.end()
         self._stopped.set()
 
     def mark(self, t: float | None = None, *, author: str = MARKER) -> Ack:
         """Mark a changepoint: a segment ends at `t` [s], by default at the newest sample; the next begins.
 
-        To be called from a thread that may wait for the network, which a robot's loop may not. Raises as
-        `editing.edit`, or CaesuraError before the first sample.
+        Waits for the network, so it must not be called in a robot's control loop. Raises as `editing.edit`,
+        or CaesuraError before the first sample.
         """
         t = self._sender.last_t if t is None else t
         if t is None:
@@ -268,9 +277,9 @@ class Bridge:
         return ack
 
     def finish(self, *, success: bool | None = None) -> Ack:
-        """Send what is pending and close the session; it may be called again where that failed.
+        """Send the pending samples and close the session; it may be called again after a failure.
 
-        success: of the demonstration, where that is stated.
+        success: whether the demonstration succeeded; None states nothing.
 
         Raises Unreachable where the service does not acknowledge everything in `close_timeout_s`, or
         ProtocolError where it refuses to.
@@ -326,7 +335,7 @@ class Bridge:
         return ack, None, False
 
     def _save_unstored(self) -> None:
-        """Write what the ring has to a file, of a source that does not deliver it again."""
+        """Write the batches of the ring to a file, unless the source can deliver its samples again."""
         folder, batches = self.settings.unstored_folder, self._ring.entries_from(0, self.sent)
         if folder is None or self._source.can_wait or not batches:
             return
@@ -348,7 +357,7 @@ class Bridge:
         )
 
     def _wait_for_room(self) -> None:
-        """Block the source while a whole window of batches is unacknowledged."""
+        """Block the source while `window_batches` batches are unacknowledged."""
         if self.sent - self.acknowledged < self.settings.window_batches:
             return
         before, since = self.acknowledged, self._clock()
@@ -422,7 +431,7 @@ class Bridge:
 
 
 def new_bridge_name() -> str:
-    """Names this bridge among all: `{host}-{process}-{4 hex}`."""
+    """Return a unique name of this bridge: `{host}-{process}-{4 hex}`."""
     host = re.sub("[^a-z0-9]+", "-", socket.gethostname().lower()).strip("-")[:40] or "bridge"
     return f"{host}-{os.getpid()}-{secrets.token_hex(2)}"
 
@@ -442,7 +451,7 @@ def _robot_of(source: Source) -> CellSettings:
 
 
 def _ignored_up(opening: Open, ack: Ack) -> str | None:
-    """Name a direction that was stated to a service which does not know it; None where it does."""
+    """Return a warning if `up` is stated to a service that does not support it; None otherwise."""
     up = opening.up
     if up is None or up == UP or ack.up is not None:
         return None

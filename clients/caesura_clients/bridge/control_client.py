@@ -1,7 +1,7 @@
 """The commands of a bridge to the service: open and close a session.
 
-Both are idempotent and may be asked again whenever an answer got lost. An Ack carries the batch that the
-service waits for, so asking again is also the way to learn how far it has come.
+Both commands are idempotent, so they may be repeated after a lost answer. An Ack states the next batch that
+the service expects, so a repeated command also shows how far the service has come.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ TRY_AGAIN: frozenset[ErrorCode] = frozenset({"overloaded", "internal"})
 
 
 class ControlClient:
-    """The `control` key of one station."""
+    """Client of the `control` key of one station."""
 
     def __init__(self, transport: Transport, station: str) -> None:
         self._transport = transport
@@ -25,7 +25,7 @@ class ControlClient:
     def ask(self, command: Open | Close, *, timeout_s: float = QUERY_TIMEOUT_S) -> Ack | None:
         """Send a command; return the Ack, or None without an answer. Raises ProtocolError for a refusal.
 
-        An error of the service's own may not be there the next time; the service has it in its log.
+        None also stands for an internal error of the service: it may not recur, and the service logs it.
         """
         content = encode(Control(command=command))
         answers = self._transport.query(self._key, content, timeout_s=timeout_s)
@@ -38,7 +38,7 @@ class ControlClient:
         return None
 
     def close_left_open(self, status: SessionStatus, *, success: bool | None = None) -> Ack | None:
-        """Close a session that no bridge sends any more, behind the service's last batch. Raises as `ask`."""
+        """Close a session whose bridge is gone, after the service's last batch. Raises as `ask`."""
         close = Close(session=status.session, last_seq=status.batches + status.lost - 1, success=success)
         try:
             return self.ask(close)

@@ -1,4 +1,5 @@
-"""The hand-guiding button of a robot begins a demonstration, and ends it once it stays released.
+"""Starts a demonstration when the robot's hand-guiding button is pressed; ends it once the button stays
+released.
 
 Rules, for a bridge in standby that is started by the button:
   a press begins a demonstration; a button that was held before counts from its next press on
@@ -6,10 +7,10 @@ Rules, for a bridge in standby that is started by the button:
   it ends once the button was released for `released_s`; the samples after the release are left out then
   a press within that time goes on with it, and the samples in between belong to it: a hand may regrip
   a Stop ends it at once, with every sample so far
-  what Start began, only Stop ends; the button changes nothing of it
+  a demonstration that Start began is ended by Stop alone; the button has no effect on it
 
-The source's clock measures all times. Samples wait here from a press until a service has opened the session,
-and from a release until the next press.
+The source's clock measures all times. Samples are held here from a press until a service has opened the
+session, and from a release until the next press.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ State = Literal["idle", "pressed", "opening", "taught", "over", "by_start"]
 
 
 class Item(NamedTuple):
-    """A chunk or mark of a source, and whether the button was pressed when it came."""
+    """A chunk or mark of a source, and the state of the button when it was received."""
 
     content: Chunk | Mark
     is_pressed: bool
@@ -42,10 +43,10 @@ class Item(NamedTuple):
 
 
 class GuidingButton:
-    """Starts and ends that the hand-guiding button requests, and the samples that belong to each session.
+    """The session requests of the hand-guiding button, and the assignment of samples to sessions.
 
     changed: set when the button requests a start or an end; deliver: called with each chunk or mark of the
-    open session; released_s [s]: a release this long ends a demonstration that the button began.
+    open session; released_s [s]: how long the button must be released to end a demonstration that it began.
     """
 
     def __init__(self, changed: threading.Event, deliver: Deliver, released_s: float = RELEASED_S) -> None:
@@ -58,7 +59,7 @@ class GuidingButton:
 
     @property
     def is_over(self) -> bool:
-        """Whether the button was released for `released_s`, which ends the demonstration."""
+        """Whether the button has been released for `released_s`, which ends the demonstration."""
         return self._state == "over"
 
     def take(self, content: Chunk | Mark, is_pressed: bool) -> None:
@@ -73,7 +74,7 @@ class GuidingButton:
             self._advance()
 
     def accept(self) -> bool:
-        """Return whether a press asks for a demonstration; `begin` or `end` then answers it."""
+        """Return whether a press requests a demonstration; the caller answers with `begin` or `end`."""
         with self._lock:
             if self._state != "pressed":
                 return False
@@ -81,7 +82,7 @@ class GuidingButton:
             return True
 
     def begin(self) -> None:
-        """Record that a session is open: the one that a press requested, or one that Start began."""
+        """Record that a session is open, requested by a press or begun by Start."""
         with self._lock:
             if self._state == "opening":
                 self._state = "taught"
@@ -92,7 +93,7 @@ class GuidingButton:
             self._advance()
 
     def end(self) -> None:
-        """Record that the session is over, or was not opened. A press after its end requests the next one."""
+        """Record that the session is closed, or was not opened. Only a later press requests the next one."""
         with self._lock:
             self._advance()
             if self._state == "taught":
@@ -103,7 +104,7 @@ class GuidingButton:
             self._advance()
 
     def _advance(self) -> None:
-        """Process waiting items, as far as the state shows to which session they belong."""
+        """Process the held items whose session the current state determines."""
         while self._waiting and self._state in {"idle", "taught", "by_start"}:
             item = self._waiting.popleft()
             if self._state == "idle":
@@ -115,7 +116,7 @@ class GuidingButton:
             self._was_pressed = item.is_pressed
 
     def _watch(self, item: Item) -> None:
-        """Keep an item without a session; a press, after a release, requests a session."""
+        """Hold an item while no session is open; request a session if it is a press after a release."""
         self._kept.append(item)
         while item.t - self._kept[0].t > LEAD_S:
             self._kept.popleft()

@@ -1,6 +1,6 @@
-"""Marks of a source, sent by a thread of their own so that the robot's loop never waits for the service.
+"""Sends the marks of a source in a separate thread, so that the robot's loop never waits for the service.
 
-They wait in a queue of `CAPACITY`; a hand cannot fill it, and what is past it is counted as failed.
+Marks wait in a queue of `CAPACITY`. A hand cannot fill it; a mark beyond it is counted as failed.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ LAST_S = 10.0  # for the marks that wait when the demonstration is over
 
 
 class MarkerQueue:
-    """Makes marks one after the other while the context lasts, and those that wait when it ends.
+    """A thread that sends marks one after the other until the context ends and the queue is empty.
 
-    make: a mark at a time [s], which may wait for the network. `failed` has why some were not made.
+    make: sends a mark at a time [s]; it may wait for the network. `failed` lists the reasons of marks that
+    failed.
     """
 
     def __init__(self, make: Callable[[float], object], name: str) -> None:
@@ -55,7 +56,7 @@ class MarkerQueue:
             self.failed.append(f"mark at {t:.2f} s: {CAPACITY} marks wait already")
 
     def _give_up(self, why: str) -> None:
-        """Move the waiting marks to `failed` with the reason, so that the demonstration need not wait."""
+        """Move the queued marks to `failed` with the reason, so that the demonstration need not wait."""
         with suppress(queue.Empty):
             while (t := self._waiting.get_nowait()) is not None:
                 self.failed.append(f"mark at {t:.2f} s: {why}")

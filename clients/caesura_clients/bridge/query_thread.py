@@ -1,4 +1,4 @@
-"""Answers the queries of one key in a thread of its own, one after the other."""
+"""Answers the queries of one key in a separate thread, one after the other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Answers the service's requests for batches in a thread of its own, because a close may wait for them."""
+"""Answers the service's replay requests for batches in a separate thread, because a close may wait for
+them.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ FORGOTTEN_S = 3.0  # a service that misses a batch asks for it several times in 
 
 
 class _Missing(NamedTuple):
-    """The batch that the service asked for last, and when it did first and last [s]."""
+    """The batch that the service requested last, and the times of its first and last request [s]."""
 
     seq: int
     since: float
@@ -26,7 +28,7 @@ class _Missing(NamedTuple):
 
 
 class ReplayServer(QueryThread):
-    """The `replay` key of a station: every batch of the range is one reply, in order."""
+    """Queryable on a station's `replay` key: it replies with every batch of the range, in order."""
 
     def __init__(
         self,

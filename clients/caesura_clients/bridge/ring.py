@@ -1,11 +1,10 @@
 """The ring of the last batches, kept for replay.
 
-The ring keeps at least `span_s` of the demonstration, measured on the session's own clock, and all that no
-service is known to have, as long as that is no more than `max_samples`. So a service may be silent for longer
-than the span. A clock that jumps evicts nothing: from one batch to the next no more than `STEP_S` pass, and
-never less than nothing.
+The ring keeps at least `span_s` of the demonstration, measured on the session's clock, and every batch that
+no service has acknowledged, up to `max_samples`. So a service may be silent for longer than the span. A jump
+of the clock evicts nothing: the time between two batches counts as at least 0 and at most `STEP_S`.
 
-The ring is also the queue between the robot's thread and the network: a batch is in it from the moment it is
+The ring is also the queue between the robot's thread and the network. A batch is appended when it is
 numbered, and is encoded once, at its first use.
 """
 
@@ -24,7 +23,7 @@ EVICTED = 8  # batches that may go for one that comes: the robot's thread does n
 
 
 class StoredBatch:
-    """A batch with its number."""
+    """A batch of the ring with its sequence number."""
 
     __slots__ = ("_content", "passed", "samples", "seq", "t")
 
@@ -41,7 +40,7 @@ class StoredBatch:
 
     @property
     def content(self) -> Encoded:
-        """The encoded batch, made at its first use; two threads that use it first may both encode it."""
+        """The encoded batch, made at its first use; two concurrent first uses may both encode it."""
         content = self._content
         if callable(content):
             self._content = content = content()
@@ -49,7 +48,7 @@ class StoredBatch:
 
 
 class ReplayRing:
-    """Consecutive batches, oldest first; safe between threads."""
+    """Consecutive batches, oldest first. Thread-safe."""
 
     def __init__(self, *, span_s: float = 120.0, max_samples: int = 600_000) -> None:
         self.span_s = span_s
@@ -103,11 +102,11 @@ class ReplayRing:
         return len(self._entries)
 
     def _between(self, begin: int, end: int) -> list[StoredBatch]:
-        """Return the batches of these places. An iterator would pass over all that are older."""
+        """Return the batches at these indices. An iterator over the deque would visit all older ones."""
         return [self._entries[place] for place in range(begin, end)]
 
     def _evictable(self, now: float, evicted: int) -> bool:
-        """Return whether the oldest batch may be evicted, after so many have been.
+        """Return whether the oldest batch may be evicted, after `evicted` others.
 
         The bound on samples takes precedence over the span.
         """

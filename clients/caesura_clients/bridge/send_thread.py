@@ -1,4 +1,4 @@
-"""The thread between ring and network: puts numbered batches, late batches and heartbeats."""
+"""The thread between ring and network: publishes numbered batches, repeated batches and heartbeats."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from caesura_clients.bridge.sender import BatchSender
 
 
 class SendThread:
-    """Puts numbered batches until the sender has ended; an error is stored, and ends the bridge."""
+    """Publishes numbered batches until the sender has ended; an error is stored, and ends the bridge."""
 
     def __init__(
         self,

@@ -1,10 +1,10 @@
-"""Numbers the batches of one session, keeps them in the ring and puts them.
+"""Numbers the batches of one session, stores them in the ring and publishes them.
 
-Two sides that share the ring and nothing else. The robot's side (`push`, `flush`) numbers a batch and
-appends it; its lock is held for microseconds and never across a call of the network, so that a robot's loop
-does not wait, whatever the network does. The network's side (`put_waiting`, `heartbeat`, `resend`) encodes
-and puts, in any other thread. Where the network is slower than the robot for longer than the ring lasts, what
-the ring drops was never put: the service finds the hole by the numbers, and its replay is answered `evicted`.
+The two sides share only the ring. The robot's side (`push`, `flush`) numbers a batch and appends it. It holds
+its lock for microseconds and never during a network call, so the robot's loop does not wait for the network.
+The network's side (`put_waiting`, `heartbeat`, `resend`) encodes and publishes, in any other thread. If the
+network is slower than the robot for longer than the span of the ring, the ring evicts batches that were never
+published. The service finds the gap by the numbers, and its replay request is answered with `evicted`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _AT_ONCE = 64  # batches taken from the ring in one go
 
 
 class BatchSender:
-    """The `samples` key of a station for one session."""
+    """Publisher of the `samples` key of a station for one session."""
 
     def __init__(
         self,
@@ -54,9 +54,9 @@ class BatchSender:
     # --- the robot's side -------------------------------------------------------------------------------
 
     def push(self, chunk: Matrix) -> None:
-        """Take samples (k, columns) and number the batches that they fill. Raises SourceError.
+        """Append samples (k, columns) and number the batches that they fill. Raises SourceError.
 
-        After `end` it drops them.
+        After `end` the samples are dropped.
         """
         with self._numbering:
             if self._has_ended:
@@ -73,21 +73,21 @@ class BatchSender:
             self._work.set()
 
     def flush(self, *, older_than_s: float = 0.0) -> None:
-        """Number what is pending as a batch of its own, if its first sample has waited so long."""
+        """Number the pending samples as a batch of their own, if the first has waited for `older_than_s`."""
         with self._numbering:
             if self._clock() - self._pending_since >= older_than_s:
                 for batch in self._batcher.flush():
                     self._number(batch)
 
     def end(self) -> None:
-        """Number what is pending; what is pushed from now on is dropped."""
+        """Number the pending samples; drop samples pushed from now on."""
         with self._numbering:
             for batch in self._batcher.flush():
                 self._number(batch)
             self._has_ended = True
 
     def continue_from(self, seq: int) -> None:
-        """Number the next batch `seq`: a predecessor sent those before. Only while nothing has a number."""
+        """Continue the numbers of a predecessor: the next batch is `seq`. Only before the first batch."""
         with self._numbering:
             if len(self.ring):
                 raise ValueError(f"batches up to {self.last_seq} were sent before the session was open")
@@ -96,12 +96,12 @@ class BatchSender:
     # --- the network's side -----------------------------------------------------------------------------
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until a batch has been numbered since the last wait, or the time is over."""
+        """Wait until a batch has been numbered since the last wait, at most `timeout_s`."""
         self._work.wait(timeout_s)
         self._work.clear()
 
     def put_waiting(self) -> None:
-        """Put every batch that has not been put."""
+        """Publish every batch that has not been published yet."""
         with self._putting:
             while entries := self.ring.entries_from(self._next_put, _AT_ONCE):
                 for entry in entries:
@@ -110,7 +110,7 @@ class BatchSender:
                 self._last_put = self._clock()
 
     def heartbeat(self, *, idle_s: float = 0.0) -> None:
-        """Repeat the last number that was put, if nothing was put for so long."""
+        """Publish the last number again, if nothing was published for `idle_s`."""
         with self._putting:
             if self._clock() - self._last_put >= idle_s:
                 seq = self._next_put - 1
@@ -120,7 +120,7 @@ class BatchSender:
                 self._last_put = self._clock()
 
     def resend(self, first: int, count: int) -> None:
-        """Put batches again from `first` on, as far as the ring has them, at most `count`."""
+        """Publish stored batches again, from number `first` on, at most `count`."""
         for entry in self.ring.entries_from(first, count):
             self._transport.put(self._key, entry.content)
 

@@ -10,7 +10,7 @@ from caesura_protocol.programs.safety import UNSET, CellSettings
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Settings of a bridge: size of batches, times between retries, and span of the replay ring."""
+    """Settings of a bridge: batch size, retry intervals, and span of the replay ring."""
 
     batch_samples: int = 20
     max_latency_s: float = 0.1  # a batch that does not fill goes after this time

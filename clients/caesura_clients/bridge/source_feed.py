@@ -1,8 +1,8 @@
-"""Reads a source for a bridge in standby, and passes samples to the session that takes them.
+"""Reads a source for a bridge in standby, and passes its samples to the current session.
 
-A live source is read from the first moment on, in a thread of its own: so a lost robot is noticed before a
-start, and samples from before the start are discarded. A source that can wait, such as a recording, begins
-anew with each session.
+A live source is read continuously, in a separate thread. So the loss of a robot is noticed before a start,
+and samples from before the start are discarded. A source that can wait, such as a recording, is read from its
+beginning for each session.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ Take = Callable[[Chunk | Mark], None]
 
 
 class SourceFeed:
-    """Passes what a source yields to `take` between `begin` and `end`.
+    """Passes the content of a source to `take` between `begin` and `end`.
 
-    changed: is set whenever the source ends or fails. A `take` that raises is not called again; the error is
-    in `rejection`. released_s [s]: the robot's hand-guiding button begins sessions too, and ends those once
-    it was released for so long; None: it does not.
+    changed: set when the source ends or fails. After a `take` that raises, `take` is not called again; the
+    error is stored in `rejection`. released_s [s]: the hand-guiding button also begins sessions, and ends
+    those after it was released for so long; None: it does not.
     """
 
     def __init__(self, source: Source, changed: threading.Event, released_s: float | None = None) -> None:
@@ -46,21 +46,21 @@ class SourceFeed:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Read no further; a source that yields nothing keeps its thread until it does."""
+        """Stop reading; the thread of a source that yields nothing ends at its next chunk."""
         self._over.set()
 
     @property
     def is_lost(self) -> bool:
-        """Whether the source has to be opened anew."""
+        """Whether the source must be opened again."""
         return self.failure is not None or (self.has_ended and not self._source.can_wait)
 
     @property
     def was_read(self) -> bool:
-        """Whether a session has read a source that can wait; a live one goes on."""
+        """Whether a session has read a source that can wait; always False for a live source."""
         return self._source.can_wait and self._thread is not None
 
     def begin(self, take: Take) -> None:
-        """Pass samples on from now on."""
+        """Pass samples to `take` from now on."""
         self.rejection = None
         self._take = take
         if self.button is not None:
@@ -71,7 +71,7 @@ class SourceFeed:
             self._start(self._source.chunks())
 
     def end(self) -> None:
-        """Pass no further samples on; one chunk may still be under way."""
+        """Stop passing samples; one chunk may still be in progress."""
         if self.button is not None:
             self.button.end()
         self._take = None

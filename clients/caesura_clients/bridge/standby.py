@@ -1,19 +1,19 @@
-"""A bridge in standby: connected to its robot, and teaching only between a start and a stop.
+"""A bridge in standby: connected to its robot, it sends samples only between a start and a stop.
 
 It holds the station's liveliness token, publishes its state once a second, and answers `Start` and `Stop` on
-the key `bridge_control`. The robot's hand-guiding button may start too (`guiding_button`). Each session is a
-`Bridge` of its own, with its ring and its crash promises.
+the key `bridge_control`. The robot's hand-guiding button can also start sessions (`guiding_button`). Each
+session has a `Bridge` of its own, with its ring and the same guarantees after a crash.
 
-What each case comes to:
+Outcome of each case:
   the same start twice      one session; the second answer names it
   two starts at once        the first opens a session; the second is refused and names it
   a stop twice              no error
-  no service at a start     refused: what is taught then would be recorded nowhere
-  no service at a stop      the ring keeps what is missing, and the close is repeated until it is acknowledged
-  the source ends or fails  the session is closed with what came; a lost source is opened again
-  the bridge dies           the next bridge of the station closes the session behind its last batch
-  another bridge is there   this one waits until that is gone, and then gives up
-  the button at no service  nothing begins, and the status states why until the next start
+  no service at a start     refused: the samples could not be stored
+  no service at a stop      the ring keeps missing batches; the close is repeated until it is acknowledged
+  the source ends or fails  the session is closed after its last sample; a lost source is opened again
+  the bridge crashes        the next bridge of the station closes the session after its last batch
+  another bridge is there   this one waits for it to leave, at most `token_s`, and then ends with an error
+  the button, no service    nothing begins, and the status states the reason until the next start
 """
 
 from __future__ import annotations
@@ -64,15 +64,15 @@ logger = logging.getLogger(__name__)
 
 
 class NoButtonError(SourceError):
-    """Demonstrations are to begin by a button that the source does not report."""
+    """The hand-guiding button shall begin demonstrations, and the source does not report one."""
 
 
 class Standby:
     """Many sessions of one station, one after the other, each from a `Start` to a `Stop`.
 
-    open_source: opens the source anew, as often as it is lost or has been read. source_name: as the status
-    names it; say: is called with each new status; token_s: patience with another bridge of the station.
-    released_s [s]: the robot's hand-guiding button begins demonstrations too, and ends those once it was
+    open_source: opens the source again whenever it is lost or has been read. source_name: its name in the
+    status; say: called with each new status; token_s: how long to wait for another bridge of the station to
+    leave. released_s [s]: the hand-guiding button also begins demonstrations, and ends those after it was
     released for so long; None: it does not.
     """
 
@@ -114,14 +114,14 @@ class Standby:
         )
 
     def end(self) -> None:
-        """End after what is being taught is stored. Any thread or signal handler may call it."""
+        """End once the current session is stored. Any thread or signal handler may call it."""
         self._over.set()
         self._changed.set()
 
     def run(self) -> None:
-        """Serve until `end`.
+        """Serve starts and stops until `end`.
 
-        Raises CaesuraError where another bridge keeps the station, or the source lacks the button.
+        Raises CaesuraError if another bridge stays at the station, or the source lacks the button.
         """
         self._wait_for_station()
         key = station_key(self.station, "bridge_control")
@@ -145,7 +145,7 @@ class Standby:
                     self._over.wait(RECONNECT_S)
 
     def _wait_for_station(self) -> None:
-        """Wait until no other bridge holds the station: a dead one keeps its token for some seconds."""
+        """Wait until no other bridge holds the station; the token of a dead one lasts for some seconds."""
         token = station_key(self.station, "alive")
         deadline = time.monotonic() + self._token_s
         while self._transport.list_tokens(token) and not self._over.wait(0.2):
@@ -153,7 +153,7 @@ class Standby:
                 raise CaesuraError(f"a bridge is connected as {self.station} already: end that one first")
 
     def _check_button(self, source: Source) -> None:
-        """Raises NoButtonError where the button is to begin demonstrations and there is none."""
+        """Raise NoButtonError if the button shall begin demonstrations and the source has none."""
         if self._released_s is not None and button_pressed(source) is None:
             raise NoButtonError(
                 f"the source {self.status.source} reports no hand-guiding button; these do: franky, panda, "
@@ -163,9 +163,9 @@ class Standby:
     # --- source and sessions, in the thread that runs ---------------------------------------------------
 
     def _serve(self, source: Source) -> None:
-        """Serve with one source until the end, or, where it can wait, until a session has read it.
+        """Serve with one source until the end, or until a session has read a source that can wait.
 
-        Raises SourceError once it is lost.
+        Raises SourceError if the source is lost.
         """
         with SourceFeed(source, self._changed, self._released_s) as feed:
             if self._current is None:
@@ -184,9 +184,9 @@ class Standby:
                     return  # it begins anew with the next session
 
     def _start_by_button(self, source: Source, feed: SourceFeed) -> None:
-        """Teach one session after a press of the button.
+        """Run one session after a press of the button.
 
-        A refusal has no other reader, so the status states it until the next start.
+        No client receives a refusal, so the status states it until the next start.
         """
         refusal: Exception | None = None
         try:
@@ -204,7 +204,7 @@ class Standby:
             self._change(problem=f"the button was pressed, and nothing began: {why}")
 
     def _teach(self, one: _Demonstration, source: Source, feed: SourceFeed) -> None:
-        """Teach one session, from its opening to its acknowledged end; the outcome goes into the status."""
+        """Run one session, from its opening to its acknowledged end; store the outcome in the status."""
         outcome = ""
         try:
             with self._bridge(one, source) as bridge:
@@ -255,7 +255,7 @@ class Standby:
         )
 
     def _follow(self, one: _Demonstration, bridge: Bridge, source: Source, feed: SourceFeed) -> str:
-        """Send samples until a stop, or until they end; returns why they ended, unless by a stop."""
+        """Send samples until a stop or the end of the source; return why they ended, empty after a stop."""
         with MarkerQueue(bridge.mark, self.station) as marks:
             feed.begin(_Taker(bridge, marks, rebased=not source.can_wait))
             self._change(state="teaching")
@@ -282,7 +282,7 @@ class Standby:
         return "; the bridge was ended" if self._over.is_set() and not one.stop.is_set() else ""
 
     def _store(self, one: _Demonstration, bridge: Bridge) -> str:
-        """Close the session; repeat that until the service has everything. Returns the outcome in words."""
+        """Close the session, repeatedly until the service has every batch. Return the outcome as text."""
         while True:
             try:
                 ack = bridge.finish(success=one.success)
@@ -298,7 +298,7 @@ class Standby:
     # --- sessions that a bridge has left open -----------------------------------------------------------
 
     def _tidy(self) -> None:
-        """Close the sessions without a bridge, where a service answers."""
+        """Close the open sessions whose bridge is gone, where a service answers."""
         if (self._tidied and not self._abandoned) or time.monotonic() < self._tidy_due:
             return
         self._tidy_due = time.monotonic() + TIDY_S
@@ -313,7 +313,7 @@ class Standby:
             self._abandoned.clear()
 
     def _is_left_open(self, status: SessionStatus) -> bool:
-        """Whether no bridge sends the session any more: its own failed, or ended before this one began."""
+        """Whether the session's bridge is gone: it failed in this process, or ended before this one began."""
         return status.session in self._abandoned or (status.opened or 0.0) < self._began
 
     # --- commands, in the thread of the queries ---------------------------------------------------------
@@ -346,7 +346,7 @@ class Standby:
         return BridgeAck(session=one.session, state=self.status.state)
 
     def _begin(self, start: Start) -> _Demonstration:
-        """Make a start the current demonstration. Raises ProtocolError where none can begin now."""
+        """Make a start the current demonstration. Raises ProtocolError if none can begin now."""
         with self._starting:
             self._check_ready()
             self._check_no_other_session()
@@ -357,7 +357,7 @@ class Standby:
         return one
 
     def _check_ready(self) -> None:
-        """Raises ProtocolError where no session can begin now."""
+        """Raise ProtocolError if no session can begin now."""
         status = self.status
         if status.state == "ready" and self._current is None:
             return
@@ -370,7 +370,7 @@ class Standby:
         raise ProtocolError("conflict", why, value=status.session)
 
     def _check_no_other_session(self) -> None:
-        """Raises ProtocolError where another bridge teaches at the station, or no service answers."""
+        """Raise ProtocolError if another bridge teaches at the station, or no service answers."""
         if not query.services(self._transport):
             raise ProtocolError(
                 "overloaded",
@@ -412,9 +412,9 @@ class Standby:
         return BridgeAck(session=one.session, state=self.status.state, lost=one.lost)
 
     def _stopped_before(self, stop: Stop) -> BridgeAck:
-        """Return the answer to a stop of a session that is over.
+        """Return the answer to a stop of a session that has already ended.
 
-        Raises ProtocolError for any other session, and for a success that comes after the end.
+        Raises ProtocolError for any other session, and for a `success` stated after the end.
         """
         past = {one.session: one for one in self._started.values()}
         last = stop.session or self.status.last_session
@@ -474,7 +474,7 @@ class _Demonstration:
 
     @property
     def was_refused(self) -> bool:
-        """Whether no session came of the start."""
+        """Whether the start did not open a session."""
         return self.refusal is not None and not self.is_open
 
     def opened(self) -> None:
@@ -483,13 +483,13 @@ class _Demonstration:
         self.answered.set()
 
     def failed(self, refusal: ProtocolError) -> None:
-        """Record why the session was not opened, or by which error it was ended, and set `answered`."""
+        """Record the refusal of the opening, or the error that ended the session, and set `answered`."""
         self.refusal = refusal
         self.answered.set()
 
 
 class _Taker:
-    """Passes the samples of a source to a session. rebased: its clock is 0 at the first of them."""
+    """Passes the samples of a source to a session. rebased: times count from 0 at the first sample."""
 
     def __init__(self, bridge: Bridge, marks: MarkerQueue, *, rebased: bool) -> None:
         self._bridge, self._marks = bridge, marks

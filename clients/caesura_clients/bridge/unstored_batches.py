@@ -1,4 +1,4 @@
-"""Recordings of the batches that a bridge still has and no service has stored."""
+"""Saves the batches that a bridge still has and that no service has stored as a recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from caesura_protocol.recording import ASSUMED, Recording
 
 
 def save_unstored(opening: Open, batches: Sequence[StoredBatch], folder: Path) -> Path:
-    """Write batches of a session, at least one, as `SESSION.unstored.npz`. Raises OSError."""
+    """Write at least one batch of a session to `SESSION.unstored.npz`; return its path. Raises OSError."""
     rows = np.concatenate([unpack_samples(decode(*one.content, SampleBatch)) for one in batches])
     recording = Recording(
         rows[:, 0],

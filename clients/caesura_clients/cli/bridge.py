@@ -1,4 +1,4 @@
-"""`caesura bridge`: samples of a robot or a file to the service, for one session or in standby."""
+"""`caesura bridge`: sends the samples of a robot or a file to the service, for one session or in standby."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def _pace(text: str) -> float:
 
 @contextmanager
 def _opened_source(name: str, options: SourceOptions) -> Iterator[Source]:
-    """The source, closed in the end where it can be; says what of a file it does not read."""
+    """Open a source for the duration of the context; print which names of a file are not read."""
     source = open_source(name, options)
     if isinstance(source, FileSource):
         recording = source.recording
@@ -270,7 +270,7 @@ def _print_outcome(status: SessionStatus, clock: SessionClock) -> None:
 
 
 class _Availability:
-    """Prints that the service goes and comes back, but not that it is there to begin with."""
+    """Prints when the service disappears and reappears; prints nothing if it is present at the start."""
 
     def __init__(self) -> None:
         self.is_gone = False
@@ -283,9 +283,9 @@ class _Availability:
 
 @contextmanager
 def reporting_storage(opened: Bridge, is_gone: Callable[[], bool] = lambda: False) -> Iterator[None]:
-    """Print while the context lasts that the service cannot store what comes, and that it can again.
+    """Print while the context lasts that the service cannot store samples, and when it can again.
 
-    is_gone: returns whether no service is there; a recovery is then not printed.
+    is_gone: returns whether no service is live; a recovery is then not printed.
     """
     over, is_stuck = threading.Event(), False
     kept = f"the newest {opened.settings.ring_samples} samples are kept here"
@@ -318,7 +318,7 @@ def reporting_up(opened: Bridge) -> AbstractContextManager[None]:
 
 @contextmanager
 def _reporting(warning: Callable[[], str | None], name: str) -> Iterator[None]:
-    """Print a warning once, as soon as `warning` returns one, while the context lasts."""
+    """Print a warning once, as soon as the function `warning` returns one, while the context lasts."""
     over = threading.Event()
 
     def look() -> None:
@@ -333,9 +333,9 @@ def _reporting(warning: Callable[[], str | None], name: str) -> Iterator[None]:
 
 @contextmanager
 def _beside(look: Callable[[], None], over: threading.Event, name: str) -> Iterator[None]:
-    """Run `look` in a thread of this name while the context lasts, and raise what it raised.
+    """Run `look` in a thread called `name` while the context lasts; re-raise its exception at the end.
 
-    over: is set at the end of the context, and ends `look`.
+    over: set at the end of the context, so that `look` returns.
     """
     with ThreadPoolExecutor(1, thread_name_prefix=name) as pool:
         looking = pool.submit(look)

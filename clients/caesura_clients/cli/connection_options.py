@@ -1,4 +1,4 @@
-"""Options of a connection; apart from the others, as the list of commands needs them."""
+"""Options of a connection, in a module of their own because the list of commands imports them."""
 
 from __future__ import annotations
 

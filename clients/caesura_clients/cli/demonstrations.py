@@ -1,4 +1,4 @@
-"""`caesura start`, `caesura stop`, and `caesura bridge --standby`, which carries them out."""
+"""`caesura start`, `stop` and `describe`, and the loop of `caesura bridge --standby`, which executes them."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def stop(
 
 @contextmanager
 def _stating_what_lasts(caesura: Caesura, station: str) -> Iterator[None]:
-    """State on the error stream what a stop waits for, if it lasts longer than `PATIENCE_S`."""
+    """State on the error stream why a stop has not returned after `PATIENCE_S`."""
     received = Inbox(MOST_STATUSES)
 
     def state() -> None:
@@ -119,7 +119,7 @@ def _stating_what_lasts(caesura: Caesura, station: str) -> Iterator[None]:
 
 
 def _newest(received: Inbox) -> BridgeStatus | None:
-    """The last status that a bridge published; None where it published none, or may not be read."""
+    """Return the last status that a bridge published; None if it published none, or access is denied."""
     status = None
     while (item := received.get(0.0)) is not None:
         if isinstance(item, ReceivedSample):
@@ -129,7 +129,9 @@ def _newest(received: Inbox) -> BridgeStatus | None:
 
 
 def what_lasts(status: BridgeStatus | None) -> str:
-    """Return why a stop still waits, by the status of its bridge; None: the bridge has not answered."""
+    """Return why a stop has not returned, from the status of its bridge; None: the bridge has not
+    answered.
+    """
     if status is None:
         return "the bridge has not answered yet"
     if status.state != "stopping":
@@ -187,9 +189,9 @@ def stand_by(
     settings: BridgeSettings,
     released_s: float | None = None,
 ) -> None:
-    """Serve starts and stops until Ctrl-C or SIGTERM; a second one ends at once.
+    """Serve starts and stops until Ctrl-C or SIGTERM; a second signal ends it at once.
 
-    released_s: as of `Standby`.
+    released_s: as in `Standby`.
     """
     standby = Standby(
         caesura.transport,
@@ -220,7 +222,7 @@ def _ended_by_signals(standby: Standby) -> Iterator[None]:
 
 
 class _StatusPrinter:
-    """Writes a line for each state of a bridge, and what became of a session."""
+    """Prints a line for each state of a bridge, and the outcome of each session."""
 
     def __init__(self) -> None:
         self._line = ""

@@ -1,4 +1,4 @@
-"""`caesura doctor`: looks at everything between a robot and its segments, and says what to do."""
+"""`caesura doctor`: checks everything between a robot and its segments, and prints remedies."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ from caesura_protocol.session_clock import NO_OFFSET, SessionClock, clock_of, mo
 
 
 class _Form(NamedTuple):
-    """An action as it is typed: its first word, what stands behind that, and its name on the wire."""
+    """The typed form of an action: its first word, the words of its values, and its name on the wire."""
 
     typed: str
     words: tuple[str, ...]
@@ -129,7 +129,7 @@ def _print_effect(action: Action | Since, effect: EditEffect, clock: SessionCloc
 
 
 class _SessionSeen(NamedTuple):
-    """A session before an edit; what is not known of it is empty."""
+    """A session before an edit; unknown fields are empty."""
 
     clock: SessionClock
     revision: int | None
@@ -140,7 +140,7 @@ NOT_SEEN = _SessionSeen(NO_OFFSET, None)
 
 
 def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
-    """Return text on an applied action; for an undo, on the correction that it took back, if known."""
+    """Return text on an applied action; for an undo, on the correction that it undid, if known."""
     applied = [one for one in seen.corrections if one.state != "undone"]
     if isinstance(action, TakeBack):
         applied = [one for one in applied if one.number == action.number]
@@ -150,7 +150,9 @@ def _done(action: Action, effect: EditEffect | None, seen: _SessionSeen) -> str:
 
 
 def _beside(action: Action, effect: EditEffect, clock: SessionClock) -> str:
-    """Return text on changepoints that lie beside the typed time; empty if the shown times are equal."""
+    """Return text on the changepoints of an action at other times than typed; empty if the shown times are
+    equal.
+    """
     said = []
     if isinstance(action, Remove | Move):
         said += [("was", action.t, changepoint_meant(action, effect))]
@@ -170,7 +172,7 @@ def _print_corrections(found: Snapshot) -> None:
 
 
 def _seen(caesura: Caesura, station: str, session: str, revision: int | None) -> _SessionSeen:
-    """Return a session before an edit, with the stated revision, or else its own."""
+    """Return a session before an edit, with the stated revision, or by default its current one."""
     try:
         found = caesura.snapshot(station, session)
     except NotFound:
@@ -182,17 +184,17 @@ def _seen(caesura: Caesura, station: str, session: str, revision: int | None) ->
 
 
 def _on_clock(wanted: Action | Since, clock: SessionClock) -> Action | Since:
-    """The action with its times on the clock of the session."""
+    """Return the action with its typed times converted to the session's clock."""
     return wanted.model_copy(update={name: clock.read(t) for name, t in _times(wanted).items()})
 
 
 def _times(wanted: Action | Since) -> dict[str, float]:
-    """The times [s] of an action by the names of their fields; undo and redo have none."""
+    """Return the times [s] of an action by field name; undo and redo have none."""
     return {name: getattr(wanted, name) for name in ("t", "to") if hasattr(wanted, name)}
 
 
 def parse(words: list[str]) -> Action | Since:
-    """An action as it is typed. Raises BadParameter, which names what there is.
+    """Return the typed action. Raises BadParameter, which lists the valid actions.
 
     >>> parse(["move", "3.2", "3.4"])
     Move(do='move', t=3.2, to=3.4)
@@ -212,7 +214,7 @@ def _matches(form: _Form, typed: str, values: Sequence[str]) -> bool:
 
 
 def corrections_table(corrections: Sequence[Correction], clock: SessionClock) -> Table:
-    """The corrections of a session, one a line."""
+    """Return a table of a session's corrections, one per row."""
     table = Table("#", "correction", "at [UTC]", "state", title="corrections", **PLAIN)
     for one in corrections:
         state = one.state.replace("_", " ") + (f": {one.reason}" if one.reason else "")

@@ -1,4 +1,6 @@
-"""`caesura edit-program`: edit the program of a session from the command line."""
+"""`caesura edit-program`: edit the program of a session from the command line. Edits do not change the
+inferred program.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ MM = 0.001  # [m]
 
 
 class _Value(NamedTuple):
-    """A value as it is typed: the field of the message, how its text is read, and what is expected."""
+    """The typed form of a value: its field in the message, the parser of its text, and the expected form."""
 
     field: str
     read: Callable[[str], Any]
@@ -142,7 +144,7 @@ def edit_program(
 
 
 def _said(action: ProgramAction, program: Program, clock: SessionClock) -> str:
-    """Return text on an applied action; for undo and redo, on the edit that was undone or made again."""
+    """Return text on an applied action; for undo and redo, on the edit that was undone or redone."""
     applied = [edit for edit in program.edits if edit.state != "undone"]
     undone = [edit for edit in program.edits if edit.state == "undone"]
     if isinstance(action, Undo) and applied:
@@ -153,7 +155,7 @@ def _said(action: ProgramAction, program: Program, clock: SessionClock) -> str:
 
 
 def edits_table(program: Program, clock: SessionClock) -> Table:
-    """The edits of a program, one a line."""
+    """Return a table of a program's edits, one per row."""
     table = Table("#", "edit", "by", "state", title="edits", **PLAIN)
     for edit in program.edits:
         state = edit.state.replace("_", " ") + (f": {edit.reason}" if edit.reason else "")
@@ -162,7 +164,7 @@ def edits_table(program: Program, clock: SessionClock) -> Table:
 
 
 class Part(NamedTuple):
-    """Options of `replace`: the times [s] from and to which it replaces, and the session of the new part."""
+    """Options of `replace`: start and end [s] of the replaced part, and the session of the new part."""
 
     t0: float | None = None
     tn: float | None = None
@@ -173,7 +175,7 @@ NO_PART = Part()
 
 
 class Typed(NamedTuple):
-    """An edit as it is typed: its first word, the words behind it, and values; apps are still numbers."""
+    """A typed edit: its first word, its further words, and its values; apps are still row numbers."""
 
     do: str
     words: Mapping[str, str]
@@ -182,7 +184,9 @@ class Typed(NamedTuple):
 
 
 def typed(words: Sequence[str], part: Part = NO_PART) -> Typed:
-    """Read what needs no program. Raises BadParameter, which names what there is."""
+    """Parse the words of an edit, as far as this needs no program. Raises BadParameter, which lists the
+    valid edits.
+    """
     do, *rest = words
     if do == "replace":
         _check_part(rest, part)
@@ -202,7 +206,7 @@ def typed(words: Sequence[str], part: Part = NO_PART) -> Typed:
 
 
 def parse(found: Typed, program: Program, clock: SessionClock = NO_OFFSET) -> ProgramAction:
-    """An edit of a program, as it was typed. Raises BadParameter or CaesuraError."""
+    """Return the edit of a program from its typed form. Raises BadParameter or CaesuraError."""
     if found.do == "replace":
         first, last = _part(found, program, clock)
         fields = {"do": "replace_part", "first": first, "last": last, "session": found.part.session}
@@ -216,7 +220,7 @@ def parse(found: Typed, program: Program, clock: SessionClock = NO_OFFSET) -> Pr
 
 
 def _typed_name(do: str, place: Place) -> str:
-    """The name of a value as it is typed, with the unit that an error states a length in."""
+    """Return the name of a value as it is typed, with the unit in which errors state a length."""
     for name, value in VALUES.get(do, {}).items():
         if value.field in place:
             return f"{name} [m]" if value in _LENGTHS else name
@@ -233,7 +237,7 @@ def _check_part(numbers: Sequence[str], part: Part) -> None:
 
 
 def _part(found: Typed, program: Program, clock: SessionClock) -> tuple[AppReference, AppReference]:
-    """A part by the numbers of its first and last app, or by times. Raises CaesuraError."""
+    """Return the first and last app of a part, given by their numbers or by times. Raises CaesuraError."""
     t0, tn, _ = found.part
     if t0 is not None and tn is not None:
         return part_between(program, clock.read(t0), clock.read(tn), clock)
@@ -253,7 +257,7 @@ def _value(text: str, values: Mapping[str, _Value]) -> dict[str, Any]:
 
 
 def _reference(program: Program, number: str) -> AppReference:
-    """The app of a number in the table. Raises CaesuraError, which names the apps."""
+    """Return the reference of the app with this row number. Raises CaesuraError, which lists the apps."""
     index = int(number) - 1 if number.isdecimal() else -1
     if not 0 <= index < len(program.apps):
         there = ", ".join(app_name(i, app.kind) for i, app in enumerate(program.apps)) or "none"

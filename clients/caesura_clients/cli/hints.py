@@ -1,4 +1,4 @@
-"""`caesura hints`: each hint as it is raised, updated and cleared, as a line or as a command that is run."""
+"""`caesura hints`: prints each hint when it is raised, updated and cleared, or runs a command for it."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def hints(
 
 
 def hint_line(change: HintChange) -> str:
-    """A change as a line: station/session, time, event, kind, and what was found.
+    """Return a line on a change: station/session, time, event, kind, and message.
 
-    The time is that of the end of a hint that is cleared, and else the time at which it was raised.
+    The time is the end of a cleared hint, and otherwise the time at which the hint was raised.
     """
     hint = change.hint
     t = hint.since if change.event != "cleared" or hint.until is None else hint.until
@@ -67,7 +67,7 @@ def hint_line(change: HintChange) -> str:
 
 
 def _split(command: str | None) -> list[str]:
-    """The words of a command. Raises BadParameter where there are none."""
+    """Return the words of a command. Raises BadParameter if there are none."""
     if command is None:
         return []
     try:
@@ -85,7 +85,7 @@ def _split(command: str | None) -> list[str]:
 
 
 def _act(changes: Iterable[HintChange], words: list[str]) -> None:
-    """Write each change, and run the command for it. A command that fails is reported, and ends nothing."""
+    """Print each change, and run the command for it. A command that fails is reported; the loop goes on."""
     for change in changes:
         typer.echo(hint_line(change))  # which flushes
         if words and (why := _failure(change, words)):
@@ -93,7 +93,7 @@ def _act(changes: Iterable[HintChange], words: list[str]) -> None:
 
 
 def _failure(change: HintChange, words: list[str]) -> str:
-    """Run the command; why it failed, or nothing."""
+    """Run the command; return why it failed, empty if it did not."""
     hint = change.hint
     stated = {
         "EVENT": change.event,

@@ -1,6 +1,6 @@
 """Names that help texts list: presets of the service, and scenarios of the simulated teacher.
 
-A client install has neither, so they are written here; a test compares them with what there is.
+A client install contains neither, so the names are listed here; a test compares them with the real ones.
 """
 
 PRESET_NAMES = (

@@ -1,4 +1,4 @@
-"""Options that commands share, and how errors are shown: one line and an exit code, never a traceback."""
+"""Options that several commands share, and the error output: one line and an exit code, no traceback."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ MAPPING_HINT = (
 
 
 class Reading(NamedTuple):
-    """Options with which a recording is read, as `load_recording` takes them."""
+    """Options for reading a recording, as the arguments of `load_recording`."""
 
     wrench_source: WrenchSource = None
     hand_on_robot: HandOnRobot = None
@@ -141,7 +141,7 @@ class Reading(NamedTuple):
 
 
 class ProgramOptions(NamedTuple):
-    """Options with which a program is made: what the cell asks of it."""
+    """Options for making a program: the requirements of the cell."""
 
     cell: CellFile = None
     force_limit: ForceLimit = None
@@ -153,7 +153,7 @@ class ProgramOptions(NamedTuple):
     def setting(self) -> CellSettings:
         """Return the cell settings of the options, converted to m and rad. Raises CaesuraError.
 
-        A stated force limit precedes that of the cell's file.
+        A stated force limit takes precedence over the one in the cell's file.
         """
         cell = UNSET if self.cell is None else CellSettings(read_safety(self.cell).force_n)
         return CellSettings(
@@ -166,7 +166,7 @@ class ProgramOptions(NamedTuple):
 
 
 def parsed_up(text: str | None) -> Vector | None:
-    """The direction of `--up`. Raises CaesuraError."""
+    """Return the direction of `--up`. Raises CaesuraError."""
     try:
         return None if text is None else parse_up(text)
     except ValueError as error:
@@ -174,7 +174,7 @@ def parsed_up(text: str | None) -> Vector | None:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The same command for typer: a parameter that is a NamedTuple of options becomes all of them."""
+    """Return the command for typer: a parameter that is a NamedTuple of options is replaced by its fields."""
     signature = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
         name: one.annotation
@@ -216,13 +216,15 @@ def _options_of(group: Any) -> list[inspect.Parameter]:
 
 
 def safety_of(program: ProgramFile, cell: Path | None, force_n: float | None) -> Safety:
-    """The limits for a program: those of the cell's file, or the program's own. Raises CaesuraError."""
+    """Return the limits for a program: from the cell's file, or else from the program. Raises
+    CaesuraError.
+    """
     safety = program.safety if cell is None else cell_safety(cell, program.robot)
     return safety if force_n is None else safety.model_copy(update={"force_n": force_n})
 
 
 def connected(endpoint: str | None, config: Path | None, *, patient: bool = False) -> Caesura:
-    """A connection as the options describe it; a patient one says what it waits for, and waits."""
+    """Return a connection with these options; if patient, print why it waits, and wait for the router."""
     try:
         return connect(endpoint, config_file=config, timeout_s=CONNECT_TIMEOUT_S)
     except Unreachable as error:
@@ -234,7 +236,7 @@ def connected(endpoint: str | None, config: Path | None, *, patient: bool = Fals
 
 @contextmanager
 def ended_by_sigterm() -> Iterator[None]:
-    """While the context lasts SIGTERM is like Ctrl-C, so that what is open is closed."""
+    """Treat SIGTERM as Ctrl-C while the context lasts, so that open resources are closed."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -244,7 +246,7 @@ def ended_by_sigterm() -> Iterator[None]:
 
 @contextmanager
 def reported() -> Iterator[None]:
-    """Turn an error that a user can act on into one line on stderr and exit code 1."""
+    """Print an error that a user can act on as one line on stderr, and exit with code 1."""
     try:
         yield
     except (CaesuraError, ProtocolError) as error:
@@ -256,14 +258,14 @@ def reported() -> Iterator[None]:
 
 
 def named(station: str | None) -> str | None:
-    """A station as it was typed, checked before anything is drawn. Raises ProtocolError."""
+    """Return the typed station after validation, before any output. Raises ProtocolError."""
     return None if station is None else check_name(station, "station")
 
 
 def only_station(caesura: Caesura, station: str | None, session: str | None = None) -> str:
-    """The station that was named, or the only one with a session of this name. Raises NotFound.
+    """Return the named station, or else the only one with a session of this name. Raises NotFound.
 
-    A session that is not listed may still be in the journal: the only station that there is may have it.
+    A session that is not listed may still be in the journal: if there is only one station, it is returned.
     """
     if station is not None:
         return station

@@ -1,4 +1,4 @@
-"""`caesura bridge --marker`: every line of standard input, a key or a pedal, forces a changepoint."""
+"""`caesura bridge --marker`: forces a changepoint at every line of standard input, from a key or a pedal."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from caesura_protocol.errors import CaesuraError, ProtocolError
 
 @contextmanager
 def marking(bridge: Bridge, keys: TextIO | None = None) -> Iterator[None]:
-    """Mark a changepoint at each line of `keys`, by default of stdin, while the context lasts.
+    """Force a changepoint at each line of `keys`, by default of stdin, while the context lasts.
 
-    The thread waits for a line that may never come, so it is not joined: it ends by itself.
+    The thread blocks on a line that may never come, so it is a daemon thread and is not joined.
     """
     over = threading.Event()
     wanted = keys or sys.stdin

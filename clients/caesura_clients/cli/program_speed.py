@@ -1,4 +1,4 @@
-"""`--speed` of a program: as taught, a factor of it, or the name of an entry point that times programs."""
+"""`--speed` of a program: as taught, a factor, or the name of an entry point that re-times programs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KeepPause = Annotated[
 
 
 def at_speed(program: ProgramFile, speed: str, keeps_pause: Collection[int]) -> ProgramFile:
-    """The program at a speed. Raises CaesuraError where there is no such speed or its extra is missing."""
+    """Return the program at a speed. Raises CaesuraError for an unknown speed or a missing extra."""
     if speed == TAUGHT:
         if keeps_pause:
             raise CaesuraError("--keep-pause needs --speed optimal: as taught, every pause is kept")

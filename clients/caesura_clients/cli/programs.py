@@ -1,4 +1,4 @@
-"""`caesura program`: the task program of a station or a file, shown or written in one of its formats."""
+"""`caesura program`: shows the task program of a station or a file, or writes it in one of the formats."""
 
 from __future__ import annotations
 
@@ -149,14 +149,14 @@ def program(
 
 
 def _clock_of(caesura: Caesura, program: Program) -> SessionClock:
-    """The clock of a program's session, which is asked for only where times are of day."""
+    """Return the clock of a program's session; it is queried only if times are times of day."""
     if not (program.apps and is_of_day(program.apps[0].t0)):
         return SessionClock()
     return clock_of(caesura.snapshot(program.station, program.session).segments.segments)
 
 
 def _compare(made: ProgramFile, against: str, endpoint: str | None, config: Path | None) -> None:
-    """Print the differences of a program from that of a file, or of a session."""
+    """Print the differences between a program and the one of a file or a session."""
     station, separator, session = against.partition("/")
     if separator and not Path(against).exists():
         with connected(endpoint, config) as caesura:
@@ -182,7 +182,7 @@ def _in_cell(program: ProgramFile, cell: Path | None, force_limit: float | None)
 
 
 def _named(program: ProgramFile, names: Sequence[str] | None, output_format: ProgramFormat) -> ProgramFile:
-    """The program with names for its groups. Raises CaesuraError where they would be lost."""
+    """Return the program with names for its groups. Raises CaesuraError if the format cannot store names."""
     if not names:
         return program
     if output_format is not ProgramFormat.JSON:
@@ -193,9 +193,9 @@ def _named(program: ProgramFile, names: Sequence[str] | None, output_format: Pro
 def write_program(
     program: ProgramFile, output_format: ProgramFormat, out: Path | None, clock: SessionClock | None = None
 ) -> None:
-    """Write a program. Raises CaesuraError where it cannot be written.
+    """Write a program. Raises CaesuraError if it cannot be written.
 
-    clock: of its session; None for a file, whose times are shown from its first app on.
+    clock: of its session; None for a file, whose times are shown relative to its first app.
     """
     try:
         if output_format is ProgramFormat.TABLE:
@@ -216,7 +216,7 @@ def write_program(
 
 
 def _name_errors(program: ProgramFile) -> None:
-    """On stderr, for what a check refuses: the script has it as comments alone."""
+    """Print the errors of a check on stderr: the script contains them only as comments."""
     for one in document_findings(program):
         if one.severity == "error":
             typer.echo(f"{one}; caesura check refuses this program, read it before it runs", err=True)

@@ -1,4 +1,6 @@
-"""`caesura record`: a live session in a file, on any machine that receives the station's samples."""
+"""`caesura record`: records a live session into a file, on any machine that receives the station's
+samples.
+"""
 
 from __future__ import annotations
 

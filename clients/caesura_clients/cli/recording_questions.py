@@ -1,7 +1,7 @@
-"""The questions that a recording leaves open, asked in a terminal: columns, units, wrench, hand and robot.
+"""Asks in a terminal what a recording leaves open: columns, units, wrench, hand and robot.
 
-Each question has a proposal, which Enter takes. The answers for a csv of other software become a mapping
-file; other formats have names and units themselves, and the answers become options.
+Each question has a default, which Enter accepts. The answers for a csv of other software become a mapping
+file. Other formats contain names and units, and the answers become options.
 """
 
 from __future__ import annotations
@@ -56,16 +56,16 @@ HELP = (
 
 
 class Answered(NamedTuple):
-    """Answers about a recording: the mapping file that was written, or options."""
+    """Answers about a recording: the path of the written mapping file, or options."""
 
     mapping: Path | None
     options: Mapping[str, str]
 
 
 def ask_about(path: Path, ask: Ask | None = None) -> Answered:
-    """Ask what a recording leaves open.
+    """Ask what a recording leaves open; return the answers.
 
-    Raises SourceError without a terminal, RecordingError where a csv holds no table.
+    Raises SourceError without a terminal, RecordingError if a csv contains no table.
     """
     if ask is None:
         if not in_a_terminal():
@@ -89,12 +89,12 @@ def ask_about(path: Path, ask: Ask | None = None) -> Answered:
 
 
 def in_a_terminal() -> bool:
-    """Whether a person can be asked."""
+    """Return whether a terminal is attached, so that questions can be asked."""
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _prompt(words: str, default: str | None = None) -> str:
-    """Ask once. Without a default an empty answer is one: typer would repeat the question without a word."""
+    """Ask once. Without a default an empty answer is returned: typer would repeat the question silently."""
     return str(typer.prompt(words, default=default or "", show_default=default is not None))
 
 
@@ -131,7 +131,7 @@ def ask_mapping(layout: CsvLayout, ask: Ask) -> MappingAnswers:
 
 
 def _asked_up(ask: Ask, stated: str | None) -> str | None:
-    """The direction away from gravity; None for that of an upright base, where nothing states it."""
+    """Ask for the direction away from gravity; return None for the default of an upright base."""
     while True:
         try:
             found = parse_up(ask(WHICH_WAY_UP, default=stated or "z"))
@@ -144,7 +144,7 @@ def _asked_up(ask: Ask, stated: str | None) -> str | None:
 def _asked_orientation(
     ask: Ask, words: str, layout: CsvLayout, guessed_columns: Mapping[str, str]
 ) -> dict[str, str]:
-    """The columns of the orientation, and of three angles which they are."""
+    """Ask for the columns of the orientation, and, of three angles, for their convention."""
     forms = {"quat": COLUMNS_OF_SIGNAL["quat"], **TURNS}
     likely = next((form for form, names in forms.items() if names[0] in guessed_columns), None)
     proposed = [] if likely is None else [guessed_columns[name] for name in forms[likely]]
@@ -182,7 +182,7 @@ def _asked_wrench(ask: Ask, signals: Collection[str], stated: Mapping[str, str])
 def _asked_columns(
     ask: Ask, words: str, layout: CsvLayout, proposed: list[str], widths: Collection[int]
 ) -> list[str]:
-    """The columns of a signal, asked for until their number is one of `widths`."""
+    """Ask for the columns of a signal, until their number is one of `widths`."""
     default = " ".join(_short(layout, name) for name in proposed if name) or (NONE if 0 in widths else None)
     while True:
         answer = ask(words, default=default).replace(",", " ").split()
@@ -199,7 +199,7 @@ def _asked_columns(
 
 
 def _short(layout: CsvLayout, name: str) -> str:
-    """A column's name, or its number where the name has blanks or commas."""
+    """Return a column's name, or its number if the name contains blanks or commas."""
     return name if not set(" ,") & set(name) else str(layout.header.index(name) + 1)
 
 
@@ -210,7 +210,7 @@ def _resolved(layout: CsvLayout, word: str) -> str | None:
 
 
 def _chosen(ask: Ask, words: str, known: Collection[str], default: str | None) -> str:
-    """One of the known answers, or its beginning, asked for until it is one."""
+    """Ask until the answer is one of `known` or an abbreviation of it; return it."""
     if len(known) == 1:
         return next(iter(known))
     while True:

@@ -49,7 +49,7 @@ def segments_view(
     newest: int | None = None,
     hints: Sequence[Hint] = (),
 ) -> RenderableType:
-    """The segments of one session, or its newest ones, its active hints, and a line on how it is doing."""
+    """Return the table of one session's segments or its newest ones, with active hints and a status line."""
     hidden = 0 if newest is None else max(0, len(segments) - newest)
     measured = measures_force(status.wrench)
     table = segments_table(segments[hidden:], _title(status), clock, first=hidden, measured=measured)
@@ -75,7 +75,10 @@ def segments_table(
     measured: bool,
     first: int = 0,
 ) -> Table:
-    """One segment a row; measured: whether there is a force; first: the index of the first, from 0."""
+    """Return a table of segments, one per row.
+
+    measured: whether forces are measured; first: the index of the first segment, from 0.
+    """
     table = Table("#", "from \\[s]", "to \\[s]", "kind", "force, load", "p", "or else", title=title, **PLAIN)
     for index, segment in enumerate(segments, start=first):
         mark = MARK_OF_CERTAINTY[segment.certainty]
@@ -93,19 +96,19 @@ def segments_table(
 
 
 def measures_force(wrench: WrenchReport) -> bool:
-    """Whether forces of segments are measured; without a wrench in use they are 0 all the same."""
+    """Return whether forces of segments are measured; without a wrench in use they are all 0."""
     return wrench.source != "none"
 
 
 def segment_line(index: int, segment: Segment, *, measured: bool) -> str:
-    """One segment as a line: number, from and to [s], kind, force or load, p."""
+    """Return one segment as a line: number, start and end [s], kind, force or load, p."""
     effort = _effort(segment, measured=measured)
     span = f"{segment.t0:.2f} {segment.tn:.2f}"
     return f"{app_number(index)} {span} {segment.kind} {segment.probability:.2f} {effort}"
 
 
 def phases_table(phases: Sequence[Phase], title: str, clock: SessionClock = NO_OFFSET) -> Table:
-    """One phase a row."""
+    """Return a table of phases, one per row."""
     table = Table("#", "from \\[s]", "to \\[s]", "phase", "segments", "p", title=title, **PLAIN)
     for index, phase in enumerate(phases):
         mark = MARK_OF_CERTAINTY[phase.certainty]
@@ -132,7 +135,7 @@ def _numbers(first: int, last: int) -> str:
 
 
 def status_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> Text:
-    """One line: how far, what is missing, what the wrench is worth."""
+    """Return a line of status: time reached, missing batches, use of the wrench."""
     parts = [
         status.state,
         f"t {clock.shown(status.t)} s",
@@ -166,7 +169,7 @@ def outcome_line(status: SessionStatus, clock: SessionClock = NO_OFFSET) -> str:
 
 
 def stored_whole(status: SessionStatus) -> bool:
-    """Whether no batch of a session is lost; one that was refused may have come again since."""
+    """Return whether no batch of a session is lost. A refused batch may have been sent again since."""
     return status.lost == 0 and status.waiting_for is None
 
 
@@ -194,7 +197,7 @@ def ignored_line(recording: Recording) -> str:
 
 
 def program_view(program: Program, clock: SessionClock = NO_OFFSET) -> RenderableType:
-    """The apps of a task program, with its notes."""
+    """Return the apps of a task program as a table, with its notes."""
     state = "complete" if program.complete else "being taught"
     name = f"{escape(program.name)}: " if program.name else ""
     title = f"{name}{program.station} / {program.session}, version {program.version}, {state}"
@@ -214,7 +217,7 @@ def doubtful_apps(apps: Sequence[App]) -> tuple[str, ...]:
 
 
 def apps_table(apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET) -> Table:
-    """One app a row."""
+    """Return a table of apps, one per row."""
     table = Table(
         "#", "app", "target \\[mm]", "path, via", "force, load", "time \\[s]", "p", title=title, **PLAIN
     )
@@ -232,13 +235,13 @@ def apps_table(apps: Sequence[App], title: str, clock: SessionClock = NO_OFFSET)
 
 
 def _target_of(app: App) -> Text:
-    """The place [mm] to which an app goes, and what people call it."""
+    """Return the target [mm] of an app, and the name that an operator gave it."""
     place = "" if app.target is None else " ".join(fixed(1000 * x, 0) for x in app.target)
     return Text(f"{place}\n{app.target_name}" if app.target_name else place)
 
 
 def _title_of(app: App) -> Text:
-    """The name or kind of an app, with what people changed, and who."""
+    """Return the name or kind of an app, with the edits of operators and their authors."""
     text = Text(f"{app.name} ({app_title(app.kind)})" if app.name else app_title(app.kind))
     if app.changes:
         changes = ", ".join(FIELD_WORDS[change.field] for change in app.changes)
@@ -252,7 +255,7 @@ def _title_of(app: App) -> Text:
 
 
 def _why(refusal: Refusal) -> str:
-    """Return the reason of a refusal without its code, which is a word of the protocol."""
+    """Return the reason of a refusal without its error code."""
     return refusal.message.removeprefix(f"{refusal.code}: ")
 
 

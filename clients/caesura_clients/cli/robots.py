@@ -1,4 +1,4 @@
-"""`caesura robots`: which arms and grippers are known, and what is known of them."""
+"""`caesura robots`: lists the known arms and grippers, and their properties."""
 
 from __future__ import annotations
 

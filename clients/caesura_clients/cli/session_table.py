@@ -1,7 +1,7 @@
-"""The list of sessions as text, whose names and dates are never cut.
+"""The list of sessions as text, with uncut names and dates.
 
-A column in which no session has anything is not shown. In a terminal without room columns are left out, which
-a line states; a pipe has no width.
+A column that is empty in every session is not shown. If a terminal is too narrow, columns are left out, and a
+line states which; output to a pipe has no width limit.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ def print_sessions(infos: Sequence[SessionInfo], console: Console | None = None)
 
 
 def sessions_view(infos: Sequence[SessionInfo], width: int | None = None) -> RenderableType:
-    """All sessions, one a line, with whole names.
+    """Return all sessions, one per line, with uncut names.
 
-    width: of the terminal. Columns without room are left out, which a line states; None: there is room.
+    width: of the terminal [characters]; columns that do not fit are left out, which a line states. None: no
+    limit.
     """
     shown = _columns_of(infos)
     hidden: list[str] = []
@@ -53,7 +54,7 @@ def sessions_view(infos: Sequence[SessionInfo], width: int | None = None) -> Ren
 
 
 def _columns_of(infos: Sequence[SessionInfo]) -> dict[str, list[str]]:
-    """Cells by heading, without the columns in which no session has anything."""
+    """Return the cells by heading, without the columns that are empty in every session."""
     columns = {
         "station": [info.station for info in infos],
         "session": [info.session for info in infos],
@@ -83,6 +84,6 @@ def _sessions_table(columns: Mapping[str, Sequence[str]]) -> Table:
 
 
 def _least_width(table: Table) -> int:
-    """The width [characters] that a table needs for its narrowest columns."""
+    """Return the width [characters] that a table needs at its narrowest columns."""
     unlimited = Console(width=UNLIMITED)
     return Measurement.get(unlimited, unlimited.options, table).minimum

@@ -1,4 +1,4 @@
-"""`caesura sessions list` and `show`: what sessions there are, and what is known of one."""
+"""`caesura sessions list` and `show`: print all sessions, and the details of one."""
 
 from __future__ import annotations
 

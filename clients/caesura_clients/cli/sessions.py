@@ -1,5 +1,5 @@
-"""`caesura sessions`: what sessions there are, and what is known of one. Where the service is installed it
-adds commands of its own, which look into the journal on its machine.
+"""`caesura sessions`: lists sessions and shows one. An installed service adds commands that read its
+journal.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def _was_typed(context: typer.Context, name: str) -> bool:
 
 
 def stand_in(group: typer.Typer) -> None:
-    """Add a hidden stand-in for each of the service's commands if the service is not installed.
+    """Add a hidden placeholder for each of the service's commands if the service is not installed.
 
-    A stand-in accepts any arguments, prints on which machine the command runs, and exits with 2.
+    A placeholder accepts any arguments, prints on which machine the command runs, and exits with 2.
     """
     there = {info.name for info in group.registered_commands}
     for name in sorted(set(OF_THE_SERVICE) - there):

@@ -1,4 +1,4 @@
-"""Stations as a line each, where a terminal has no room for the segments of all of them."""
+"""Prints one line per station when a terminal has no room for the segments of all stations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def station_lines(updates: Sequence[Update], height: int) -> RenderableType:
 
 
 def _kind(update: Update) -> str:
-    """The newest segment with its probability."""
+    """Return the kind of the newest segment with its probability."""
     if not update.segments:
         return ""
     last = update.segments[-1]

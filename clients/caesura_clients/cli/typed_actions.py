@@ -1,4 +1,4 @@
-"""Actions as people type them on the command line; a wrong one is refused before anything is asked."""
+"""Parses the actions of `edit` and `edit-program`; an invalid one is rejected before any query."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ A = TypeVar("A")
 
 
 def wrong(why: str) -> typer.BadParameter:
-    """Return the error for what was typed as an action."""
+    """Return the error for an invalid typed action."""
     return typer.BadParameter(why, param_hint="ACTION")
 
 
 def word_of(place: Place) -> str:
-    """Return the word that stands for a value in the usage of an action."""
+    """Return the placeholder of a value in the usage of an action."""
     return str(place[-1]).upper()
 
 
@@ -39,7 +39,7 @@ def validated(
 
 @contextmanager
 def refused_in_words(action: Refused, clock: SessionClock = NO_OFFSET) -> Iterator[None]:
-    """Raise CaesuraError in place of a refusal of the service, in words that say what to do.
+    """Convert a refusal of the service to a CaesuraError whose text states what to do.
 
     clock: of the session.
     """

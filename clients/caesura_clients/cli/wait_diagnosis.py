@@ -1,4 +1,4 @@
-"""Reasons why a command that waits for a station may wait for ever."""
+"""Diagnoses why a command that waits for a station receives no results."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from caesura_protocol.errors import AccessDenied, CaesuraError, ProtocolError
 
 
 def print_wait_reason(caesura: Caesura, station: str | None) -> None:
-    """State on the error stream why nothing may come, where that is known."""
+    """Print on the error stream why no result may come, if the reason is known."""
     if why := wait_reason(caesura, station):
         typer.echo(f"{why}, {waiting_for(station)}", err=True)
 
 
 def waiting_for(station: str | None) -> str:
-    """Return text that names the station waited for; None: any station."""
+    """Return text that names the awaited station; None: any station."""
     return f"waiting for {station or 'any station'}"
 
 

@@ -1,4 +1,4 @@
-"""`caesura watch`: segments as they are found, of one station or of all."""
+"""`caesura watch`: prints the segments of one station or of all, as they are found."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _show_once(caesura: Caesura, station: str | None) -> None:
 
 
 def _write_lines(caesura: Caesura, station: str | None) -> None:
-    """Each final segment, written at once; until Ctrl-C or SIGTERM."""
+    """Print each final segment at once, until Ctrl-C or SIGTERM."""
     final = FinalLines()
     print_wait_reason(caesura, station)
     with ended_by_sigterm(), suppress(KeyboardInterrupt):

@@ -1,9 +1,9 @@
-"""The state behind `caesura watch`: for each station the session of its current program.
+"""The state of `caesura watch`: for each station the session of its current program.
 
-Which one that is the service is asked when a session is met for the first time; a session that goes on beside
-it, of a bridge that was left behind, does not take turns with it. A terminal that is too short shows the
-newest rows: the beginning of a demonstration does not change any more. One that is too short for all stations
-shows a line for each.
+When a session first appears, the service is asked which session is current. So a second session of the
+station, of a bridge that was left running, does not alternate with it. A terminal that is too short shows the
+newest rows, because the beginning of a demonstration no longer changes. If it is too short for all stations,
+each has one line.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ SAID_OF_SERVICE: Mapping[Change, str] = {"gone": "service gone, waiting", "there
 
 
 class FinalLines:
-    """Final segments as lines of text, each once: for a file or a pipe, where nothing can be redrawn."""
+    """Final segments as lines of text, each printed once: for a file or a pipe, which cannot be redrawn."""
 
     def __init__(self) -> None:
         self._written: dict[tuple[str, str], int] = {}
 
     def lines(self, update: Update) -> list[str]:
-        """Return lines of the segments that became final since the last update of the session."""
+        """Return lines for the segments that became final since the last update of the session."""
         key = (update.station, update.session)
         final = sum(1 for _ in takewhile(lambda one: one.certainty == "final", update.segments))
         before = self._written.get(key, 0)
@@ -47,7 +47,7 @@ class FinalLines:
 
 
 class LiveView:
-    """View of the newest segments of each station; one thread receives events, another one draws.
+    """View of the newest segments of each station; one thread receives events, another draws.
 
     The content is replaced, never changed. current: returns the session of each station's program, and is
     called when a session is unknown or was removed.
@@ -63,7 +63,7 @@ class LiveView:
         self._several: dict[str, str] = {}  # what is to be said of stations with several bridges
 
     def receive(self, event: Event) -> None:
-        """Apply an event: an update, a removed session, or the service that goes or comes."""
+        """Apply an event: an update, a removed session, or a change of the service's availability."""
         match event:
             case Update():
                 self._take(event)
@@ -79,7 +79,7 @@ class LiveView:
                 self._service = SAID_OF_SERVICE[event.state]
 
     def shown(self) -> list[Update]:
-        """The current session of each station, by station."""
+        """Return the newest update of each station's current session, sorted by station."""
         newest: dict[str, Update] = {}
         for (station, _), update in self._updates.items():
             if station not in newest or newest[station].session != self._current.get(station):
@@ -105,14 +105,14 @@ class LiveView:
         self._several = {**others, station: f"! {in_words(station, both)}: {REMEDY}"} if both else others
 
     def _said(self) -> list[RenderableType]:
-        """Return the lines beneath the stations: stations with several bridges, and the service's state."""
+        """Return the lines beneath the stations: which have several bridges, and the service's state."""
         said = [Text(words, style="bold yellow") for _, words in sorted(self._several.items())]
         return [*said, Text(self._service)] if self._service else [*said]
 
     def _fitting(self, console: Console, options: ConsoleOptions) -> list[RenderableType]:
-        """Return all rows, or as many of the newest ones as the terminal has room for.
+        """Return all rows, or as many of the newest ones as fit into the terminal.
 
-        Several stations for which there is too little room get a line each.
+        Several stations that do not fit get a line each.
         """
         updates = self.shown()
         if not updates:

@@ -1,4 +1,4 @@
-"""Check whether a process listens at the endpoint: a wrong address or a wrong certificate."""
+"""Checks of the endpoint: whether a process listens at its address, and whether its certificate is valid."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ REMEDIES: Mapping[type[Exception], str] = {  # of the first kind that it is
 
 
 def check_endpoint(endpoint: str) -> CheckResult:
-    """Connect to the endpoint's port, and leave."""
+    """Check that a TCP connection to the endpoint's port succeeds."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
     if not protocol or not host or not port.isdecimal():
@@ -44,7 +44,7 @@ def check_endpoint(endpoint: str) -> CheckResult:
 
 
 def check_certificate(end: float, now: float) -> CheckResult:
-    """Check how long the certificate of the router lasts: with it ends every link, in a demonstration too."""
+    """Check how long the router's certificate is valid: all links end with it, also in a demonstration."""
     remedy = (
         "`caesura certs DIR` says when the first of all ends; renew between demonstrations, the router's "
         "with `--renew router`: a link ends with its certificate"
@@ -55,10 +55,7 @@ def check_certificate(end: float, now: float) -> CheckResult:
 
 
 def no_session(error: CaesuraError) -> CheckResult:
-    """Return the check for an endpoint that listens and gives Zenoh no session.
-
-    The remedy is the advice of the error.
-    """
+    """Return the failed check of an endpoint that listens and refuses a Zenoh session."""
     where, _, why = str(error).partition(_REFUSED)
     if not isinstance(error, Unreachable):
         return CheckResult("bad", "session", str(error), "correct the file of --zenoh-config, or --connect")

@@ -15,7 +15,7 @@ MARKS: Mapping[Grade, str] = {"ok": "✓", "warn": "!", "bad": "✗"}
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check. remedy: what to do, empty where nothing is to be done."""
+    """Result of one check. remedy: what to do; empty if nothing is to be done."""
 
     grade: Grade
     check: str
@@ -25,13 +25,13 @@ class CheckResult:
 
 
 def graded(check: str, found: str, *faults: Fault) -> CheckResult:
-    """Grade a finding by the first of the faults that applies; it is ok where none does."""
+    """Return the result of the first case that applies; ok if none does."""
     cases = [(applies, grade, found, remedy) for applies, grade, remedy in faults]
     return first_of(check, *cases, (True, "ok", found, ""))
 
 
 def first_of(check: str, *cases: Case) -> CheckResult:
-    """Return the first case that applies; the last one always does."""
+    """Return the result of the first case that applies; the last case always applies."""
     return next(
         CheckResult(grade, check, found, remedy) for applies, grade, found, remedy in cases if applies
     )

@@ -24,7 +24,7 @@ SAME_RELEASE = "install the same release on both"
 
 
 def check_services(probed: ProbeResult) -> Iterator[CheckResult]:
-    """Report live instances, and whether their release is this client's."""
+    """Report live instances, and whether their release equals this client's."""
     for key in probed.other_versions:
         found = f"{key} speaks {'/'.join(key.split('/')[:2])}, we speak {ROOT}"
         yield CheckResult("bad", "service", found, SAME_RELEASE)
@@ -70,12 +70,12 @@ def check_credentials(probed: ProbeResult) -> Iterator[CheckResult]:
 
 
 def _was_late(probed: ProbeResult) -> bool:
-    """Whether a query was received, and not answered within its time."""
+    """Return whether a query was received and not answered in time."""
     return any(isinstance(one, IncompleteAnswerError) for one in probed.refusals)
 
 
 def check_owners(probed: ProbeResult) -> Iterator[CheckResult]:
-    """Yield which instance has which station, and warn of two that answer for one open session."""
+    """Report which instance owns each station; warn if two instances answer for one open session."""
     owners: dict[tuple[str, str], dict[str, SessionStatus]] = defaultdict(dict)
     for one in probed.snapshots:
         if one.status.state == "open":
@@ -94,7 +94,7 @@ def check_owners(probed: ProbeResult) -> Iterator[CheckResult]:
 
 
 def check_instance(reported: TimedServiceStatus) -> Iterator[CheckResult]:
-    """Clock, journal, queue and budgets of one instance."""
+    """Check clock, journal, queue and budgets of one instance."""
     status = reported.status
     yield _check_clock(reported)
     yield _check_journal(status)
@@ -109,7 +109,7 @@ def check_instance(reported: TimedServiceStatus) -> Iterator[CheckResult]:
 def _check_clock(reported: TimedServiceStatus) -> CheckResult:
     """Return the check of an instance's clock.
 
-    Its status is from between question and answer: half of that time is the uncertainty.
+    Its status was made between query and reply; half of that interval is the uncertainty.
     """
     status = reported.status
     if status.time is None:

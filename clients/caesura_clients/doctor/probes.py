@@ -1,4 +1,4 @@
-"""Facts about a service, collected by queries and subscriptions in a few seconds, without a judgement."""
+"""Collects facts about a service by queries and subscriptions in a few seconds; it does not judge them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _ANY_MAJOR = service_key("*", "alive").replace(ROOT, f"{ROOT.partition('/')[0]}/
 
 @dataclass(frozen=True)
 class TimedServiceStatus:
-    """A service's status, and when it was asked for and answered [s, time of day here]."""
+    """A service's status, and the local times of day at which it was queried and received [s]."""
 
     status: ServiceStatus
     asked: float
@@ -51,7 +51,7 @@ class TimedServiceStatus:
 
 @dataclass(frozen=True)
 class ReceivedStatus:
-    """Something that came while listening. at: [s] since the beginning."""
+    """A status received while listening. at: time [s] since listening began."""
 
     at: float
     status: SessionStatus
@@ -59,7 +59,7 @@ class ReceivedStatus:
 
 @dataclass
 class ProbeResult:
-    """Everything that the probe received. listened_s: for how long; refusals: of queries."""
+    """Everything that the probe received. listened_s: duration of listening; refusals: of the queries."""
 
     alive: list[str] = field(default_factory=list)  # instances
     other_versions: list[str] = field(default_factory=list)  # keys of services that speak another protocol
@@ -78,9 +78,9 @@ class ProbeResult:
 
 
 def probe_network(transport: Transport, station: str = "*", *, seconds: float) -> ProbeResult:
-    """Query, subscribe for some seconds, query again.
+    """Query the network, subscribe for some seconds, query again; return everything received.
 
-    Raises Unreachable where the router goes away meanwhile.
+    Raises Unreachable if the router disappears meanwhile.
     """
     probed = ProbeResult(alive=services(transport), bridges=[])
     probed.other_versions = [
@@ -168,7 +168,7 @@ def _add_message(probed: ProbeResult, item: ReceivedSample, at: float) -> None:
 
 
 def _add_status(probed: ProbeResult, received: ReceivedStatus) -> None:
-    """Append a status unless it is older than the last: late, or of a replaced owner."""
+    """Append a status unless it is older than the last one: delayed, or of a replaced owner."""
     known = probed.statuses.setdefault((received.status.station, received.status.session), [])
     if not known or _rank(known[-1].status) < _rank(received.status):
         known.append(received)

@@ -32,7 +32,7 @@ ASSUMED = (
 def examine(
     endpoint: str | None, config_file: Path | None = None, *, station: str = "*", seconds: float = LISTEN_S
 ) -> Iterator[CheckResult]:
-    """Look at everything that can be reached; ends where there is nothing behind."""
+    """Yield all checks in order; stop if the endpoint is unreachable or refuses a session."""
     try:
         found = check_endpoint(endpoint or endpoint_of(None, config_file))
         yield found
@@ -49,7 +49,7 @@ def examine(
 
 
 def examine_network(transport: Transport, station: str = "*", *, seconds: float) -> Iterator[CheckResult]:
-    """Yield the checks of the services and stations behind a router. seconds: for which it is observed."""
+    """Yield the checks of the services and stations behind a router. seconds: how long to observe them."""
     try:
         probed = probe_network(transport, station, seconds=seconds)
     except Unreachable as error:
@@ -60,7 +60,7 @@ def examine_network(transport: Transport, station: str = "*", *, seconds: float)
 
 
 def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
-    """Yield every check on what the probe received. station: whose absence is a fault; `*`: none."""
+    """Yield every check on a probe's result. station: whose absence is a fault; `*`: none."""
     yield from instances.check_services(probed)
     yield from instances.check_credentials(probed)
     yield from instances.check_owners(probed)
@@ -78,7 +78,7 @@ def judge(probed: ProbeResult, station: str = "*") -> Iterator[CheckResult]:
 
 
 def examine_recording(recording: Recording) -> Iterator[CheckResult]:
-    """The same checks on a recording, in the order of its samples."""
+    """Yield the checks of a recording, with its samples in file order."""
     units = list(signal.check_units(recording))
     yield from units
     if units:
@@ -114,7 +114,7 @@ def _refused_clock(recording: Recording) -> CheckResult | None:
 
 
 def _check_wrench(recording: Recording) -> Iterator[CheckResult]:
-    """The wrench source and the hand, as the file states them, and what follows."""
+    """Yield the check of the stated wrench source and hand, with their consequences."""
     if not recording.has_wrench:
         return
     source, hand = recording.wrench_source, recording.hand_on_robot

@@ -35,7 +35,7 @@ WITHOUT: Mapping[str, tuple[str, str]] = {  # a signal: what else has it, and wh
 
 @dataclass(frozen=True)
 class CheckedSamples:
-    """Samples as they came, also such as no recording may have. t: (n,) [s]; signals: name → (n, width)."""
+    """Unvalidated samples, live or from a file. t: (n,) [s]; signals: name → (n, width)."""
 
     t: Array
     signals: Mapping[str, Array]
@@ -47,7 +47,7 @@ Samples = CheckedSamples | Recording
 
 
 def check_samples(samples: Samples) -> Iterator[CheckResult]:
-    """Rate, pose, signals and noise."""
+    """Yield the checks of rate, pose, signals and noise."""
     yield from check_rate(samples)
     yield from check_pose(samples)
     yield check_signals(samples)
@@ -55,13 +55,13 @@ def check_samples(samples: Samples) -> Iterator[CheckResult]:
 
 
 def check_pose(samples: Samples) -> Iterator[CheckResult]:
-    """Whether the pose is read often enough."""
+    """Yield a finding if the pose is read too seldom."""
     if (slow := slow_pose(samples.t, samples.signals)) is not None:
         yield CheckResult("warn", "pose", slow, "look at what the source reads the pose from")
 
 
 def check_rate(samples: Samples) -> Iterator[CheckResult]:
-    """Rate, regularity, pauses, times that do not advance."""
+    """Yield the checks of rate, regularity, pauses, and times that do not increase."""
     steps = np.diff(samples.t)
     advancing = steps[steps > 0]
     if advancing.size == 0:
@@ -103,7 +103,7 @@ def check_signals(samples: Samples) -> CheckResult:
 
 
 def check_noise(samples: Samples) -> Iterator[CheckResult]:
-    """The force's scatter while the robot rests."""
+    """Yield the check of the force's standard deviation while the robot rests."""
     force = samples.signals.get("force")
     rest = [] if force is None else cells_at_rest(samples)
     if force is None or len(rest) < REST_CELLS:
@@ -140,7 +140,7 @@ def check_units(samples: Samples) -> Iterator[CheckResult]:
 
 
 def cells_at_rest(samples: Samples) -> list[slice]:
-    """Cells of CELL_S in which the robot stayed where it was in the cell before; none after a hole."""
+    """Return the cells of CELL_S in which the robot has not moved since the cell before; none after a gap."""
     name = "pos" if "pos" in samples.signals else "q"
     if name not in samples.signals or not len(samples.t):
         return []

@@ -38,7 +38,7 @@ NO_SAMPLES = (
 
 @dataclass(frozen=True)
 class StationProbe:
-    """One station, from the facts. statuses: of its current session, in order; may be empty."""
+    """The facts about one station. statuses: of its current session, in order; may be empty."""
 
     name: str
     connected: bool
@@ -120,12 +120,12 @@ def _station(probed: ProbeResult, name: str) -> StationProbe:
 
 
 def _rank(status: SessionStatus) -> tuple[bool, str]:
-    """An open session before a closed one, then the last by name, which begins with its time."""
+    """Return the sort key of a status: open before closed, then by name, which begins with the time."""
     return status.state == "open", status.session
 
 
 def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckResult:
-    """Check that one bridge is connected, and of an open session."""
+    """Check that one bridge is connected, and that it is the one of an open session."""
     if status is None or status.state == "closed":
         last = f"no session is open, the last was {status.session}" if status else "no session yet"
         full = f"samples come, and {station.unwritable} {UNWRITABLE}, so no session opens"
@@ -158,7 +158,7 @@ def _check_bridge(station: StationProbe, status: SessionStatus | None) -> CheckR
 def _standby_cases(standby: BridgeStatus | None, last: str) -> tuple[Case, ...]:
     """Return the cases to check of a bridge in standby while no session is open; none without one.
 
-    last: text on its last session.
+    last: text on the last session of the bridge.
     """
     if standby is None:
         return ()
@@ -173,7 +173,7 @@ def _standby_cases(standby: BridgeStatus | None, last: str) -> tuple[Case, ...]:
 
 
 def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
-    """Check that samples arrive: how many, and how evenly."""
+    """Check that samples arrive: their rate and their regularity."""
     first, last = station.statuses[0], station.statuses[-1]
     took_s = max(station.listened_s, last.at) - first.at  # it was looked at once more in the end
     batches, sent = last.status.batches - first.status.batches, len(station.own)
@@ -209,7 +209,7 @@ def _check_flow(station: StationProbe, status: SessionStatus) -> Iterator[CheckR
 def _counted_rate(station: StationProbe) -> CheckResult:
     """Return the check of the sample rate by the service's counts.
 
-    It is for credentials that may not read the samples.
+    It is used when the credentials do not allow reading the samples.
     """
     steps = [
         (after.status.samples - before.status.samples) / (after.status.t - before.status.t)
@@ -222,7 +222,7 @@ def _counted_rate(station: StationProbe) -> CheckResult:
 
 
 def _samples(station: StationProbe, status: SessionStatus) -> CheckedSamples | None:
-    """Return the received batches, in order and once; None where they are too few to judge."""
+    """Return the received batches, in order and without repeats; None if they are too few to judge."""
     own = {one.seq: one for one in station.own}
     columns = {one.columns for one in own.values()}
     if len(columns) != 1:
@@ -238,7 +238,7 @@ def _samples(station: StationProbe, status: SessionStatus) -> CheckedSamples | N
 
 
 def _longest_run(numbers: Sequence[int]) -> Sequence[int]:
-    """The longest run without a hole: across one, there is no interval to judge."""
+    """Return the longest run of consecutive numbers; across a gap there is no interval to judge."""
     runs = np.split(np.array(numbers), np.flatnonzero(np.diff(numbers) != 1) + 1)
     return [int(number) for number in max(runs, key=len)]
 
@@ -278,7 +278,7 @@ def _missing(status: SessionStatus) -> str | None:
 
 
 def _check_refusals(station: StationProbe, status: SessionStatus) -> Iterator[CheckResult]:
-    """Check what the service had no room for, and what it cannot take."""
+    """Check for refused batches: without room in the service, or invalid."""
     last, missing = status.last_refusal, _missing(status)
     for no_room, remedy in REFUSED.items():
         parts = [f"{n} {code}" for code, n in status.refused.items() if (code == "overloaded") is no_room]
@@ -293,12 +293,12 @@ def _check_refusals(station: StationProbe, status: SessionStatus) -> Iterator[Ch
 
 
 def shows_contact(source: str, hand_on_robot: str) -> bool:
-    """Return whether a wrench shows contact and load, as it is stated."""
+    """Return whether a stated wrench source shows contact and load."""
     return source == "flange_sensor" or (source, hand_on_robot) == (ESTIMATE, "no")
 
 
 def wrench_remedy(source: str, hand_on_robot: str) -> str:
-    """Return the remedy for a wrench that has contact and load off."""
+    """Return the remedy for a wrench source without contact and load."""
     if shows_contact(source, hand_on_robot):
         return "choose a preset with models of contact and load, such as default; else there are only moves"
     if source == ESTIMATE:

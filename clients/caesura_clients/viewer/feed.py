@@ -1,7 +1,7 @@
-"""Follows one station and hands its messages to a viewer: two threads, one for samples and one for results.
+"""Follows one station and passes its messages to a viewer: a thread for samples and one for results.
 
-A viewer that is slow or gone costs the feed nothing: a sink returns at once and drops what it cannot send.
-Samples that the network dropped are read from the service's journal, and published before those that follow.
+A sink returns at once and drops what it cannot send, so a slow or absent viewer does not delay the feed.
+Samples that the network dropped are read from the service's journal, and published before later samples.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class Sink(Protocol):
         """Send a message to every viewer that has subscribed to its topic."""
 
     def state(self, session: str, missing: int) -> None:
-        """Show which session it is, and how many of its batches were not received."""
+        """Show the current session, and the number of its batches that were not received."""
 
 
 class StationFeed(RepeatingThreads):
-    """Feeds a sink while its context lasts. transport: its owner closes it, after the feed."""
+    """Feeds a sink while its context lasts. transport: is closed by its owner, after the feed."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class StationFeed(RepeatingThreads):
         self._missing_samples = MissingSamples(transport, station, self._over)
 
     def wait_until_following(self, timeout_s: float) -> bool:
-        """Wait until every further sample is received; returns whether that is so."""
+        """Wait until the feed has subscribed to the samples; return False after `timeout_s`."""
         return self._follows.wait(timeout_s)
 
     def subscribed(self, topic: str) -> None:
-        """Publish what a topic has so far once more: a viewer has just subscribed to it. Returns at once."""
+        """Publish the current content of a topic again for a new subscriber. Returns at once."""
         self._subscribed.put(topic)
 
     def _log_error(self, name: str, why: str) -> None:
@@ -92,7 +92,7 @@ class StationFeed(RepeatingThreads):
                     self._read_end()
 
     def _receive(self, delivery: ReceivedSample) -> None:
-        """Publish a batch; one bad sender must not end the feed."""
+        """Publish a batch; an invalid one is dropped and the feed goes on."""
         try:
             batch = decode(delivery.payload, delivery.encoding, SampleBatch, Heartbeat)
         except ProtocolError:
@@ -107,13 +107,13 @@ class StationFeed(RepeatingThreads):
             self._publish(self._messages.sampled(batch, now_s))
 
     def _read_end(self) -> None:
-        """Publish the last samples of a session that is closed, where they were dropped."""
+        """Publish the last samples of a closed session if the network dropped them."""
         with self._messages_lock:
             end = self._messages.unreceived_end()
         self._recover(end, self._time_of_day())
 
     def _recover(self, span: MissingSpan | None, now_s: float) -> None:
-        """Publish what the journal has of a hole. Samples that come meanwhile wait in the inbox."""
+        """Publish the journal's samples of a gap. Samples received meanwhile wait in the inbox."""
         rows = None if span is None else self._missing_samples.read(span)
         if span is not None and rows is not None:
             with self._messages_lock:

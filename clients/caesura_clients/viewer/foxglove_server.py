@@ -1,7 +1,7 @@
 """A WebSocket server for Foxglove, with the channels of an MCAP file. Needs the extra `foxglove`.
 
-The server keeps at most BACKLOG messages for a viewer that is slow, drops the oldest beyond that, and lists
-its channels to each viewer. A viewer that goes costs nothing.
+The server queues at most BACKLOG messages for a slow viewer, drops the oldest beyond that, and lists its
+channels to each viewer.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ENCODE = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 class FoxgloveServer:
     """Serves viewers while its context lasts; a sink for `StationFeed`.
 
-    port: 0 chooses a free one. Entering it raises CaesuraError where it cannot listen.
+    port: 0 chooses a free one. Entering the context raises CaesuraError if the server cannot listen.
     """
 
     def __init__(self, name: str, host: str, port: int) -> None:
@@ -75,7 +75,7 @@ class FoxgloveServer:
             self._server.stop()
 
     def publish(self, message: LiveMessage) -> None:
-        """Send a message to every viewer of its topic; without one it is not even encoded."""
+        """Send a message to every subscriber of its topic; without a subscriber it is not encoded."""
         channel = self._channels[message.topic]
         if channel.has_sinks():
             channel.log(_ENCODE(message.fields), log_time=message.log_time)

@@ -1,9 +1,10 @@
 """The messages of a live station, in the topics and schemas of an MCAP file: a fold without network or clock.
 
-Samples go out as they come; those that the network dropped go out before the next batch, from the service's
-journal. A result goes out when it is new or has changed, with the time of the newest sample; a later message
-about the same segment replaces the earlier one. `/path` is the whole path of the session, at most PATH_POINTS
-of it, once a second. `/tf` and `/path` wait until the session's unit is known.
+Samples are published as they are received; those that the network dropped are published before the next
+batch, from the service's journal. A result is published when it is new or has changed, with the time of the
+newest sample; a later message about the same segment replaces the earlier one. `/path` is the whole path of
+the session, at most PATH_POINTS points, once a second. `/tf` and `/path` wait until the session's unit is
+known.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ FARTHEST_S = 1e9  # a session time beyond it is none
 
 
 class LiveMessage(NamedTuple):
-    """A message, where it goes, and its time of day [ns]."""
+    """A message, its topic, and its time of day [ns]."""
 
     log_time: int
     topic: str
@@ -54,18 +55,18 @@ class LiveMessage(NamedTuple):
 
 
 class LiveStation:
-    """Messages of the session that a station has now: of that whose samples come, or that was opened last."""
+    """Messages of a station's current session: the one whose samples arrive, or that was opened last."""
 
     def __init__(self) -> None:
         self.live: LiveSession | None = None
         self._updates: dict[str, Update] = {}  # the newest one of each session
 
     def show(self, session: str) -> None:
-        """Begin with a session before anything was received."""
+        """Show a session before any message of it was received."""
         self.live = self.live or LiveSession(session)
 
     def sampled(self, batch: SampleBatch, now_s: float) -> list[LiveMessage]:
-        """Return the messages of a batch, none where it came before or is none. now_s: time of day."""
+        """Return the messages of a batch; none for a repeated or invalid one. now_s: time of day."""
         try:
             matrix = unpack_samples(batch)
         except ProtocolError:
@@ -76,7 +77,7 @@ class LiveStation:
         return [*started, *live.sampled(batch, matrix, self._updates.get(batch.session), now_s)]
 
     def hole_before(self, batch: SampleBatch) -> MissingSpan | None:
-        """Return what was not received before a batch; None where nothing is missing, or it is no batch."""
+        """Return the span that was not received before a batch; None without a gap, or if it is no batch."""
         live = self.live
         if live is None or live.name != batch.session:
             live = LiveSession(batch.session)
@@ -85,15 +86,15 @@ class LiveStation:
         return None
 
     def unreceived_end(self) -> MissingSpan | None:
-        """Return what may be missing at the end of a session that is closed; each end once."""
+        """Return the span that may be missing at the end of a closed session; once for each end."""
         update = None if self.live is None else self._updates.get(self.live.name)
         return None if self.live is None or update is None else self.live.unreceived_end(update)
 
     def recovered(self, span: MissingSpan, rows: Array, now_s: float) -> list[LiveMessage]:
-        """Return the messages of samples (n, columns) that a hole had, positions in metres.
+        """Return the messages of samples (n, columns) recovered from a gap, positions in metres.
 
-        None of the end of a session after which another one has begun: the viewer shows that one.
-        now_s: time of day at which the batch behind the hole was received.
+        Empty for the end of a session after which another one has begun: the viewer shows the new one. now_s:
+        time of day at which the batch after the gap was received.
         """
         if span.before_s is None and (self.live is None or self.live.name != span.session):
             return []
@@ -101,7 +102,7 @@ class LiveStation:
         return [*started, *live.recovered(span, rows, self._updates.get(span.session), now_s)]
 
     def updated(self, update: Update, now_s: float) -> list[LiveMessage]:
-        """Return the messages of what is new in the results. now_s: time of day."""
+        """Return the messages of new or changed results. now_s: time of day."""
         self._updates[update.session] = update
         if self.live is None or self._is_next(update):
             self.live = LiveSession(update.session)
@@ -114,14 +115,14 @@ class LiveStation:
             self.live = None
 
     def _shown(self, session: str, now_s: float) -> tuple[LiveSession, list[LiveMessage]]:
-        """Show a session; return it, and its results so far where another one was shown before."""
+        """Make a session the shown one; return it, and its results so far if it was not shown before."""
         if self.live is not None and self.live.name == session:
             return self.live, []
         self.live, update = LiveSession(session), self._updates.get(session)
         return self.live, [] if update is None else self.live.updated(update, now_s)
 
     def _is_next(self, update: Update) -> bool:
-        """Whether a session is open and the one that is shown is over."""
+        """Return whether this session is open and the shown one is closed."""
         shown = None if self.live is None else self._updates.get(self.live.name)
         return shown is not None and shown.closed and not update.closed
 
@@ -147,7 +148,7 @@ class LiveSession:
     def sampled(
         self, batch: SampleBatch, matrix: Array, update: Update | None, now_s: float
     ) -> list[LiveMessage]:
-        """Return the messages of a batch with samples (n, columns), none where it came before."""
+        """Return the messages of a batch with samples (n, columns); none for a repeated batch."""
         if batch.seq <= self._last_seq:
             return []
         if self._last_seq < 0:
@@ -158,7 +159,7 @@ class LiveSession:
         return self._samples(batch.columns, matrix, update)
 
     def hole_before(self, seq: int, columns: Sequence[str], t: float) -> MissingSpan | None:
-        """Return what was not received between the newest batch and one that begins at t [s].
+        """Return the span that was not received between the newest batch and one that begins at t [s].
 
         Before the first batch: the beginning of the session, where that is at most FIRST_BATCHES ago.
         """
@@ -172,7 +173,7 @@ class LiveSession:
         return None
 
     def unreceived_end(self, update: Update) -> MissingSpan | None:
-        """Return what follows the newest sample of a closed session, the first time; else None."""
+        """Return the span after the newest sample of a closed session, the first time; else None."""
         if not update.closed or self._last_seq < 0 or self._is_end_read:
             return None
         self._is_end_read = True
@@ -181,7 +182,7 @@ class LiveSession:
     def recovered(
         self, span: MissingSpan, rows: Array, update: Update | None, now_s: float
     ) -> list[LiveMessage]:
-        """Return the messages of samples (n, columns) that a hole had, positions in metres."""
+        """Return the messages of samples (n, columns) recovered from a gap, positions in metres."""
         if not len(rows):
             return []
         if self._last_seq < 0:
@@ -191,7 +192,9 @@ class LiveSession:
         return self._samples(span.columns, rows / in_metres(span.columns, unit), update)
 
     def _begin(self, matrix: Array, now_s: float, received_s: float) -> None:
-        """Estimate the time of day of time 0: a batch cannot come before its last sample was taken."""
+        """Estimate the time of day of session time 0: a batch cannot arrive before its last sample was
+        taken.
+        """
         self._began_s = max(now_s - received_s, -float(matrix[:, 0].min()))
 
     def _missing_span(self, before_s: float | None, batches: int) -> MissingSpan:
@@ -212,7 +215,7 @@ class LiveSession:
         return []
 
     def updated(self, update: Update, now_s: float) -> list[LiveMessage]:
-        """Return the messages of what is new in the results."""
+        """Return the messages of new or changed results."""
         self._newest_s = max(self._newest_s, update.t)
         if self._began_s is None:
             self._began_s = max(now_s - update.t, 0.0)
@@ -246,7 +249,7 @@ class LiveSession:
         )
 
     def _extend(self, poses: Poses) -> None:
-        """Lengthen the path; past PATH_POINTS every second point is left out."""
+        """Append poses to the path; beyond PATH_POINTS every second point is left out."""
         for index, t in enumerate(poses.t.tolist()):
             if not self._path or t >= self._path[-1].t[0] + self._path_step_s - 1e-9:
                 self._path.append(Poses(*(of[index : index + 1] for of in poses)))

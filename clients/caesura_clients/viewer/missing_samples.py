@@ -1,7 +1,7 @@
-"""Samples that the network dropped on the way to a viewer, as the journal of the service has them.
+"""Reads samples that the network dropped on the way to a viewer from the service's journal.
 
-The service requests lost batches from the bridge, and records them in order. So a hole is decided once the
-journal has a sample from beyond it: what the journal then lacks is lost for good.
+The service requests lost batches from the bridge, and records them in order. So once the journal has a sample
+after a gap, samples of the gap that the journal lacks are permanently lost.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MOST_QUERIES = 64  # for a hole: 2 min at 1 kHz; a longer one stays
 
 @dataclass(frozen=True)
 class MissingSpan:
-    """A hole in the samples of a session. columns: of its samples, time first."""
+    """A gap in the samples of a session. columns: of its samples, time first."""
 
     session: str
     after_s: float | None  # [s] the sample before it; None at the beginning of the session
@@ -39,7 +39,7 @@ class MissingSpan:
 
 @dataclass
 class MissingSamples:
-    """Reads the holes of one station. One thread calls it."""
+    """Reads the gaps of one station. Only one thread may call it."""
 
     transport: Transport
     station: str
@@ -47,7 +47,7 @@ class MissingSamples:
     _resting_until: float = field(default=-np.inf)
 
     def read(self, span: MissingSpan) -> Array | None:
-        """Return the samples (n, columns) inside a hole, lengths in metres; None where they are not known.
+        """Return the samples (n, columns) inside a gap, lengths in metres; None if they are not known.
 
         Takes at most PATIENCE_S and the time of the answers.
         """
@@ -78,7 +78,7 @@ class MissingSamples:
         return found.rows if is_whole else None
 
     def _ends(self, span: MissingSpan) -> tuple[float, float] | None:
-        """Return the times [s] between which the hole lies; None while the journal has not come so far."""
+        """Return the times [s] between which the gap lies; None until the journal has reached its end."""
         near = span.after_s or span.before_s or 0.0
         known = query.samples(
             self.transport,

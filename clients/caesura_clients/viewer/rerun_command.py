@@ -1,4 +1,4 @@
-"""`caesura rerun`. The SDK is imported when the command runs: the others start as fast without it."""
+"""`caesura rerun`. The SDK is imported when the command runs, so that other commands start fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A station's messages for Rerun: to a viewer that runs, or into an rrd file. Needs the extra `rerun`.
+"""Sends a station's messages to a running Rerun viewer, or writes them to an rrd file. Needs the extra
+`rerun`.
 
 Samples are collected for FLUSH_S and sent as columns, because a call for each sample costs too much at 1 kHz.
 A segment that changes replaces its row in the table of segments; once it is final it is a line of the log.
@@ -34,11 +35,13 @@ SAMPLES = ("/state", "/wrench")
 class RerunSink:
     """Sends messages while its context lasts; a sink for `StationFeed`.
 
-    Entering it raises CaesuraError where no viewer answers, or the file cannot be written.
+    Entering the context raises CaesuraError if no viewer answers, or the file cannot be written.
     """
 
     def __init__(self, name: str, *, viewer: str | None = None, file: Path | None = None) -> None:
-        """viewer: its address, such as rerun+http://127.0.0.1:9876/proxy; file: to write in its place."""
+        """viewer: its address, such as rerun+http://127.0.0.1:9876/proxy; file: the rrd file to write
+        instead.
+        """
         self._name, self._viewer, self._file = name, viewer, file
         self._recording: Any = None
         self._lock = threading.Lock()
@@ -71,7 +74,7 @@ class RerunSink:
         self._recording.disconnect()
 
     def publish(self, message: LiveMessage) -> None:
-        """Send a message; samples wait for the next flush."""
+        """Send a message; samples are buffered until the next flush."""
         with self._lock:
             if message.topic in SAMPLES:
                 self._collect(message)
@@ -80,7 +83,7 @@ class RerunSink:
                 SHOWN[message.topic](self, message.fields)
 
     def state(self, session: str, missing: int) -> None:
-        """Log which session it is, and what was not received of it."""
+        """Log the current session, and the number of its batches that were not received."""
         with self._lock:
             lost = f": {counted(missing, 'batch')} not received" if missing else ""
             level = rr.TextLogLevel.WARN if missing else rr.TextLogLevel.INFO
@@ -165,7 +168,7 @@ class RerunSink:
     def _line(
         self, entity: str, fields: Mapping[str, Any], words: str, level: Any = rr.TextLogLevel.INFO
     ) -> None:
-        """A line of the log, once for each result."""
+        """Log a line of text, once for each result."""
         key = entity, float(fields.get("t0", fields.get("t", 0.0)))
         if key not in self._logged:
             self._logged.add(key)
@@ -189,7 +192,7 @@ def _span(fields: Mapping[str, Any]) -> str:
 
 
 def _check_viewer(address: str) -> None:
-    """Raise CaesuraError where no viewer answers: the SDK would wait for one without a word."""
+    """Raise CaesuraError if no viewer answers: the SDK would wait for one silently."""
     where = urlsplit(address)
     try:
         socket.create_connection((where.hostname or "", where.port or 0), CONNECT_S).close()

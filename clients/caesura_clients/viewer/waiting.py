@@ -1,4 +1,4 @@
-"""The end of a command that runs until it is interrupted."""
+"""Waits for the interrupt that ends a command."""
 
 from __future__ import annotations
 

@@ -43,7 +43,9 @@ class FileSource(PacedSource):
 
 
 def pieces(samples: Chunk, piece_s: float = CHUNK_S) -> Iterator[Chunk]:
-    """Samples (n, columns) cut into pieces of `piece_s`; a time that goes back stays with the one before."""
+    """Yield samples (n, columns) in pieces of `piece_s`; a time that goes back stays in the piece before
+    it.
+    """
     passed = np.maximum.accumulate(samples[:, 0] - samples[0, 0])  # (n,) [s]
     piece = np.floor(passed / piece_s)
     yield from np.split(samples, np.flatnonzero(np.diff(piece)) + 1)

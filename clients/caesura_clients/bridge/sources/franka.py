@@ -1,4 +1,4 @@
-"""A Franka arm through any wrapper of libfranka: its state, up to 1 kHz, read and never commanded.
+"""Reads the state of a Franka arm through any wrapper of libfranka, at up to 1 kHz. It sends no command.
 
 What is read, in libfranka's words (franka::RobotState, robot_state.h):
   q [rad]; O_T_EE and F_T_EE, 4×4 in column-major order, from which the flange's pose is taken;
@@ -22,7 +22,7 @@ from caesura_protocol.messages import ESTIMATE, JOINTS, HandOnRobot
 
 
 class FrankaState(NamedTuple):
-    """Values that are read of one robot state, as libfranka reports them."""
+    """The values of one robot state that the source uses, as libfranka reports them."""
 
     time_ms: int
     q: Sequence[float]
@@ -34,7 +34,7 @@ class FrankaState(NamedTuple):
 
 
 def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of, *, guiding: Any) -> FrankaState:
-    """Return the values of a franka::RobotState, as a wrapper of libfranka shows it.
+    """Return the values of a wrapper's franka::RobotState.
 
     pose: converts a matrix of the wrapper; guiding: the wrapper's kGuiding.
     """
@@ -52,8 +52,8 @@ def state_of(state: Any, pose: Callable[[Any], Transform] = pose_of, *, guiding:
 class FrankaSource(LiveArm):
     """A Franka arm as a Source.
 
-    read: waits for the next state; width: the gripper's opening [m], which may wait; None where there is no
-    gripper; hand_on_robot: does a person guide this arm by hand?
+    read: waits for the next state; width: returns the gripper's opening [m], and may block; None without a
+    gripper; hand_on_robot: whether a person guides this arm by hand.
     """
 
     def __init__(

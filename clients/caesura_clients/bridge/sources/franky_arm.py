@@ -5,8 +5,8 @@ Checked against franky-control 2.0.0 (its `_franky.pyi`): `Robot(fci_hostname, â
 are `Affine`s (`.matrix`, 4Ã—4), the others arrays, `time.to_msec()`, `robot_mode` of `franky.RobotMode`
 (`Guiding`); `Gripper(fci_hostname).state.width`. All of its exceptions derive from `franky.Exception`.
 
-Connecting is not wholly passive: franky sets the robot's collision thresholds (20 Nm, 30 N by default) in the
-constructor. It commands nothing else. Some of its versions read twice for one state, and so give 500 Hz.
+Connecting changes one setting: the constructor of franky sets the robot's collision thresholds (20 Nm, 30 N
+by default). It commands nothing else. Some versions read twice for one state, and so return states at 500 Hz.
 """
 
 from __future__ import annotations

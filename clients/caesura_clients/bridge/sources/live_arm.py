@@ -1,9 +1,9 @@
-"""A live arm as a source: its states, read as they come and never commanded, and its gripper beside it.
+"""A live arm as a source: reads its states and its gripper, and commands nothing.
 
-A vendor's module gives a function that waits for the next state (`ArmState`). What differs between vendors,
-such as signs, units and frames, ends there. A gripper is asked in a thread of its own: its answers come
-slower than the arm's, and may wait. While its width is unknown no state becomes a sample: every value on the
-wire is finite, so a session states what it did not observe as a gap.
+A vendor's module supplies a function that waits for the next state (`ArmState`), with the vendor's signs,
+units and frames already converted. A gripper is polled in a separate thread: its answers are slower than the
+arm's, and may block. While its width is unknown, no state becomes a sample: every value on the wire is
+finite, so the session states the missing time as a gap.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ NO_GRIPPER = " (without a gripper: --no-gripper)"
 class ArmState(NamedTuple):
     """One state of an arm, in the wire's units and signs.
 
-    wrench: (6,) [N, Nm] of the environment on the robot, about the flange, empty where none is measured; tau:
-    (joints,) [Nm], likewise; button_pressed: of the hand-guiding button.
+    wrench: (6,) [N, Nm] of the environment on the robot, about the flange, empty if none is measured; tau:
+    (joints,) [Nm], empty if none is measured; button_pressed: state of the hand-guiding button.
     """
 
     t: float  # [s] of the robot's clock
@@ -48,7 +48,7 @@ class ArmState(NamedTuple):
 
 
 class Gripper(Protocol):
-    """A gripper that is read in a thread of its own."""
+    """A gripper whose opening a separate thread reads."""
 
     @property
     def width(self) -> float | None:
@@ -56,19 +56,19 @@ class Gripper(Protocol):
 
     @property
     def failure(self) -> str | None:
-        """The reason why the gripper is lost for good; None while it is not."""
+        """The reason why the gripper is permanently lost; None while it is not."""
 
     def close(self) -> None:
-        """Read it no more."""
+        """Stop reading the gripper."""
 
 
 class LiveArm:
     """A live arm as a Source.
 
-    who: what errors call it; read: waits for the next state; joints: how many it has; torques: does a state
-    have `tau`? button: does a state have `button_pressed`? gripper: is read in its own thread; width: asks a
-    gripper without one for its opening [m], and may wait; None and None: no gripper; over: is called at the
-    end. Raises SourceError in `chunks` where the arm or its gripper is lost, with the reason.
+    who: name of the arm in errors; read: waits for the next state; joints: number of joints; torques: whether
+    a state has `tau`; button: whether a state has `button_pressed`; gripper: is read in its own thread;
+    width: returns the opening [m] of a gripper without a thread, and may block; both None: no gripper; over:
+    called at the end. `chunks` raises SourceError with the reason if the arm or its gripper is lost.
     """
 
     length_unit: LengthUnit = "m"
@@ -140,7 +140,7 @@ class LiveArm:
             self.close()
 
     def close(self) -> None:
-        """Stop asking the gripper, then the arm: a vendor's thread at the end takes all with it."""
+        """Stop reading the gripper, then end the connection to the arm."""
         if self._gripper is not None:
             self._gripper.close()
         over, self._over = self._over, None

@@ -1,4 +1,4 @@
-"""Plays samples that exist in advance at the pace of a robot."""
+"""Plays recorded samples at the pace of a robot."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ FAST = float("inf")
 
 
 class PacedSource:
-    """A Source that holds each chunk back until its last sample is due.
+    """A Source that delays each chunk until its last sample is due.
 
-    read: begins to read chunks (k, columns); pace: how many seconds of the demonstration pass in one
-    second, FAST for no waiting at all. Raises ValueError for a pace that is not above 0.
+    read: returns an iterator of chunks (k, columns); pace: seconds of the demonstration per second, FAST for
+    no waiting. Raises ValueError for a pace that is not above 0.
     """
 
     can_wait = True
@@ -53,7 +53,9 @@ class PacedSource:
         self._sleep = sleep
 
     def chunks(self) -> Iterator[Chunk]:
-        """Chunks as they were read, each when it is due. Times that repeat or go back wait for nothing."""
+        """Yield the chunks of `read`, each when it is due. A time that repeats or goes back is not waited
+        for.
+        """
         begun_s, first = self._clock(), None
         for chunk in self._read():
             times = chunk[:, 0]
@@ -65,7 +67,10 @@ class PacedSource:
 
 
 def parse_pace(text: str) -> float:
-    """`real` is 1, `fast` does not wait, a number is a multiple of real time. Raises ValueError."""
+    """Return the pace of a text: `real` is 1, `fast` does not wait, a number is a multiple of real time.
+
+    Raises ValueError for any other text.
+    """
     named = {"real": 1.0, "fast": FAST}
     try:
         pace = named.get(text) or float(text)

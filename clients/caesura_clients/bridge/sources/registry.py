@@ -50,7 +50,9 @@ class SourceOptions:
 
 
 def open_source(name: str, options: SourceOptions) -> Source:
-    """A source by its name. Raises SourceError, which names what there is, or RecordingError."""
+    """Open a source by its name. Raises SourceError, which lists the names of all sources, or
+    RecordingError.
+    """
     build = SOURCES.get(name)
     if build is None:
         raise SourceError(f"no source {name!r}, expected one of {', '.join(SOURCES)}")
@@ -64,7 +66,7 @@ def open_source(name: str, options: SourceOptions) -> Source:
 
 
 def _check_frame(source: Source, stated: str | None) -> None:
-    """Raise SourceError where the frame that was stated is another than that of a live source."""
+    """Raise SourceError if the stated force frame differs from the one of a live source."""
     if stated not in {None, source.force_frame}:
         raise SourceError(
             f"force_frame is {stated!r}, expected {source.force_frame!r}, which the source states itself"
@@ -72,7 +74,7 @@ def _check_frame(source: Source, stated: str | None) -> None:
 
 
 def _with_declared_units(source: Source, options: SourceOptions) -> Source:
-    """A live source whose units were declared. Raises SourceError for units that it does not report."""
+    """Return a live source with its declared units. Raises SourceError for units that it does not report."""
     declared = declared_units(
         length=options.length_unit,
         time=options.time_unit,
@@ -142,7 +144,7 @@ def _ur(options: SourceOptions) -> Source:
 
 
 def _robotiq(options: SourceOptions, robot: RobotDescription) -> GripperDescription | None:
-    """The Robotiq gripper that is stated, or that the robot's description has. Raises SourceError."""
+    """Return the stated Robotiq gripper, or the one of the robot's description. Raises SourceError."""
     if options.gripper_name is not None:
         if options.gripper_name not in ROBOTIQ_NAMES:
             expected = f"expected one of {', '.join(ROBOTIQ_NAMES)}"
@@ -200,10 +202,7 @@ def _tcp_offset(options: SourceOptions) -> tuple[float, ...] | None:
 
 
 def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
-    """Return the statement on a hand for an arm that estimates its wrench: these arms are guided by hand.
-
-    Raises SourceError if the options state another wrench source than the estimate.
-    """
+    """Return the stated `hand_on_robot` of an arm that estimates its wrench; by default guided by hand."""
     if options.wrench_source not in {None, ESTIMATE}:
         raise SourceError(
             f"wrench_source is {options.wrench_source!r}, expected {ESTIMATE}, which the source {name} has"
@@ -212,7 +211,7 @@ def _hand_on_estimate(options: SourceOptions, name: str) -> HandOnRobot:
 
 
 def hand_statement(options: SourceOptions) -> HandOnRobot:
-    """Raises SourceError for a statement that is none."""
+    """Return the statement of the option `hand_on_robot`. Raises SourceError for an invalid value."""
     stated = options.hand_on_robot or "yes"
     if stated not in HANDS_ON_ROBOT:
         raise SourceError(f"hand_on_robot is {stated!r}, expected one of {', '.join(HANDS_ON_ROBOT)}")
@@ -244,7 +243,7 @@ def _ros2(options: SourceOptions) -> Source:
 
 
 def _of_entry_point(entry_point: EntryPoint) -> Callable[[SourceOptions], Source]:
-    """Return an opener of a source that another package registers; it imports the module when called."""
+    """Return the opener of a source that another package registers; calling it imports the module."""
 
     def build(options: SourceOptions) -> Source:
         with import_extra(entry_point.name, f"the source {entry_point.name}"):

@@ -54,9 +54,9 @@ class _Reading(NamedTuple):
 
 
 class UrcapGripper:
-    """The newest opening of a Robotiq gripper, read at up to 50 Hz in a thread of its own.
+    """A Robotiq gripper whose opening a separate thread reads at up to 50 Hz.
 
-    who: how errors and the log name it. Raises SourceError where the gripper cannot be read at first.
+    who: name of the gripper in errors and the log. Raises SourceError if the first read fails.
     """
 
     failure: str | None = None  # such a gripper is waited for
@@ -76,7 +76,7 @@ class UrcapGripper:
 
     @property
     def width(self) -> float | None:
-        """The opening [m]; None where it was read too long ago."""
+        """The opening [m]; None if the last read is older than STALE_S."""
         width, at_s = self._newest
         return width if time.monotonic() - at_s <= STALE_S else None
 
@@ -97,12 +97,12 @@ class UrcapGripper:
             self._connection.close()
 
     def _read(self) -> _Reading:
-        """Read the position, which is at least as old as the question. Raises GripperSilentError."""
+        """Read the position; its time is that of the request. Raises GripperSilentError."""
         asked_s = time.monotonic()
         return _Reading(self._gripper.width_m(self._connection.position()), asked_s)
 
     def _reconnect(self, error: GripperSilentError) -> None:
-        """Connect again until a position is read, or the source closes; log once that samples stop."""
+        """Reconnect until a position is read or the source closes; log once that samples stop."""
         self._connection.close()
         wait_s, is_logged = FIRST_RETRY_S, False
         while not self._over.wait(wait_s):
@@ -151,7 +151,7 @@ class _Connection:
         return count
 
     def interrupt(self) -> None:
-        """End an answer that another thread waits for."""
+        """Shut the socket down, which ends a read in another thread."""
         with suppress(OSError):  # it is closed
             self._socket.shutdown(socket.SHUT_RDWR)
 
@@ -167,7 +167,7 @@ class _Connection:
             )
 
     def _value(self, variable: str) -> int:
-        """Ask for a variable. Raises GripperSilentError for another answer than its number."""
+        """Query a variable. Raises GripperSilentError if the answer is not its number."""
         try:
             self._socket.sendall(f"GET {variable}\n".encode("ascii"))
             answer = self._answer()
@@ -183,7 +183,7 @@ class _Connection:
         return int(found[1])
 
     def _answer(self) -> bytes:
-        """One answer, with its line feed or without."""
+        """Return one answer, with or without its line feed."""
         self._socket.settimeout(ANSWER_S)
         answer = self._part()
         if not self._has_line_feeds:

@@ -1,12 +1,12 @@
-"""The source `ros2`: live topics of ROS 2 over Zenoh, decoded and put together here. Needs the extra `ros2`.
+"""The source `ros2`: decodes live ROS 2 topics over Zenoh and joins them to rows. Needs the extra `ros2`.
 
 Two layouts of keys, distinguished by their form:
   rmw_zenoh          <domain>/<topic>/<pkg>::msg::dds_::<Type>_/<hash>, payload CDR, an attachment of 33 bytes
                      (number, time, gid) that is not needed: times are those of the headers;
   zenoh-bridge-ros2dds  [<namespace>/]<topic>, payload CDR; the key does not contain the type, a mapping must.
-Without a mapping every topic of a type that is read is taken, as far as rmw_zenoh's keys contain it.
+Without a mapping, every topic of a supported type is read; only keys of rmw_zenoh contain the type.
 
-Decoding a FrankaRobotState takes 0.1 ms, so it is done beside the robot, and the service gets batches.
+Decoding a FrankaRobotState takes 0.1 ms, so it is done in the bridge, and the service receives batches.
 """
 
 from __future__ import annotations
@@ -52,14 +52,16 @@ _DDS_TYPE = re.compile(r"(?P<package>\w+)::msg::dds_::(?P<name>\w+)_")
 
 
 class ReceivedMessage(NamedTuple):
-    """A message with its topic; None instead of a message where it is a mark."""
+    """A decoded message and its topic; the message is None for a mark."""
 
     topic: Topic
     message: Any
 
 
 class LostStretches:
-    """Times [s] of the session in which messages were dropped: between the rows before and after."""
+    """Intervals [s] of the session in which messages were dropped, each from the row before to the row
+    after.
+    """
 
     def __init__(self) -> None:
         self.count = 0
@@ -68,10 +70,10 @@ class LostStretches:
         self._begins_s: float | None = None
 
     def look(self, dropped: int, before_s: float, after_s: float | None) -> None:
-        """Record the times between which messages were dropped, if their count has risen. Called a message.
+        """Record an interval if the count of dropped messages has risen. Called for each message.
 
-        dropped: count so far; before_s: time of the newest row before the message; after_s: of the row that
-        the message made, None if it made none.
+        dropped: total count; before_s: time of the newest row before the message; after_s: time of the row
+        that the message completed, None if it completed none.
         """
         if self._begins_s is not None and after_s is not None:
             self._add(self._begins_s, after_s)
@@ -94,10 +96,11 @@ class LostStretches:
 
 
 class Ros2Source:
-    """Topics as a Source; listens from the beginning, because the columns follow from what there is.
+    """ROS 2 topics as a Source. It subscribes in the constructor, because its columns follow from the topics
+    found.
 
-    over: ends `chunks` from another thread, after the rows received so far. Raises SourceError where nothing
-    comes in `discover_s`, where a payload cannot be decoded or a topic lacks a needed signal.
+    over: ends `chunks` from another thread, after the rows received so far. Raises SourceError if nothing is
+    received in `discover_s`, a payload cannot be decoded or a topic lacks a needed signal.
     """
 
     length_unit: LengthUnit = "m"
@@ -150,7 +153,9 @@ class Ros2Source:
 
     @property
     def lost_words(self) -> str:
-        """The times of dropped messages, as text to follow their number; empty if none was dropped."""
+        """Return the intervals of dropped messages as text, to follow their number; empty if none was
+        dropped.
+        """
         return f": samples are missing at {self._lost}" if self.dropped else ""
 
     def close_with(self, close: Callable[[], None]) -> None:
@@ -165,7 +170,7 @@ class Ros2Source:
         self._stack.close()
 
     def chunks(self) -> Iterator[Chunk | Mark]:
-        """Yield rows as they become whole, those of the discovery first."""
+        """Yield rows once they are complete, first those received during the discovery."""
         try:
             rows: list[Row] = []
             for received in self._received_messages():
@@ -194,7 +199,7 @@ class Ros2Source:
         return rows
 
     def _received_messages(self) -> Iterator[ReceivedMessage | None]:
-        """Yield every message, those of the discovery first; None where none has come for a moment."""
+        """Yield every message, first those of the discovery; None if none was received for a moment."""
         yield from self._first_messages
         self._first_messages = []
         while True:
@@ -216,7 +221,7 @@ class Ros2Source:
         return [key for name in self._rules for key in (f"{self._domain}{_path(name)}/*/*", _path(name)[1:])]
 
     def _decode_message(self, delivery: ReceivedSample) -> ReceivedMessage | None:
-        """The message of a delivery. None for a topic that is not read. Raises SourceError."""
+        """Return the decoded message; None for a topic that is not read. Raises SourceError."""
         found = parse_key(delivery.key)
         rule = self._rules.get(found.topic, TopicRule(found.topic))
         if rule.mark:
@@ -274,7 +279,7 @@ def open_ros2(
     hand_on_robot: str | None = None,
     force_frame: str | None = None,
 ) -> Ros2Source:
-    """A source with a connection of its own to the router of ROS 2. Raises SourceError, Unreachable."""
+    """Open a source with its own connection to the ROS 2 router. Raises SourceError, Unreachable."""
     with _as_source():
         definitions = definitions_of(topic_rules(mapped), mapping)
     transport = ZenohTransport(endpoint, config_file=config, timeout_s=CONNECT_S)
@@ -295,7 +300,7 @@ def open_ros2(
 
 
 class TopicKey(NamedTuple):
-    """The parts of a key."""
+    """The topic, type and hash in a key."""
 
     topic: str
     type: str | None  # None where the key does not contain it
@@ -303,7 +308,7 @@ class TopicKey(NamedTuple):
 
 
 def parse_key(key: str) -> TopicKey:
-    """The topic of a key, in either layout.
+    """Return the topic, type and hash of a key, in either layout.
 
     >>> parse_key("0/ft/wrench/geometry_msgs::msg::dds_::WrenchStamped_/RIHS01_8d")
     TopicKey(topic='/ft/wrench', type='geometry_msgs/msg/WrenchStamped', hash='RIHS01_8d')

@@ -6,15 +6,15 @@ What is read, by ur_rtde 1.6.5 (`RTDEReceiveInterface`), up to 500 Hz:
   that frame, less the payload's weight: its sign is the wire's (UR's forum, topic 4481: "forces acting on
   the end point of the TCP"; not verified on an arm);
   getRobotStatus, whose bit 2 is "Is teach button pressed" (its docstring): the freedrive button.
-Each value is asked for by itself: a state counts where the time before and after is the same. RTDE has no
-gripper: one of Robotiq is read beside it (robotiq_urcap.py).
+Each value is a separate call: a state is valid if getTimestamp returns the same before and after the calls.
+RTDE reports no gripper: a Robotiq gripper is read separately (robotiq_urcap.py).
 
 The flange is the TCP's pose without the TCP's offset, and the torque is moved to the flange. RTDE, as ur_rtde
-reads it, does not report the offset: it is stated (`--tcp-offset`), or asked of the controller in teach mode.
-In teach mode (`--teach-mode`) a script runs on the controller, which must be in remote control: freedrive is
-on from the beginning to the end, and a wrench whose zero is relative (robot.json) is zeroed before. Without
-it nothing is commanded: guide with the button of the pendant, and zero the sensor there. Only then does the
-button say when a person guides.
+reads it, does not report the offset: it is stated (`--tcp-offset`), or read from the controller in teach
+mode. In teach mode (`--teach-mode`) a script runs on the controller, which must be in remote control:
+freedrive is on from the beginning to the end, and a wrench whose zero is relative (robot.json) is zeroed
+before. Without it the bridge commands nothing: guide with the button of the pendant, and zero the sensor
+there. Only without teach mode does the button show whether a person guides the arm.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def open_ur(
 
 
 def _do(what: str, command: Callable[[], bool]) -> None:
-    """Give a command. Raises SourceError where the controller does not carry it out."""
+    """Execute a command. Raises SourceError if the controller does not carry it out."""
     if not connect_arm(what, command):
         raise SourceError(f"{what}: the controller did not carry it out; is it in remote control?")
 

@@ -6,13 +6,13 @@ What is read, by xArm-Python-SDK 1.18.4 (`XArmAPI(…, report_type="real")`), at
   the TCP, which must be parallel to the flange's. Its sign is the wire's (public code finds a contact below
   by a negative z of a tool that points down; not verified on an arm). It is 10 ms older than the rest.
   `mode`, which every report brings: 2 is its joint teaching mode, in which the arm is guided by hand.
-A report has no time: a row has that of its arrival.
+A report has no timestamp: a row has the time at which the report arrived.
 
-Without that sensor nothing of a wrench is reported (`--wrench-source none`): motor torques are not read. The
-TCP's offset is stated (`--tcp-offset`): fast reports do not have it. In teach mode (`--teach-mode`) the arm
-is in its joint teaching mode from the beginning to the end, and the sensor is zeroed before; without it
-nothing is commanded, and who turns that mode on and off, as with UFACTORY's own software, begins and ends a
-demonstration where the button does. A button on the arm itself is not reported.
+Without that sensor no wrench is reported (`--wrench-source none`): motor torques are not read. The TCP's
+offset is stated (`--tcp-offset`): fast reports do not have it. In teach mode (`--teach-mode`) the arm is in
+its joint teaching mode from the beginning to the end, and the sensor is zeroed before; without it the bridge
+commands nothing. The operator then turns that mode on and off, for example in UFACTORY's software, which has
+the effect of a hand-guiding button. A button on the arm itself is not reported.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def open_xarm(
 
 
 def _do(who: str, what: str, command: Callable[[], int]) -> None:
-    """Give a command, which answers with a code. Raises SourceError for another one than 0."""
+    """Execute a command. Raises SourceError for any return code but 0."""
     if code := connect_arm(f"{who}, {what}", command):
         raise SourceError(f"{who}: {what}: the SDK's code is {code}, expected 0")
 
